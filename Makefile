@@ -1,0 +1,42 @@
+# Targets first set up what they need in .venv; nothing has to be installed by hand.
+# ARGS is handed on:  make test ARGS="-k laplacian"   make demo ARGS="--help"
+# PYTHON names the interpreter to build .venv with:  make setup PYTHON=/path/to/python3.13
+
+BIN := .venv/bin
+FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
+
+.DEFAULT_GOAL := help
+.PHONY: help setup test demo lint format benchmarks clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-12s%s\n", $$1, $$2 }' Makefile
+
+setup:  ## create or update .venv (done by the targets that need it, too)
+	@for python in "$(PYTHON)" python3.13 python3.11 python3 python; do \
+		if "$$python" -c '$(FITS)' >/dev/null 2>&1; then exec "$$python" tools/bootstrap.py; fi; \
+	done; \
+	echo "No Python 3.11 or 3.13 runs here, and bpy (Blender as a Python module) exists for these two only:" \
+		"install one, or name it with 'make setup PYTHON=/path/to/python3.13'." >&2; \
+	exit 1
+
+test: setup  ## run the tests (ARGS for pytest)
+	$(BIN)/python -m pytest $(ARGS)
+
+demo: setup  ## match two characters, transfer between them, and say where the results are
+	$(BIN)/zoomout demo $(ARGS)
+
+lint: setup  ## check format, style and types
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: setup  ## put the code into its format
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+benchmarks: setup  ## make a table or figure: make benchmarks ARGS="NAME --data FOLDER"
+	$(BIN)/python -m benchmarks $(ARGS)
+
+clean:  ## remove .venv, caches and build products
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
