@@ -1,0 +1,182 @@
+"""Closest points on triangle meshes: in space, and in the high-dimensional embeddings of spectral bases.
+
+A point is closest to the interior of a triangle, to an edge or to a corner; which one follows from inner
+products alone (Ericson, Real-Time Collision Detection, 5.1.5), so the same code serves any dimension.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.spatial import cKDTree
+
+from zoomout_core.surface import Floats, Integers
+
+# Pairs of a point and a triangle that are looked at together: bounds the memory.
+BLOCK = 1 << 19
+# A query that still has rivals after this many triangles is as far off the surface as these are wide.
+MOST_CANDIDATES = 256
+
+
+def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tuple[Integers, Floats]:
+    """The closest point of a triangle mesh in space, for every query point.
+
+    Exact, but for points so far from the surface that more than 256 triangles are about as close.
+
+    Args:
+        points: (q, 3) queries.
+        vertices: (n, 3) positions, in the same unit.
+        triangles: (m, 3) vertex numbers.
+
+    Returns:
+        (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
+    """
+    corners = vertices[triangles]
+    centre = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    # Triangles by size, so that a few large ones do not widen the search among the small ones.
+    size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius)) / 2), -1, 4)
+
+    triangle = np.zeros(len(points), dtype=np.int64)
+    barycentric = np.zeros((len(points), 3))
+    best = np.full(len(points), np.inf)
+    for group in np.unique(size):
+        members = np.flatnonzero(size == group)
+        tree = cKDTree(centre[members])
+        reach = radius[members].max()
+        open_queries = np.arange(len(points))
+        count = min(8, len(members))
+        while len(open_queries):
+            unresolved = []
+            for block in np.array_split(open_queries, max(1, len(open_queries) * count // BLOCK)):
+                distance, near = (np.reshape(found, (len(block), count)) for found in tree.query(points[block], count))
+                _improve(points, corners, block, members[near], triangle, barycentric, best)
+                unresolved.append(block[distance[:, -1] - reach < best[block]])
+            open_queries = np.concatenate(unresolved)
+            if count == min(len(members), MOST_CANDIDATES):
+                break
+            count = min(4 * count, len(members), MOST_CANDIDATES)
+    return triangle, barycentric
+
+
+def _improve(
+    points: Floats,
+    corners: Floats,
+    queries: Integers,
+    candidates: Integers,
+    triangle: Integers,
+    barycentric: Floats,
+    best: Floats,
+) -> None:
+    """Take over the best of the candidate triangles (q, c) of each query where it beats what is known."""
+    p = points[queries][:, None, :]
+    a, b, c = (corners[candidates, i] for i in range(3))
+    weights = barycentric_of_closest(_dots(p - a, b - a, c - a))
+    foot = np.einsum("qci,qcix->qcx", weights, corners[candidates])
+    distance = np.linalg.norm(foot - p, axis=2)
+    pick = np.argmin(distance, axis=1)
+    rows = np.arange(len(queries))
+    better = distance[rows, pick] < best[queries]
+    chosen = queries[better]
+    triangle[chosen] = candidates[rows, pick][better]
+    barycentric[chosen] = weights[rows, pick][better]
+    best[chosen] = distance[rows, pick][better]
+
+
+def project_to_embedding(
+    points: Floats, embedding: Floats, triangles: Integers, nearest: Integers
+) -> tuple[Integers, Floats]:
+    """Precise map: the closest point on an embedded surface, sought around the nearest vertex.
+
+    Looks at the triangles within two edges of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
+    denoising of maps between shapes, 2017) do in their local variant; memory stays bounded.
+
+    Args:
+        points: (q, k) queries in the embedding.
+        embedding: (n, k) the surface's vertices in the embedding.
+        triangles: (m, 3) vertex numbers; every vertex is used.
+        nearest: (q,) the vertex of the embedding nearest to each query.
+
+    Returns:
+        (q,) triangle numbers and (q, 3) barycentric coordinates.
+    """
+    n, m = len(embedding), len(triangles)
+    at_vertex = coo_array((np.ones(3 * m, bool), (triangles.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m)).tocsr()
+    neighbours = ((at_vertex @ at_vertex.T) @ at_vertex).tocsr()  # (n, m) triangles within two edges
+    edges = (
+        embedding[triangles[:, 1]] - embedding[triangles[:, 0]],
+        embedding[triangles[:, 2]] - embedding[triangles[:, 0]],
+    )
+    ab_ab, ab_ac, ac_ac = (np.einsum("mk,mk->m", x, y) for x, y in ((edges[0], edges[0]), edges, (edges[1], edges[1])))
+    a_ab, a_ac = (np.einsum("mk,mk->m", embedding[triangles[:, 0]], edge) for edge in edges)
+
+    triangle = np.zeros(len(points), dtype=np.int64)
+    barycentric = np.zeros((len(points), 3))
+    count = np.diff(neighbours.indptr)[nearest]
+    # Queries that share a nearest vertex share its candidates' rows in the cache.
+    order = np.argsort(nearest, kind="stable")
+    per_block = max(1, BLOCK * 8 // (max(1, int(count.mean())) * max(8, embedding.shape[1])))
+    for block in np.array_split(order, max(1, len(order) // per_block)):
+        start, size = neighbours.indptr[nearest[block]], count[block]
+        query = np.repeat(np.arange(len(block)), size)
+        first = np.cumsum(size) - size
+        candidate = neighbours.indices[np.arange(size.sum()) - np.repeat(first - start, size)]
+        # Inner products of each query with each vertex near it, once a pair.
+        key, pair = np.unique(query[:, None] * n + triangles[candidate], return_inverse=True)
+        pair_query, pair_vertex = np.divmod(key, n)
+        product = np.einsum("pk,pk->p", points[block][pair_query], embedding[pair_vertex])[pair.reshape(-1, 3)]
+        ap_ab = product[:, 1] - product[:, 0] - a_ab[candidate]
+        ap_ac = product[:, 2] - product[:, 0] - a_ac[candidate]
+        dots = ap_ab, ap_ac, ab_ab[candidate], ab_ac[candidate], ac_ac[candidate]
+        weights = barycentric_of_closest(dots)
+        v, w = weights[:, 1], weights[:, 2]
+        # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
+        offset = -2 * product[:, 0] + np.einsum("mk,mk->m", embedding, embedding)[triangles[candidate, 0]]
+        distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
+        lowest = np.minimum.reduceat(distance, first)
+        hit = np.flatnonzero(distance <= lowest[query])
+        hit = hit[np.unique(query[hit], return_index=True)[1]]
+        triangle[block] = candidate[hit]
+        barycentric[block] = weights[hit]
+    return triangle, barycentric
+
+
+def _dots(ap: Floats, ab: Floats, ac: Floats) -> tuple[Floats, ...]:
+    return tuple(np.einsum("...x,...x->...", x, y) for x, y in ((ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)))
+
+
+def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
+    """Barycentric coordinates of the point of a triangle abc that is closest to p.
+
+    Args:
+        dots: the inner products ap.ab, ap.ac, ab.ab, ab.ac, ac.ac, of any common shape.
+
+    Returns:
+        (..., 3) weights of a, b, c, non-negative, summing to one; a degenerate triangle gives a point of it.
+    """
+    ap_ab, ap_ac, ab_ab, ab_ac, ac_ac = dots
+    bp_ab, bp_ac = ap_ab - ab_ab, ap_ac - ab_ac
+    cp_ab, cp_ac = ap_ab - ab_ac, ap_ac - ac_ac
+    va = bp_ab * cp_ac - cp_ab * bp_ac
+    vb = cp_ab * ap_ac - ap_ab * cp_ac
+    vc = ap_ab * bp_ac - bp_ab * ap_ac
+    along_bc = bp_ac - bp_ab
+
+    def ratio(numerator: Floats, denominator: Floats) -> Floats:
+        return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)
+
+    zero, one = np.zeros_like(ap_ab), np.ones_like(ap_ab)
+    on_ab, on_ac = ratio(ap_ab, ab_ab), ratio(ap_ac, ac_ac)
+    on_bc = ratio(along_bc, along_bc + cp_ab - cp_ac)
+    total = va + vb + vc
+    regions = [
+        (ap_ab <= 0) & (ap_ac <= 0),
+        (bp_ab >= 0) & (bp_ac <= bp_ab),
+        (cp_ac >= 0) & (cp_ab <= cp_ac),
+        (vc <= 0) & (ap_ab >= 0) & (bp_ab <= 0),
+        (vb <= 0) & (ap_ac >= 0) & (cp_ac <= 0),
+        (va <= 0) & (along_bc >= 0) & (cp_ab - cp_ac >= 0),
+    ]
+    v = np.select(regions, [zero, one, zero, on_ab, zero, 1 - on_bc], ratio(vb, total))
+    w = np.select(regions, [zero, zero, one, zero, on_ac, on_bc], ratio(vc, total))
+    return np.stack([1 - v - w, v, w], axis=-1)
