@@ -1,0 +1,68 @@
+"""Functions of the intrinsic geometry alone, comparable from shape to shape.
+
+Wave kernel signature: Aubry, Schlickewei and Cremers 2011. Heat kernel signature: Sun, Ovsjanikov and
+Guibas 2009. Pseudo-scalars <n, grad f x grad g> turn their sign under a reflection, which no signature does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.surface import Floats, Integers, WorkingMesh
+
+
+def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None, width: float = 7.0) -> Floats:
+    """(n, count) wave kernel signatures at `count` energies.
+
+    Args:
+        basis: eigenfunctions; the constant one is left out.
+        count: number of energies.
+        k: use the first k eigenfunctions (all when None).
+        width: standard deviation of an energy band, in steps between energies.
+    """
+    log_eigenvalues = np.log(np.maximum(basis.eigenvalues[1:k], 1e-12))
+    low, high = log_eigenvalues[0], log_eigenvalues[-1]
+    sigma = width * (high - low) / count
+    margin = min(2 * sigma, (high - low) / 4)
+    energies = np.linspace(low + margin, high - margin, count)
+    weights = np.exp(-((energies[:, None] - log_eigenvalues) ** 2) / (2 * sigma**2))
+    weights /= weights.sum(axis=1, keepdims=True)
+    return basis.eigenvectors[:, 1:k] ** 2 @ weights.T
+
+
+def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None) -> Floats:
+    """(n, count) heat kernel signatures at times spread geometrically over what the basis resolves."""
+    eigenvalues = basis.eigenvalues[1:k]
+    times = np.geomspace(4 * np.log(10) / eigenvalues[-1], 4 * np.log(10) / eigenvalues[0], count)
+    return basis.eigenvectors[:, 1:k] ** 2 @ np.exp(-np.outer(eigenvalues, times))
+
+
+def pseudo_scalars(mesh: WorkingMesh, areas: Floats, f: Floats, g: Floats) -> Floats:
+    """(n, d) the pseudo-scalar <n, grad f x grad g> of function pairs, averaged onto the vertices.
+
+    Args:
+        mesh: supplies the outward orientation.
+        areas: (n,) lumped vertex areas.
+        f: (n, d) first function of each pair.
+        g: (n, d) second function of each pair.
+    """
+    a, b, c = mesh.oriented_triangles.T
+    wedge = ((f[b] - f[a]) * (g[c] - g[a]) - (f[c] - f[a]) * (g[b] - g[a])) / 6
+    return sum_at_vertices(mesh.triangles, wedge, len(areas)) / areas[:, None]
+
+
+def mean_curvature(mesh: WorkingMesh, stiffness: csc_array, areas: Floats) -> Floats:
+    """(n,) mean curvature, positive where the surface bulges outwards, per square root of its area."""
+    along_normal = np.einsum("ij,ij->i", stiffness @ mesh.vertices, mesh.vertex_normals)
+    return np.asarray(along_normal / (2 * areas))
+
+
+def sum_at_vertices(triangles: Integers, values: Floats, n: int) -> Floats:
+    """(n, d) sum of the triangles' values (m, d) at each vertex."""
+    sums = np.zeros((n, values.shape[1]))
+    for corner in triangles.T:
+        for column in range(values.shape[1]):
+            sums[:, column] += np.bincount(corner, values[:, column], minlength=n)
+    return sums

@@ -1,0 +1,37 @@
+"""The Laplace-Beltrami operator of meshes and point clouds.
+
+Sharp and Crane, A Laplacian for Nonmanifold Triangle Meshes (2020): an intrinsic Delaunay triangulation of
+the tufted cover, so that slivers, borders and non-manifold edges do no harm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import robust_laplacian
+from scipy.sparse import csc_array
+
+from zoomout_core.surface import Floats, Integers
+
+# Masses below this part of the mean only amplify rounding in the eigenvectors.
+SMALLEST_AREA = 1e-6
+
+
+def mesh_laplacian(vertices: Floats, triangles: Integers) -> tuple[csc_array, Floats]:
+    """Stiffness matrix and lumped vertex areas of a triangle mesh in which every vertex is used.
+
+    Returns:
+        (n, n) symmetric positive semi-definite stiffness, and (n,) areas that sum to one.
+    """
+    stiffness, mass = robust_laplacian.mesh_laplacian(np.ascontiguousarray(vertices), np.ascontiguousarray(triangles))
+    return csc_array(stiffness), _unit_areas(mass.diagonal())
+
+
+def point_cloud_laplacian(points: Floats) -> tuple[csc_array, Floats]:
+    """Stiffness matrix and point areas of a point cloud; shapes and scaling as for `mesh_laplacian`."""
+    stiffness, mass = robust_laplacian.point_cloud_laplacian(np.ascontiguousarray(points))
+    return csc_array(stiffness), _unit_areas(mass.diagonal())
+
+
+def _unit_areas(areas: Floats) -> Floats:
+    areas = np.maximum(areas, SMALLEST_AREA * areas.mean())
+    return areas / areas.sum()

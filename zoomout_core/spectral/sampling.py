@@ -1,0 +1,43 @@
+"""Samples that cover a shape evenly."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.surface import Floats, Integers
+
+
+def farthest_points(points: Floats, count: int) -> Integers:
+    """Farthest-point samples by Euclidean distance, beginning with the point farthest from the centroid.
+
+    Each sample is the point farthest from all before it, so that any leading part covers the shape too. The
+    choice depends on the shape alone, not on its placement, its unit or the order of its points.
+
+    Args:
+        points: (n, 3) positions.
+        count: how many; all points when there are fewer.
+
+    Returns:
+        (min(count, n),) point numbers, in the order of choice.
+    """
+    count = min(count, len(points))
+    columns = np.ascontiguousarray(points.T)
+    chosen = np.empty(count, dtype=np.int64)
+    distance = np.full(len(points), np.inf)
+    seen = points.mean(axis=0)
+    for i in range(count):
+        squared = sum((column - x) ** 2 for column, x in zip(columns, seen, strict=True))
+        distance = squared if i == 0 else np.minimum(distance, squared)
+        if i == 1:
+            distance = squared  # the centroid was no sample
+        chosen[i] = np.argmax(distance)
+        seen = points[chosen[i]]
+    return chosen
+
+
+def voronoi_areas(points: Floats, areas: Floats, samples: Integers) -> Floats:
+    """(s,) the area (n,) of the points that are nearest to each sample (s,), normalised to a sum of one."""
+    _, owner = cKDTree(points[samples]).query(points)
+    weights = np.bincount(owner, areas, minlength=len(samples))
+    return np.asarray(weights / weights.sum())
