@@ -1,0 +1,28 @@
+"""Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
+
+from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.correspondence.matching import MatchResult, match, match_steps
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.correspondence.zoomout import zoomout
+from zoomout_core.evaluation import geodesic_error
+from zoomout_core.progress import Progress, drain
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
+from zoomout_core.surface import MeshError, PointCloud, Surface
+
+__all__ = [
+    "MatchResult",
+    "MeshError",
+    "PointCloud",
+    "Progress",
+    "SpectralBasis",
+    "Surface",
+    "SurfaceMap",
+    "commutativity_error",
+    "drain",
+    "eigenbasis",
+    "geodesic_error",
+    "match",
+    "match_steps",
+    "orthonormality_error",
+    "zoomout",
+]

@@ -1,0 +1,36 @@
+"""Functions that hold a map in place where spectra alone would let it drift (anchored ZoomOut)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.surface import Floats, Integers
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Functions that should agree under the map, such as distances to landmarks.
+
+    They stand beside the spectral coordinates in every search for nearest neighbours, and so keep the map in
+    place where the spectra of two shapes have little in common.
+
+    Attributes:
+        source: (n_s, m) values at the source's vertices.
+        target: (n_t, m) values at the target's vertices, in the same scale.
+    """
+
+    source: Floats
+    target: Floats
+
+    def at(self, source_vertices: Integers, target_vertices: Integers) -> Anchors:
+        """The anchors at some vertices only."""
+        return Anchors(self.source[source_vertices], self.target[target_vertices])
+
+
+def beside(rows: Floats, anchors: Floats | None) -> Floats:
+    """Spectral coordinates (n, k) with anchors (n, m) appended, both weighing the same in a distance."""
+    if anchors is None:
+        return rows
+    return np.hstack([rows, anchors * np.sqrt(rows.shape[1] / anchors.shape[1])])

@@ -1,0 +1,37 @@
+"""A start from a few points that the user has paired."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zoomout_core.correspondence.anchors import Anchors
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.nearest import nearest
+from zoomout_core.correspondence.places import places_on
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.surface import Integers
+
+# Size of the functional map that the first, pointwise guess is taken down to.
+SIZE = 8
+
+
+def landmark_hypothesis(source: Shape, target: Shape, source_ids: Integers, target_ids: Integers) -> Hypothesis:
+    """The map that keeps the distances to paired places, and the sense in which they turn.
+
+    Args:
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        source_ids: (m,) vertices of the source's mesh.
+        target_ids: (m,) the vertices of the target's mesh that they correspond to.
+    """
+    order = np.arange(len(source_ids))
+    anchors = Anchors(places_on(source, source_ids).features(order), places_on(target, target_ids).features(order))
+    return anchored_hypothesis(f"{len(source_ids)} landmarks", source, target, anchors)
+
+
+def anchored_hypothesis(origin: str, source: Shape, target: Shape, anchors: Anchors) -> Hypothesis:
+    """The hypothesis that sends each sample to the one with the most similar anchors."""
+    near = anchors.at(source.search.samples, target.search.samples)
+    sample_map = nearest(near.target, near.source)
+    size = min(SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    return Hypothesis(origin, target.search.fit(source.search.rows[sample_map, :size], size), anchors)

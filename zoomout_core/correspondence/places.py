@@ -1,0 +1,54 @@
+"""Functions that a few places on a shape define: the distances to them, and the sense in which they turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.spectral.descriptors import pseudo_scalars
+from zoomout_core.surface import Floats, Integers, edge_graph
+
+# Spread of a distance over a shape, as a part of its mean: brings distances to unit scale.
+DISTANCE_SPREAD = 0.3
+DISTANCE_TIME = 5e-4
+TURN_WEIGHT = 0.3
+TURN_TIME = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Some vertices of a shape with their functions.
+
+    Attributes:
+        vertices: (m,) of the shape's mesh.
+        distances: (n, m) smoothed geodesic distances to them, at unit area.
+        turns: (n, m, m) pseudo-scalars of the distances of each two, antisymmetric: the sense in which the
+            two places lie around a point, as seen from outside.
+    """
+
+    vertices: Integers
+    distances: Floats
+    turns: Floats
+
+    def features(self, chosen: Integers) -> Floats:
+        """(n, c + c (c - 1) / 2) features, of unit scale, of some of the places (c,) in the given order."""
+        i, j = np.triu_indices(len(chosen), k=1)
+        distances = self.distances[:, chosen] / (DISTANCE_SPREAD * self.distances[:, chosen].mean(axis=0))
+        turns = self.turns[:, chosen[i], chosen[j]]
+        return np.hstack([distances, TURN_WEIGHT * turns / np.maximum(turns.std(axis=0), 1e-12)])
+
+
+def places_on(shape: Shape, vertices: Integers) -> Places:
+    """The functions of the given vertices (m,) of the shape's mesh."""
+    graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
+    distances = np.asarray(dijkstra(graph, directed=False, indices=vertices)).reshape(len(vertices), -1).T
+    distances = shape.basis.smoothed(distances, DISTANCE_TIME)
+    i, j = np.triu_indices(len(vertices), k=1)
+    upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
+    turns = np.zeros((len(distances), len(vertices), len(vertices)))
+    turns[:, i, j] = shape.basis.smoothed(upper, TURN_TIME)
+    turns[:, j, i] = -turns[:, i, j]
+    return Places(np.asarray(vertices), distances, turns)

@@ -1,0 +1,208 @@
+"""Which of several maps is the right one: what an isometry keeps, and what tells its mirror image apart.
+
+Laplacian commutativity, geodesic distances and mean curvature are kept by every isometry; pseudo-scalars and
+mapped normals change their sign when a map reverses orientation. No criterion alone suffices: commutativity
+cannot see a human turned front to back, pseudo-scalars are noise on shapes that are far from isometric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.correspondence.anchors import Anchors
+from zoomout_core.correspondence.functional_map import commutativity_error, frequency_error
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.shape import DISTANCE_SAMPLES, Shape
+from zoomout_core.correspondence.zoomout import nearest_samples, upsample
+from zoomout_core.surface import Floats, Integers
+
+# Sizes of the functional maps on which hypotheses are screened, and the survivors compared.
+SCREENING_SIZE = 30
+RANKING_SIZE = 60
+REVERSE_START = 16
+# Survivors of the screening, for each of the two orientations.
+KEPT = 10
+# A map whose normals agree with the target's less than this, either way, is neither direct nor a mirror image.
+CLEAR_ORIENTATION = 0.2
+# Maps closer than this part of the variance of biharmonic coordinates are the same map.
+SAME_MAP = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A map between two shapes' samples, with its scores.
+
+    Attributes:
+        origin: the hypothesis that it was refined from, in words.
+        reverses_orientation: whether it turns the target inside out, as a mirror image does.
+        functional_map: (k_target, k_source).
+        reverse_functional_map: (k_source, k_target), of the map found in the other direction.
+        anchors: what holds the map in place, at all vertices.
+        scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`) and their total,
+            of which the smallest is the most likely map.
+    """
+
+    origin: str
+    reverses_orientation: bool
+    functional_map: Floats
+    reverse_functional_map: Floats
+    anchors: Anchors | None
+    scores: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Screened:
+    hypothesis: Hypothesis
+    functional_map: Floats
+    orientation: float
+    cost: float
+    place: Floats
+
+
+def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Generator[float, None, list[Candidate]]:
+    """Refine hypotheses, drop duplicates and the hopeless, score the rest in both directions.
+
+    Yields the fraction done.
+
+    Args:
+        hypotheses: any number.
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+
+    Returns:
+        Candidates, the most likely first; those that reverse the orientation come after all that keep it.
+    """
+    screened = []
+    for i, hypothesis in enumerate(hypotheses):
+        screened.append(_screen(hypothesis, source, target))
+        yield 0.6 * (i + 1) / len(hypotheses)
+    screened.sort(key=lambda entry: entry.cost)
+    kept = []
+    for sign in (1, -1):
+        kept += _distinct([entry for entry in screened if sign * entry.orientation > CLEAR_ORIENTATION], KEPT)
+    if not kept:  # as on surfaces that cannot be oriented
+        kept = _distinct(screened, KEPT)
+    candidates = []
+    for i, entry in enumerate(kept):
+        candidates.append(_candidate(entry, source, target))
+        yield 0.6 + 0.4 * (i + 1) / len(kept)
+    return sorted(candidates, key=lambda candidate: (candidate.reverses_orientation, candidate.scores["total"]))
+
+
+def orientation_agreement(sample_map: Integers, source: Shape, target: Shape) -> float:
+    """How well a map keeps the outward orientation: 1 throughout, -1 when it is reversed throughout.
+
+    The target's mesh is laid on the source by low-passed positions; its normals there are compared with the
+    source's own.
+
+    Args:
+        sample_map: (s_t,) for each search sample of the target the number of its source sample.
+        source: the surface that the map lands on.
+        target: the surface that the map starts from.
+    """
+    k = min(SCREENING_SIZE, len(target.basis.eigenvalues))
+    images = source.search.samples[sample_map]
+    at_samples = np.column_stack([source.mesh.vertices[images], source.mesh.vertex_normals[images]])
+    smooth = target.basis.eigenvectors[:, :k] @ target.search.fit(at_samples, k)
+    laid, normal = smooth[:, :3], smooth[:, 3:]
+    a, b, c = target.mesh.oriented_triangles.T
+    face_normal = np.cross(laid[b] - laid[a], laid[c] - laid[a])
+    agreement = np.einsum("ij,ij->i", face_normal, normal[a] + normal[b] + normal[c])
+    return float(agreement.sum() / max(np.abs(agreement).sum(), 1e-300))
+
+
+def scores_of(
+    functional_map: Floats, sample_map: Integers, source: Shape, target: Shape, reverses_orientation: bool
+) -> dict[str, float]:
+    """The criteria for one direction of a map.
+
+    Returns:
+        commutativity: of C with the Laplacians (0 for an isometry);
+        frequency: mean difference of the frequencies that C couples (0);
+        distance: mean change of geodesic distance between samples (0);
+        curvature: mean correlation of mean curvature over several scales (1);
+        handedness: mean correlation of pseudo-scalars, after their sign was turned where the map reverses (1).
+    """
+    drawn = np.arange(min(DISTANCE_SAMPLES, len(sample_map)))
+    between_target = target.distances[:, target.search.samples[drawn]]
+    image = source.nearest_distance_sample[sample_map[drawn]]
+    between_source = source.distances[image][:, source.search.samples[image]]
+    sign = -1 if reverses_orientation else 1
+    return {
+        "commutativity": commutativity_error(functional_map, source.basis.eigenvalues, target.basis.eigenvalues),
+        "frequency": frequency_error(functional_map, source.basis.eigenvalues, target.basis.eigenvalues),
+        "distance": float(np.abs(between_target - between_source).mean()),
+        "curvature": _correlation(target.curvature, source.curvature[sample_map], target.weights),
+        "handedness": sign * _correlation(target.pseudo_scalars, source.pseudo_scalars[sample_map], target.weights),
+    }
+
+
+def total_score(scores: dict[str, float]) -> float:
+    """The weighted sum of the criteria; handedness enters linearly, so that noise about zero weighs little."""
+    return float(
+        np.log(max(scores["commutativity"], 1e-9))
+        + np.log(max(scores["frequency"], 1e-9))
+        + 0.75 * np.log(max(scores["distance"], 1e-9))
+        + 0.7 * np.log(max(1 - scores["curvature"], 1e-9))
+        - 1.2 * scores["handedness"]
+    )
+
+
+def _screen(hypothesis: Hypothesis, source: Shape, target: Shape) -> _Screened:
+    size = min(SCREENING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    anchors = _at_search_samples(hypothesis.anchors, source, target)
+    functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, 2, anchors)
+    values = source.basis.eigenvalues, target.basis.eigenvalues
+    # Biharmonic coordinates of the images: maps that place all samples alike are the same map.
+    place = (source.search.rows[:, 1:20] / source.basis.eigenvalues[1:20])[sample_map]
+    return _Screened(
+        hypothesis,
+        functional_map,
+        orientation_agreement(sample_map, source, target),
+        commutativity_error(functional_map, *values),
+        place,
+    )
+
+
+def _distinct(entries: list[_Screened], most: int) -> list[_Screened]:
+    kept: list[_Screened] = []
+    for entry in entries:
+        spread = ((entry.place - entry.place.mean(axis=0)) ** 2).sum()
+        if all(((entry.place - other.place) ** 2).sum() > SAME_MAP * spread for other in kept):
+            kept.append(entry)
+        if len(kept) == most:
+            break
+    return kept
+
+
+def _candidate(entry: _Screened, source: Shape, target: Shape) -> Candidate:
+    """Refine further, find the reverse map on its own, and average the scores of both."""
+    size = min(RANKING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
+    swapped = None if anchors is None else Anchors(anchors.target, anchors.source)
+    functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, 5, anchors)
+    # The reverse map starts from the transpose, which is the inverse of an isometry's functional map.
+    back = nearest_samples(target.search, source.search, entry.functional_map.T, swapped)
+    start = min(REVERSE_START, size)
+    reverse = source.search.fit(target.search.rows[back, :start], start)
+    reverse, reverse_map = upsample(target.search, source.search, reverse, size, 4, swapped)
+    reverses = entry.orientation < 0
+    there = scores_of(functional_map, sample_map, source, target, reverses)
+    back_again = scores_of(reverse, reverse_map, target, source, reverses)
+    scores = {name: (there[name] + back_again[name]) / 2 for name in there}
+    scores["total"] = total_score(scores)
+    return Candidate(entry.hypothesis.origin, reverses, functional_map, reverse, entry.hypothesis.anchors, scores)
+
+
+def _at_search_samples(anchors: Anchors | None, source: Shape, target: Shape) -> Anchors | None:
+    return None if anchors is None else anchors.at(source.search.samples, target.search.samples)
+
+
+def _correlation(x: Floats, y: Floats, weights: Floats) -> float:
+    """Mean over the columns of the weighted correlation of two sets of functions (s, d) of mean zero."""
+    products = weights @ (x * y)
+    norms = np.sqrt((weights @ x**2) * (weights @ y**2))
+    return float(np.mean(products / np.maximum(norms, 1e-300)))

@@ -1,0 +1,103 @@
+"""One side of a match, prepared: the mesh, its basis, samples, and what candidates are compared by."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.csgraph import dijkstra
+
+from zoomout_core.correspondence.zoomout import SampledBasis
+from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalars, wave_kernel_signature
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
+from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
+from zoomout_core.surface import Floats, Integers, WorkingMesh, edge_graph
+
+# The search for the right map runs on this many samples; distances are known from the first of them.
+SEARCH_SAMPLES = 400
+DISTANCE_SAMPLES = 200
+# Mean curvature is looked at on these scales (diffusion times at unit area), after cutting off its spikes.
+CURVATURE_TIMES = (5e-3, 2e-3, 8e-4, 3e-4)
+CURVATURE_LIMIT = 60.0
+SIGNATURE_BANDS = 12
+PSEUDO_SCALAR_TIME = 3e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A connected working mesh with everything that matching needs of it.
+
+    Attributes:
+        mesh: of unit area.
+        stiffness: (n, n) stiffness matrix.
+        basis: eigenfunctions.
+        sampled: the basis at farthest-point samples.
+    """
+
+    mesh: WorkingMesh
+    stiffness: csc_array
+    basis: SpectralBasis
+    sampled: SampledBasis
+
+    @cached_property
+    def search(self) -> SampledBasis:
+        """The basis at the first samples only, for trying many hypotheses."""
+        return SampledBasis.of(self.basis, self.sampled.samples[:SEARCH_SAMPLES])
+
+    @cached_property
+    def weights(self) -> Floats:
+        """(s,) the part of the area that each search sample stands for."""
+        return voronoi_areas(self.mesh.vertices, self.basis.areas, self.search.samples)
+
+    @cached_property
+    def distances(self) -> Floats:
+        """(d, n) geodesic distances, along edges, from the first search samples to all vertices."""
+        graph = edge_graph(self.mesh.vertices, self.mesh.triangles)
+        return np.asarray(dijkstra(graph, directed=False, indices=self.search.samples[:DISTANCE_SAMPLES]))
+
+    @cached_property
+    def nearest_distance_sample(self) -> Integers:
+        """(s,) for each search sample the nearest one of those that distances are known from."""
+        return np.argmin(self.distances[:, self.search.samples], axis=0)
+
+    @cached_property
+    def curvature(self) -> Floats:
+        """(s, 4) mean curvature at the search samples on several scales, squashed, of mean zero."""
+        raw = np.clip(mean_curvature(self.mesh, self.stiffness, self.basis.areas), -CURVATURE_LIMIT, CURVATURE_LIMIT)
+        smooth = np.column_stack([self.basis.smoothed(raw[:, None], time) for time in CURVATURE_TIMES])
+        squashed = smooth / (np.abs(smooth) + np.median(np.abs(smooth), axis=0))
+        centred = squashed - self.basis.areas @ squashed
+        return np.asarray(centred[self.search.samples])
+
+    @cached_property
+    def pseudo_scalars(self) -> Floats:
+        """(s, 55) pseudo-scalars of pairs of signature bands at the search samples: they tell left from right."""
+        bands = wave_kernel_signature(self.basis, SIGNATURE_BANDS, k=61, width=2.0)
+        bands = bands - self.basis.areas @ bands
+        bands /= np.sqrt(self.basis.areas @ bands**2)
+        i, j = np.triu_indices(SIGNATURE_BANDS, k=2)
+        pairs = pseudo_scalars(self.mesh, self.basis.areas, bands[:, i], bands[:, j])
+        return np.asarray(self.basis.smoothed(pairs, PSEUDO_SCALAR_TIME)[self.search.samples])
+
+
+def shape_steps(mesh: WorkingMesh, k: int, samples: int, seed: int) -> Generator[float, None, Shape]:
+    """Prepare a connected working mesh, yielding the fraction done.
+
+    Args:
+        mesh: one component, of unit area.
+        k: number of eigenfunctions; fewer when the mesh has not as many vertices.
+        samples: number of farthest-point samples, at least k of them are taken.
+        seed: of the eigensolver.
+    """
+    yield 0.0
+    stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
+    k = min(k, len(areas) - 1)
+    eigenvalues, eigenvectors = yield from eigenpairs_steps(stiffness, areas, k, seed)
+    basis = SpectralBasis(eigenvalues, eigenvectors, areas, mesh.vertices)
+    yield 0.95
+    chosen = farthest_points(mesh.vertices, max(samples, k))
+    return Shape(mesh, stiffness, basis, SampledBasis.of(basis, chosen))
