@@ -43,3 +43,13 @@ def spread(steps: Generator[float, None, Result], start: float, end: float, stag
         except StopIteration as finished:
             return finished.value
         yield Progress(start + (end - start) * min(1.0, fraction), stage)
+
+
+def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
+    """A computation as a part of a longer one: its progress runs from `start` to `end`."""
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        yield Progress(start + (end - start) * progress.fraction, progress.stage)

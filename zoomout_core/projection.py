@@ -179,4 +179,4 @@ def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
     ]
     v = np.select(regions, [zero, one, zero, on_ab, zero, 1 - on_bc], ratio(vb, total))
     w = np.select(regions, [zero, zero, one, zero, on_ac, on_bc], ratio(vc, total))
-    return np.stack([1 - v - w, v, w], axis=-1)
+    return np.stack([np.maximum(1 - v - w, 0), v, w], axis=-1)

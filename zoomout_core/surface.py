@@ -344,7 +344,8 @@ def _agrees(points: Floats, triangles: Integers, normal: Floats) -> Booleans:
 def _ears(points: Floats, normal: Floats) -> Integers:
     """(size - 2, 3) a triangulation of one polygon (size, 3) by ear clipping."""
     axis = int(np.argmax(np.abs(normal)))
-    flat = np.delete(points, axis, axis=1) * np.sign(normal[axis])
+    flat = np.delete(points, axis, axis=1)
+    flat[:, 0] *= np.sign(normal[axis])  # seen from the side that the normal points to
     if axis == 1:  # dropping y leaves (x, z), a left-handed plane
         flat = flat[:, ::-1]
 

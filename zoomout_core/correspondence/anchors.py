@@ -29,8 +29,6 @@ class Anchors:
         return Anchors(self.source[source_vertices], self.target[target_vertices])
 
 
-def beside(rows: Floats, anchors: Floats | None) -> Floats:
+def beside(rows: Floats, anchors: Floats) -> Floats:
     """Spectral coordinates (n, k) with anchors (n, m) appended, both weighing the same in a distance."""
-    if anchors is None:
-        return rows
     return np.hstack([rows, anchors * np.sqrt(rows.shape[1] / anchors.shape[1])])

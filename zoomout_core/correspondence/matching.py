@@ -249,9 +249,8 @@ def _ranked_by_landmarks(candidates: list[Candidate], pair: Pair, landmarks: Lan
     source_ids, target_ids = _landmark_ids(pair, landmarks)
     distances = places_on(source, source_ids).distances
     for candidate in candidates:
-        k_target, k_source = candidate.functional_map.shape
-        embedded = source.basis.eigenvectors[:, :k_source] @ candidate.functional_map.T
-        image = nearest(target.basis.eigenvectors[target_ids, :k_target], embedded)
+        queries, embedded = _embeddings(source, target, candidate.functional_map, candidate.anchors)
+        image = nearest(queries[target_ids], embedded)
         candidate.scores["landmarks"] = float(distances[image, np.arange(len(image))].mean())
         candidate.scores["total"] += LANDMARK_WEIGHT * candidate.scores["landmarks"]
     return sorted(candidates, key=lambda candidate: (candidate.reverses_orientation, candidate.scores["total"]))
@@ -296,16 +295,22 @@ def _dense_steps(
         source.sampled, target.sampled, functional_map[:start, :start], size, pair.step, at_samples
     )
     yield 0.4
-    k_target, k_source = functional_map.shape
-    embedded = source.basis.eigenvectors[:, :k_source] @ functional_map.T
-    embedded = beside(embedded, None if anchors is None else anchors.source)
-    queries = beside(target.basis.eigenvectors[:, :k_target], None if anchors is None else anchors.target)
+    queries, embedded = _embeddings(source, target, functional_map, anchors)
     vertex = nearest(queries, embedded)
     yield 0.7
     triangle, barycentric = project_to_embedding(queries, embedded, source.mesh.triangles, vertex)
     dense = SurfaceMap(triangle, barycentric, source.mesh.triangles)
     pulled_back = target.basis.areas[:, None] * dense.interpolate(source.basis.eigenvectors[:, :size])
     return dense, target.basis.eigenvectors[:, :size].T @ pulled_back
+
+
+def _embeddings(source: Shape, target: Shape, functional_map: Floats, anchors: Anchors | None) -> tuple[Floats, Floats]:
+    """Coordinates (n_t, d) of the target's vertices and (n_s, d) of the source's, near where they correspond."""
+    k_target, k_source = functional_map.shape
+    embedded = source.basis.eigenvectors[:, :k_source] @ functional_map.T
+    if anchors is None:
+        return target.basis.eigenvectors[:, :k_target], embedded
+    return beside(target.basis.eigenvectors[:, :k_target], anchors.target), beside(embedded, anchors.source)
 
 
 def _on_surfaces(

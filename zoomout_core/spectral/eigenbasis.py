@@ -23,7 +23,7 @@ from zoomout_core.surface import Floats, MeshError, PointCloud, Surface, Working
 SHIFT = 20.0
 BLOCK = 16
 # Largest accepted change of direction of a shift-inverted pair, relative to its eigenvalue.
-TOLERANCE = 1e-3
+TOLERANCE = 1e-4
 # The last pairs carry all of the remaining error, so a few more are computed than asked for.
 SURPLUS = 1.05
 DENSE_BELOW = 1200
@@ -135,7 +135,7 @@ def _block_lanczos(
         panel_size=1,
         options={"SymmetricMode": True},
     )
-    limit = min(n // b - 1, max(4, -(-4 * wanted // b)))
+    limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
     start = np.random.default_rng(seed).standard_normal((n, b))
@@ -145,7 +145,7 @@ def _block_lanczos(
     for j in range(limit):
         e = (j + 1) * b
         Y = root * factor.solve((Q[e - b : e] * root).T).T
-        yield 0.9 * e / (2.8 * wanted)
+        yield min(0.9, e / (2.8 * wanted))
         Y = Y.astype(np.float32)
         for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
             h = Y @ Q[first:e].T
@@ -158,15 +158,17 @@ def _block_lanczos(
             R = L.T @ R
         H[e : e + b, e - b : e] = R
         Q[e : e + b] = Y
-        yield 0.9 * e / (2.8 * wanted)
+        yield min(0.9, e / (2.8 * wanted))
         if e >= next_test or j == limit - 1:
             next_test += 0.08 * wanted
             projected = (H[:e, :e] + H[:e, :e].T) / 2
             mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
             residual = np.linalg.norm(R @ S[-b:], axis=0) / mu
-            yield 0.9 * e / (2.8 * wanted)
+            yield min(0.9, e / (2.8 * wanted))
             if residual.max() < TOLERANCE:
                 break
+    else:
+        raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
     mu, S = mu[::-1][:k], S[:, ::-1][:, :k]
     eigenvectors = np.empty((n, k))
     for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):

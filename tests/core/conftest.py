@@ -1,0 +1,28 @@
+"""Fixtures of the core's tests, and the way to the generators that they share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from creatures import Creature, creature
+
+BENCHMARK_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def resting() -> Creature:
+    return creature(4000, seed=0, bend=0.0)
+
+
+@pytest.fixture(scope="session")
+def bent() -> Creature:
+    """The same creature in another pose, with another topology and fewer vertices."""
+    return creature(2500, seed=1, bend=0.9)
+
+
+@pytest.fixture(scope="session")
+def benchmark_data() -> Path:
+    if not BENCHMARK_DATA.is_dir():
+        pytest.skip("the benchmark meshes are not here")
+    return BENCHMARK_DATA

@@ -1,0 +1,225 @@
+"""`match` finds the right map with no hint, whatever the mesh, and says what it is unsure of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, mirrored_vertex, true_vertex
+
+import zoomout_core as zo
+from zoomout_core.surface import MeshError, Surface
+
+# Mean geodesic error over sqrt(area) that a right map of the bent creature stays below; flips cost ten times it.
+RIGHT = 0.03
+
+
+def mean_error(result: zo.MatchResult, source: Surface, truth: np.ndarray) -> float:
+    return float(zo.geodesic_error(result.surface_map, source, np.arange(len(truth)), truth).mean())
+
+
+@pytest.fixture(scope="module")
+def result(resting: Creature, bent: Creature) -> zo.MatchResult:
+    return zo.match(resting.surface, bent.surface)
+
+
+def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, result) -> None:
+    truth = true_vertex(resting, bent)
+    assert mean_error(result, resting.surface, truth) < RIGHT
+    assert mean_error(result, resting.surface, mirrored_vertex(resting, bent)) > 5 * RIGHT
+    assert result.surface_map.barycentric.min() >= 0
+    np.testing.assert_allclose(result.surface_map.barycentric.sum(axis=1), 1, atol=1e-9)
+
+
+def test_precise_points_beat_their_nearest_vertices(resting: Creature, bent: Creature, result) -> None:
+    # On the same pose the true image is known to be the vertex's own place in space.
+    again = creature(2500, seed=1)
+    images = zo.match(resting.surface, again.surface).surface_map
+    precise = np.linalg.norm(images.interpolate(resting.surface.vertices) - again.surface.vertices, axis=1)
+    rounded = np.linalg.norm(resting.surface.vertices[images.vertex] - again.surface.vertices, axis=1)
+    assert np.median(precise) < 0.9 * np.median(rounded)
+
+
+def test_the_mirrored_map_is_kept_as_a_candidate_and_can_be_used(resting, bent, result) -> None:
+    mirrored = mirrored_vertex(resting, bent)
+    flips = [i for i, candidate in enumerate(result.candidates) if candidate.reverses_orientation]
+    assert flips
+    assert min(mean_error(result.use(i), resting.surface, mirrored) for i in flips) < RIGHT
+    assert not result.candidates[0].reverses_orientation
+    with pytest.raises(ValueError, match="no candidate 99"):
+        result.use(99)
+
+
+def test_confidence_is_lower_where_the_map_is_wrong(resting: Creature) -> None:
+    # A target without an arm and a leg: what lies at the cuts cannot be matched well.
+    whole = creature(3000, seed=2, bend=0.4)
+    removed = (np.abs(whole.surface.vertices[:, 0]) > 1.5)[whole.surface.triangles].any(axis=1)
+    partial = Surface(whole.surface.vertices, whole.surface.triangles[~removed])
+    result = zo.match(resting.surface, partial)
+    used = np.unique(partial.triangles)
+    error = zo.geodesic_error(result.surface_map, resting.surface, used, true_vertex(resting, whole)[used], len(used))
+    confidence = result.confidence[used]
+    assert (
+        error[confidence < np.quantile(confidence, 0.2)].mean() > 1.3 * error[confidence > np.median(confidence)].mean()
+    )
+    assert (result.confidence >= 0).all()
+    assert (result.confidence <= 1).all()
+
+
+def test_the_result_does_not_depend_on_unit_place_or_vertex_order(resting, bent, result) -> None:
+    random = np.random.default_rng(0)
+    rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    order = random.permutation(len(bent.surface.vertices))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    moved = Surface((bent.surface.vertices @ rotation * 0.001 + 5)[order], place[bent.surface.triangles])
+    other = zo.match(resting.surface, moved)
+    distance = np.linalg.norm(
+        other.surface_map.interpolate(resting.surface.vertices)
+        - result.surface_map.interpolate(resting.surface.vertices)[order],
+        axis=1,
+    )
+    assert np.median(distance) < 1e-3
+    assert (distance < 0.05).mean() > 0.99
+
+
+def test_two_runs_agree_to_the_bit(resting: Creature, bent: Creature, result: zo.MatchResult) -> None:
+    again = zo.match(resting.surface, bent.surface)
+    assert np.array_equal(again.surface_map.triangle, result.surface_map.triangle)
+    assert np.array_equal(again.confidence, result.confidence)
+
+
+def test_progress_never_falls_and_ends_with_the_result(resting: Creature, bent: Creature) -> None:
+    steps = zo.match_steps(resting.surface, bent.surface)
+    fractions, stages = [], []
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as finished:
+            assert isinstance(finished.value, zo.MatchResult)
+            break
+        fractions.append(progress.fraction)
+        stages.append(progress.stage)
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0]
+    assert 0.9 < fractions[-1] <= 1
+    assert len(fractions) > 50
+    assert len(set(stages)) >= 4
+
+
+def test_a_match_can_be_abandoned_at_any_step(resting: Creature, bent: Creature) -> None:
+    steps = zo.match_steps(resting.surface, bent.surface)
+    for _ in range(20):
+        next(steps)
+    steps.close()
+    with pytest.raises(StopIteration):
+        next(steps)
+
+
+# --- other starts -------------------------------------------------------------------------------------------
+
+
+def test_landmarks_settle_the_side(resting: Creature, bent: Creature) -> None:
+    truth, mirrored = true_vertex(resting, bent), mirrored_vertex(resting, bent)
+    tips = np.array([bent.directions @ axis for axis in ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])]).argmax(
+        axis=1
+    )
+    right = zo.match(resting.surface, bent.surface, initial="landmarks", landmarks=(truth[tips], tips))
+    assert mean_error(right, resting.surface, truth) < RIGHT
+    assert right.candidates[0].scores["landmarks"] < 0.1
+    # Landmarks on the wrong side bring up the map that honours them best, not the one that they contradict.
+    wrong = zo.match(resting.surface, bent.surface, initial="landmarks", landmarks=(mirrored[tips], tips))
+    assert wrong.candidates[0].scores["landmarks"] < 0.1
+    assert mean_error(wrong, resting.surface, truth) > 3 * RIGHT
+
+
+def test_proximity_follows_what_lies_nearest(resting: Creature) -> None:
+    same_pose = creature(2500, seed=1)
+    result = zo.match(resting.surface, same_pose.surface, initial="proximity")
+    assert mean_error(result, resting.surface, true_vertex(resting, same_pose)) < RIGHT
+    turned = Surface(same_pose.surface.vertices * [-1, 1, 1], same_pose.surface.triangles[:, ::-1])
+    flipped = zo.match(resting.surface, turned, initial="proximity")
+    assert mean_error(flipped, resting.surface, mirrored_vertex(resting, same_pose)) < RIGHT
+
+
+def test_a_given_map_is_refined_in_every_form(resting: Creature, bent: Creature) -> None:
+    truth = true_vertex(resting, bent)
+    bases = zo.eigenbasis(resting.surface, 20), zo.eigenbasis(bent.surface, 20)
+    functional_map = bases[1].coefficients(bases[0].eigenvectors[truth])
+    for given in (truth, zo.SurfaceMap.from_vertices(truth, resting.surface), functional_map):
+        result = zo.match(resting.surface, bent.surface, initial="given", initial_map=given)
+        assert mean_error(result, resting.surface, truth) < RIGHT
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"initial": "magic"}, "choose one of"),
+        ({"initial": "landmarks"}, "needs `landmarks`"),
+        ({"initial": "given"}, "needs `initial_map`"),
+        ({"landmarks": ([1, 2], [3])}, "come in pairs"),
+        ({"landmarks": ([10**6], [3])}, "numbers of its 4000 vertices"),
+        ({"initial": "given", "initial_map": [1, 2, 3]}, "for each of 2500"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(resting: Creature, bent: Creature, arguments, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        zo.match(resting.surface, bent.surface, **arguments)
+    assert "\n" not in str(refusal.value)
+
+
+# --- real meshes --------------------------------------------------------------------------------------------
+
+
+def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creature, bent: Creature) -> None:
+    """Split at every face, wound inwards in part, with an unused vertex: as an importer may deliver it."""
+    triangles = bent.surface.triangles.copy()
+    triangles[::3] = triangles[::3, ::-1]
+    soup = Surface(
+        np.vstack([bent.surface.vertices[triangles].reshape(-1, 3), [[np.nan] * 3], [[9.0, 9, 9]]]),
+        np.arange(triangles.size).reshape(-1, 3),
+    )
+    result = zo.match(resting.surface, soup)
+    truth = true_vertex(resting, bent)[triangles.ravel()]
+    error = zo.geodesic_error(result.surface_map, resting.surface, np.arange(len(truth)), truth)
+    assert error.mean() < RIGHT
+    assert result.confidence[-2] == 0
+    assert len(result.surface_map.triangle) == len(soup.vertices)
+
+
+def test_loose_parts_follow_the_body_and_are_reported(resting: Creature, bent: Creature) -> None:
+    eye = creature(60, seed=5).surface
+    tip = int(np.argmax(bent.surface.vertices[:, 2]))
+    loose = eye.vertices * 0.02 + bent.surface.vertices[tip] * 1.05
+    n = len(bent.surface.vertices)
+    both = Surface(np.vstack([bent.surface.vertices, loose]), np.vstack([bent.surface.triangles, eye.triangles + n]))
+    result = zo.match(resting.surface, both)
+    assert mean_error(result, resting.surface, true_vertex(resting, bent)) < RIGHT
+    body = result.surface_map.interpolate(resting.surface.vertices)[tip]
+    carried = result.surface_map.interpolate(resting.surface.vertices)[n:]
+    assert np.linalg.norm(carried - body, axis=1).max() < 0.6
+    assert (result.confidence[n:] == 0).all()
+    assert any("1 loose part" in note for note in result.notes)
+
+
+def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: Creature) -> None:
+    coarse = creature(30, seed=6)
+    result = zo.match(resting.surface, coarse.surface)
+    assert len(result.confidence) == 30
+    cube = Surface(
+        np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)]),
+        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]],
+    )
+    with pytest.raises(MeshError, match="too few to be matched"):
+        zo.match(resting.surface, cube)
+
+
+def test_benchmark_humans_are_matched(benchmark_data) -> None:
+    from zoomout_core.files import read_surface
+
+    truth = np.load(benchmark_data / "faust_r" / "correspondence.npz")
+    names = ("tr_reg_002", "tr_reg_007")
+    target, source = (read_surface(benchmark_data / "faust_r" / f"{name}.off") for name in names)
+    result = zo.match(source, target)
+    error = zo.geodesic_error(result.surface_map, source, truth[names[0]], truth[names[1]])
+    assert error.mean() < 0.04

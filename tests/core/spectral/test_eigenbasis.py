@@ -1,0 +1,105 @@
+"""The eigenbasis is complete, exact, orthonormal, and depends on the shape alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, directions
+from scipy.sparse import diags_array
+from scipy.sparse.linalg import eigsh
+from scipy.spatial import ConvexHull
+
+from zoomout_core.spectral.eigenbasis import eigenbasis
+from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.surface import MeshError, PointCloud, Surface
+
+
+def test_eigenpairs_agree_with_arpack(resting: Creature) -> None:
+    working = resting.surface.working
+    basis = eigenbasis(resting.surface, 80)
+    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    values, vectors = eigsh(stiffness, 80, diags_array(areas), sigma=-1.0)
+    np.testing.assert_allclose(basis.eigenvalues, values, rtol=1e-5, atol=1e-5)
+    # Signs and repeated values aside, the two span the same space.
+    cosines = np.linalg.svd(vectors[:, :79].T @ (areas[:, None] * basis.eigenvectors), compute_uv=False)
+    assert cosines.min() > 1 - 1e-5
+
+
+def test_eigenfunctions_are_orthonormal_under_areas_that_sum_to_one(resting: Creature) -> None:
+    basis = eigenbasis(resting.surface, 60)
+    np.testing.assert_allclose(basis.areas.sum(), 1, rtol=1e-12)
+    np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(60), atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [900, 5000])
+def test_a_sphere_has_the_eigenvalues_of_the_sphere(count: int) -> None:
+    points = directions(count, seed=3)
+    eigenvalues = eigenbasis(Surface(points, ConvexHull(points).simplices), 49).eigenvalues
+    degree = np.repeat(np.arange(7), 2 * np.arange(7) + 1)
+    # At unit area the radius is 1 / sqrt(4 pi).
+    np.testing.assert_allclose(eigenvalues[1:], (4 * np.pi * degree * (degree + 1))[1:], rtol=100 / count)
+
+
+def test_every_component_has_a_constant_eigenfunction(resting: Creature) -> None:
+    surface, n = resting.surface, len(resting.surface.vertices)
+    both = Surface(
+        np.vstack([surface.vertices, surface.vertices + [50, 0, 0]]),
+        np.vstack([surface.triangles, surface.triangles + n]),
+    )
+    single, double = eigenbasis(surface, 21).eigenvalues, eigenbasis(both, 40).eigenvalues
+    assert (double[:2] < 1e-4).all()
+    np.testing.assert_allclose(double[2:], 2 * np.repeat(single[1:20], 2), rtol=1e-4)
+
+
+def test_the_spectrum_does_not_depend_on_unit_place_or_vertex_order(resting: Creature) -> None:
+    random = np.random.default_rng(0)
+    rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    order = random.permutation(len(resting.surface.vertices))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    moved = Surface((resting.surface.vertices @ rotation * 1000 + 7)[order], place[resting.surface.triangles])
+    first, second = eigenbasis(resting.surface, 50), eigenbasis(moved, 50)
+    np.testing.assert_allclose(second.eigenvalues, first.eigenvalues, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(second.areas, first.areas[order], rtol=1e-9)
+
+
+def test_split_vertices_share_the_area_and_unused_ones_have_none(resting: Creature) -> None:
+    surface = resting.surface
+    soup = Surface(
+        np.vstack([surface.vertices[surface.triangles].reshape(-1, 3), [[1e6, 0, 0]]]),
+        np.arange(surface.triangles.size).reshape(-1, 3),
+    )
+    basis, whole = eigenbasis(soup, 30), eigenbasis(surface, 30)
+    np.testing.assert_allclose(basis.eigenvalues, whole.eigenvalues, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(30), atol=1e-5)
+    assert basis.areas[-1] == 0
+    assert not basis.eigenvectors[-1].any()
+
+
+def test_the_same_seed_gives_the_same_basis(resting: Creature) -> None:
+    first, second = eigenbasis(resting.surface, 40, seed=5), eigenbasis(resting.surface, 40, seed=5)
+    assert np.array_equal(first.eigenvectors, second.eigenvectors)
+
+
+def test_a_point_cloud_has_nearly_the_spectrum_of_its_sphere() -> None:
+    eigenvalues = eigenbasis(PointCloud(directions(4000, seed=1)), 9).eigenvalues
+    np.testing.assert_allclose(eigenvalues[1:], 4 * np.pi * np.repeat([2.0, 6.0], [3, 5]), rtol=0.05)
+
+
+@pytest.mark.parametrize("k", [0, 4000, 5000])
+def test_more_eigenfunctions_than_vertices_are_refused(resting: Creature, k: int) -> None:
+    with pytest.raises(MeshError, match="ask for fewer"):
+        eigenbasis(resting.surface, k)
+
+
+def test_a_mesh_with_slivers_and_non_manifold_edges_has_a_basis(resting: Creature) -> None:
+    surface, n = resting.surface, len(resting.surface.vertices)
+    a, b, c = surface.triangles[0]
+    middle = (surface.vertices[a] + surface.vertices[b]) / 2
+    fin = surface.vertices[c] * 1.02
+    broken = Surface(
+        np.vstack([surface.vertices, [middle, fin]]),
+        np.vstack([surface.triangles, [[a, b, n], [a, b, n + 1]]]),  # a face without area, and a fin on an edge
+    )
+    eigenvalues = eigenbasis(broken, 30).eigenvalues
+    np.testing.assert_allclose(eigenvalues, eigenbasis(surface, 30).eigenvalues, rtol=0.02, atol=1e-4)
