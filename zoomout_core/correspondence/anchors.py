@@ -28,6 +28,16 @@ class Anchors:
         """The anchors at some vertices only."""
         return Anchors(self.source[source_vertices], self.target[target_vertices])
 
+    def and_those(self, others: Anchors | None) -> Anchors:
+        """These anchors together with others, if there are any."""
+        if others is None:
+            return self
+        return Anchors(np.hstack([self.source, others.source]), np.hstack([self.target, others.target]))
+
+    def swapped(self) -> Anchors:
+        """The anchors of the map in the other direction."""
+        return Anchors(self.target, self.source)
+
 
 def beside(rows: Floats, anchors: Floats) -> Floats:
     """Spectral coordinates (n, k) with anchors (n, m) appended, both weighing the same in a distance."""

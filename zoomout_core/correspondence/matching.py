@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.correspondence.anchors import Anchors, beside
 from zoomout_core.correspondence.confidence import confidence_of, cycle_error
@@ -17,14 +18,13 @@ from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.nearest import nearest
-from zoomout_core.correspondence.places import places_on
 from zoomout_core.correspondence.ranking import SCREENING_SIZE, Candidate, rank_steps
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import upsample
 from zoomout_core.progress import Progress, Steps, drain, spread
 from zoomout_core.projection import closest_points, project_to_embedding
-from zoomout_core.surface import Floats, Integers, MeshError, Surface, WorkingMesh
+from zoomout_core.surface import Floats, Integers, MeshError, Surface, WorkingMesh, edge_graph
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
@@ -182,9 +182,13 @@ def _hypotheses(
         vertex = SurfaceMap(triangle, barycentric, source.mesh.triangles).vertex
         return [_pointwise("nearest points in space", vertex, source, target)]
     hypotheses = extremity_hypotheses(source, target) + sign_hypotheses(source, target)
-    if landmarks is not None:
-        hypotheses.insert(0, landmark_hypothesis(source, target, *_landmark_ids(pair, landmarks)))
-    return hypotheses
+    if landmarks is None:
+        return hypotheses
+    by_landmarks = landmark_hypothesis(source, target, *_landmark_ids(pair, landmarks))
+    assert by_landmarks.anchors is not None
+    # Whatever a guess begins with, the landmarks hold it in place.
+    held = [replace(guess, anchors=by_landmarks.anchors.and_those(guess.anchors)) for guess in hypotheses]
+    return [by_landmarks, *held]
 
 
 def _given(pair: Pair, initial_map: SurfaceMap | ArrayLike | None) -> Hypothesis:
@@ -247,11 +251,12 @@ def _landmark_ids(pair: Pair, landmarks: Landmarks) -> tuple[Integers, Integers]
 def _ranked_by_landmarks(candidates: list[Candidate], pair: Pair, landmarks: Landmarks) -> list[Candidate]:
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = _landmark_ids(pair, landmarks)
-    distances = places_on(source, source_ids).distances
+    graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
+    distances = dijkstra(graph, directed=False, indices=source_ids)
     for candidate in candidates:
         queries, embedded = _embeddings(source, target, candidate.functional_map, candidate.anchors)
         image = nearest(queries[target_ids], embedded)
-        candidate.scores["landmarks"] = float(distances[image, np.arange(len(image))].mean())
+        candidate.scores["landmarks"] = float(distances[np.arange(len(image)), image].mean())
         candidate.scores["total"] += LANDMARK_WEIGHT * candidate.scores["landmarks"]
     return sorted(candidates, key=lambda candidate: (candidate.reverses_orientation, candidate.scores["total"]))
 
@@ -263,7 +268,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     candidate = candidates[chosen]
     source, target = pair.source_shape, pair.target_shape
     middle = (start + 1) / 2
-    swapped = None if candidate.anchors is None else Anchors(candidate.anchors.target, candidate.anchors.source)
+    swapped = None if candidate.anchors is None else candidate.anchors.swapped()
     there, functional_map = yield from spread(
         _dense_steps(source, target, candidate.functional_map, candidate.anchors, pair),
         start,

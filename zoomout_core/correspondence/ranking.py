@@ -182,7 +182,7 @@ def _candidate(entry: _Screened, source: Shape, target: Shape) -> Candidate:
     """Refine further, find the reverse map on its own, and average the scores of both."""
     size = min(RANKING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
-    swapped = None if anchors is None else Anchors(anchors.target, anchors.source)
+    swapped = None if anchors is None else anchors.swapped()
     functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, 5, anchors)
     # The reverse map starts from the transpose, which is the inverse of an isometry's functional map.
     back = nearest_samples(target.search, source.search, entry.functional_map.T, swapped)
