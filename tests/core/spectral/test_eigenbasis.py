@@ -43,7 +43,7 @@ def test_a_sphere_has_the_eigenvalues_of_the_sphere(count: int) -> None:
 def test_every_component_has_a_constant_eigenfunction(resting: Creature) -> None:
     surface, n = resting.surface, len(resting.surface.vertices)
     both = Surface(
-        np.vstack([surface.vertices, surface.vertices + [50, 0, 0]]),
+        np.vstack([surface.vertices, surface.vertices + 50]),
         np.vstack([surface.triangles, surface.triangles + n]),
     )
     single, double = eigenbasis(surface, 21).eigenvalues, eigenbasis(both, 40).eigenvalues

@@ -1,0 +1,1 @@
+"""Tables and figures, one module each: `python -m benchmarks NAME --data FOLDER`."""
