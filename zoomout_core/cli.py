@@ -1,0 +1,163 @@
+"""The command `zoomout`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+from zoomout_core.correspondence.matching import MatchResult, match_steps
+from zoomout_core.files import read_surface
+from zoomout_core.progress import Result, Steps
+from zoomout_core.surface import MeshError
+
+# Final size of the functional map and number of samples of each preset.
+DETAIL = {"fast": (60, 500), "balanced": (120, 1000), "fine": (200, 1500)}
+STARTS = ("auto", "landmarks", "proximity")
+
+
+@click.group()
+@click.version_option(package_name="zoomout-core")
+def main() -> None:
+    """Dense correspondence between surfaces, whatever their pose and topology."""
+
+
+def match_options(command: Any) -> Any:
+    """The options of every command that matches two meshes."""
+    for option in (
+        click.option("--seed", default=0, show_default=True, help="Of the eigensolver."),
+        click.option(
+            "--detail",
+            type=click.Choice(list(DETAIL)),
+            default="balanced",
+            show_default=True,
+            help="How many eigenfunctions and samples to use.",
+        ),
+        click.option(
+            "--landmarks",
+            type=click.Path(exists=True, dir_okay=False),
+            help="Text file of pairs: a source vertex and a target vertex a line, numbered from 0.",
+        ),
+        click.option(
+            "--initial",
+            default="auto",
+            show_default=True,
+            help="How to begin: auto, landmarks, proximity, or a map.npz written by `zoomout match`.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def start_arguments(initial: str, landmarks: str | None, detail: str, seed: int) -> dict[str, Any]:
+    """What the options of `match_options` mean to `match`."""
+    k_final, samples = DETAIL[detail]
+    arguments: dict[str, Any] = {"k_final": k_final, "samples": samples, "seed": seed, "initial": initial}
+    if landmarks is not None:
+        arguments["landmarks"] = read_landmarks(landmarks)
+        if initial == "auto":
+            arguments["initial"] = "landmarks"
+    if initial not in STARTS:
+        if not Path(initial).is_file():
+            raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
+        arguments.update(initial="given", initial_map=read_vertex_map(initial))
+    return arguments
+
+
+def read_vertex_map(path: str) -> np.ndarray:
+    """The source vertex (n_t,) of each target vertex, from a file that `match` wrote.
+
+    Vertices, unlike triangles, are numbered alike by whatever read the meshes.
+
+    Raises:
+        MeshError: the file is not one of `match`.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return np.asarray(file["vertex"])
+    except (ValueError, KeyError, BadZipFile, TypeError) as error:
+        raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
+
+
+def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
+    """Source and target vertices (m,) from a text file with a pair a line.
+
+    Raises:
+        MeshError: a line is not a pair of vertex numbers.
+    """
+    try:
+        pairs = np.loadtxt(path, dtype=np.int64, ndmin=2)
+    except ValueError as error:
+        raise MeshError(f"{path} is no list of landmarks ({error}): give two vertex numbers a line.") from None
+    if pairs.size == 0 or pairs.shape[1] != 2:
+        raise MeshError(f"{path} is no list of landmarks: give two vertex numbers a line, source and target.")
+    return pairs[:, 0], pairs[:, 1]
+
+
+def with_progress_bar(steps: Steps[Result]) -> Result:
+    """Drain a stepped computation, showing a progress bar on the terminal."""
+    with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}") as bar:
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as finished:
+                bar.update(100 - bar.n)
+                return finished.value
+            bar.set_description_str(progress.stage, refresh=False)
+            bar.update(100 * progress.fraction - bar.n)
+
+
+@main.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@match_options
+def match(source: str, target: str, output: str, initial: str, landmarks: str | None, detail: str, seed: int) -> None:
+    """Find for every vertex of TARGET the point on SOURCE that it corresponds to.
+
+    Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file.
+    """
+    try:
+        if not Path(output).parent.is_dir():
+            raise MeshError(f"There is no folder {Path(output).parent}: create it, or write elsewhere.")
+        surfaces = read_surface(source), read_surface(target)
+        arguments = start_arguments(initial, landmarks, detail, seed)
+        result = with_progress_bar(match_steps(*surfaces, **arguments))
+        result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
+    except (MeshError, ValueError, OSError) as error:
+        raise click.ClickException(str(error)) from None
+    for line in summary(result):
+        click.echo(line)
+    click.echo(f"Written to {output}")
+
+
+def summary(result: MatchResult) -> list[str]:
+    """What a user should know about a match, a sentence a line."""
+    low = float((result.confidence < 0.5).mean())
+    lines = [
+        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below 0.5.",
+        f"Found by {result.candidates[result.chosen].origin}, the best of {len(result.candidates)} candidates.",
+    ]
+    return [*lines, *result.notes]
+
+
+@main.command()
+@click.option(
+    "-o", "--output", default="demo", show_default=True, type=click.Path(file_okay=False), help="Folder to write to."
+)
+def demo(output: str) -> None:
+    """Build, pose, match and transfer a character in headless Blender, and measure it against the truth."""
+    try:
+        from blender_addon.demo import run, summary
+    except ImportError as error:
+        raise click.ClickException(f"The demo needs Blender as a module ({error}): pip install bpy.") from None
+    try:
+        report = run(Path(output))
+    except (MeshError, OSError) as error:
+        raise click.ClickException(str(error)) from None
+    for line in summary(report):
+        click.echo(line)
