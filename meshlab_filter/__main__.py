@@ -1,0 +1,117 @@
+"""The filters on files: `python -m meshlab_filter transfer SOURCE TARGET -o OUT.ply`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from meshlab_filter.filters import transfer_attributes_steps
+from zoomout_core.cli import match_options, start_arguments, with_progress_bar
+from zoomout_core.surface import MeshError
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+# What of the results the formats can hold.
+FORMATS = {
+    ".ply": {"texcoord", "vertex_color", "face_color", "vertex_scalar", "face_scalar"},
+    ".obj": {"texcoord", "vertex_color", "face_color"},
+}
+
+
+@click.group()
+def main() -> None:
+    """Filters for mesh files, in every format that MeshLab reads."""
+
+
+@main.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The PLY or OBJ file to write.")
+@click.option(
+    "--candidate", default=0, show_default=True, help="Which correspondence to use: another if sides are swapped."
+)
+@match_options
+def transfer(
+    source: str,
+    target: str,
+    output: str,
+    candidate: int,
+    initial: str,
+    landmarks: str | None,
+    detail: str,
+    seed: int,
+) -> None:
+    """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the mesh TARGET.
+
+    They may differ in pose, in triangles and in placement. Textures are written beside the output.
+    """
+    try:
+        kept = _kept_in(output)
+        ms = _loaded(source, target)
+        matching = start_arguments(initial, landmarks, detail, seed)
+        report = with_progress_bar(transfer_attributes_steps(ms, candidate=candidate, **matching))
+        _save(ms, output)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    for line in _summary(report, kept):
+        click.echo(line)
+    click.echo(f"Written to {output}")
+
+
+def _kept_in(output: str) -> set[str]:
+    """What the format of the output can hold; said before the work begins, not after."""
+    path = Path(output)
+    if path.suffix.lower() not in FORMATS:
+        raise MeshError(f"{output} ends in '{path.suffix}': choose {' or '.join(FORMATS)}, which can hold the results.")
+    if not path.parent.is_dir():
+        raise MeshError(f"There is no folder {path.parent}: create it, or write elsewhere.")
+    return FORMATS[path.suffix.lower()]
+
+
+def _loaded(*paths: str) -> MeshSet:
+    """A MeshSet with one mesh from each file."""
+    try:
+        import pymeshlab
+    except ImportError as error:
+        raise ImportError("This needs pymeshlab: pip install 'zoomout-core[meshlab]'.") from error
+    ms = pymeshlab.MeshSet()
+    for number, path in enumerate(paths):
+        gltf = Path(path).suffix.lower() in (".gltf", ".glb")
+        try:
+            ms.load_new_mesh(path, **({"load_in_a_single_layer": True} if gltf else {}))
+        except pymeshlab.PyMeshLabException as error:
+            raise MeshError(f"{path} could not be read ({' '.join(str(error).split())}): check the file.") from error
+        if ms.mesh_number() > number + 1:
+            raise MeshError(f"{path} holds {ms.mesh_number() - number} meshes: merge them into one.")
+    return ms
+
+
+def _save(ms: MeshSet, output: str) -> None:
+    from pymeshlab import PyMeshLabException
+
+    try:
+        ms.save_current_mesh(output)
+    except PyMeshLabException as error:
+        raise MeshError(f"{output} could not be written ({' '.join(str(error).split())}): write elsewhere.") from error
+
+
+def _summary(report: dict[str, Any], kept: set[str]) -> list[str]:
+    """What a user should know about a transfer, a sentence a line."""
+    confidence = report["confidence"]
+    lines = [
+        f"Transferred: {', '.join(report['transferred'])}.",
+        f"Mean confidence {confidence.mean():.2f}; {(confidence < 0.5).mean():.1%} of the vertices are below 0.5.",
+        f"{len(report['candidates'])} correspondences were found; where sides are swapped, try --candidate 1.",
+        *report["notes"],
+    ]
+    lost = [name for name in report["transferred"] if name not in kept]
+    if lost:
+        lines.append(f"OBJ cannot hold {' and '.join(lost)}: write PLY to keep them.")
+    return lines
+
+
+if __name__ == "__main__":
+    main(prog_name="python -m meshlab_filter")

@@ -1,0 +1,386 @@
+"""pymeshlab layers to and from the core's surfaces and attributes: the only place where the two meet.
+
+MeshLab keeps triangles (polygons are triangles with "faux" edges between them) and texture coordinates at
+their corners, the wedges. Nothing can be set on an existing mesh but custom attributes, and what the
+constructor takes leaves out textures, selections and faux edges; so a new layer goes in by way of a PLY file in
+a temporary folder. pymeshlab itself is imported when a mesh is read: loaded before bpy it would keep bpy from
+loading.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoomout_core.files import ply_columns
+from zoomout_core.surface import Booleans, Floats, Integers, MeshError, Surface
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+if TYPE_CHECKING:
+    from pymeshlab import Image, Mesh, MeshSet
+
+# Bits of a vertex's or face's flags in MeshLab's PLY files.
+SELECTED = 0x20
+FAUX = np.array([0x40000, 0x80000, 0x100000])
+
+TEXCOORD = "texcoord"
+
+
+@dataclass(frozen=True)
+class Component:
+    """What a mesh has for every vertex or face, or lacks.
+
+    Attributes:
+        name: as in pymeshlab.
+        domain: vertices or faces.
+        kind: what the values mean.
+        getter: the method of a mesh that returns the values.
+        blank: the value that MeshLab gives where nothing is known.
+    """
+
+    name: str
+    domain: Domain
+    kind: Kind
+    getter: str
+    blank: float
+
+    def is_in(self, mesh: Mesh) -> bool:
+        """Whether a mesh has it; selections are in every mesh."""
+        return self.kind is Kind.BOOLEAN or getattr(mesh, f"has_{self.name}")()
+
+
+COMPONENTS = (
+    Component("vertex_color", Domain.POINT, Kind.COLOR, "vertex_color_matrix", 1),
+    Component("face_color", Domain.FACE, Kind.COLOR, "face_color_matrix", 1),
+    Component("vertex_scalar", Domain.POINT, Kind.SCALAR, "vertex_scalar_array", 0),
+    Component("face_scalar", Domain.FACE, Kind.SCALAR, "face_scalar_array", 0),
+    Component("vertex_selection", Domain.POINT, Kind.BOOLEAN, "vertex_selection_array", 0),
+    Component("face_selection", Domain.FACE, Kind.BOOLEAN, "face_selection_array", 0),
+)
+
+# The methods that read and that add custom attributes. pymeshlab cannot list their names.
+CUSTOM = {
+    (Domain.POINT, Kind.SCALAR): ("vertex_custom_scalar_attribute_array", "add_vertex_custom_scalar_attribute"),
+    (Domain.POINT, Kind.VECTOR): ("vertex_custom_point_attribute_matrix", "add_vertex_custom_point_attribute"),
+    (Domain.FACE, Kind.SCALAR): ("face_custom_scalar_attribute_array", "add_face_custom_scalar_attribute"),
+    (Domain.FACE, Kind.VECTOR): ("face_custom_point_attribute_matrix", "add_face_custom_point_attribute"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Textures:
+    """Textures, laid side by side, so that one coordinate tells both the texture and the place in it.
+
+    The core keeps a face of the target within one island, and so within one texture.
+
+    Attributes:
+        names: by number.
+        images: by name; what the MeshSet does not hold is missing.
+        numbers: (t,) the numbers that are in use, rising; -1 stands for no texture.
+        lowest: smallest u of any texture.
+        width: distance from one texture to the next: whole tiles, and twice what is in use, so that
+            coordinates that are continued beyond an island do not reach the next texture.
+    """
+
+    names: tuple[str, ...]
+    images: dict[str, Image]
+    numbers: Integers
+    lowest: float
+    width: float
+
+    @classmethod
+    def of(cls, names: Sequence[str], images: dict[str, Image], uv: Floats, number: Integers) -> Textures:
+        """Textures whose coordinates (3 m, 2) and numbers, of each triangle (m,), are these."""
+        lowest, highest = float(np.nanmin(uv[:, 0])), float(np.nanmax(uv[:, 0]))
+        return cls(tuple(names), images, np.unique(number), lowest, float(2 * np.ceil(highest - lowest + 1)))
+
+    def laid_out(self, uv: Floats, number: Integers) -> Floats:
+        """(3 m, 2) coordinates that tell the texture, too."""
+        return uv + np.repeat(np.searchsorted(self.numbers, number), 3)[:, None] * [self.width, 0]
+
+    def told_apart(self, laid_out: Floats) -> tuple[Floats, Integers]:
+        """(3 m, 2) coordinates within their textures, and (m,) the numbers of these."""
+        middle = laid_out.reshape(-1, 3, 2)[:, :, 0].mean(axis=1)
+        place = np.nan_to_num(np.floor((middle - self.lowest) / self.width + 0.25))
+        place = np.clip(place, 0, len(self.numbers) - 1).astype(np.int64)
+        return laid_out - np.repeat(place, 3)[:, None] * [self.width, 0], self.numbers[place]
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A layer of a MeshSet as arrays: n vertices and m triangles.
+
+    Attributes:
+        label: its name.
+        surface: the triangles, in the frame of all layers.
+        vertices: (n, 3) positions, in the layer's own frame.
+        normals: (n, 3) of the vertices.
+        edges: (e, 2) vertex numbers of polylines.
+        faux: (m, 3) whether an edge, from each corner to the next, lies inside a polygon.
+        transform: (4, 4) from the layer's frame to that of all layers.
+        components: by name what the layer has of `COMPONENTS`, colours scene-linear; and as `TEXCOORD` its
+            texture coordinates (3 m, 2) at the corners of the triangles.
+        custom: custom attributes.
+        textures: what the texture coordinates refer to.
+    """
+
+    label: str
+    surface: Surface
+    vertices: Floats
+    normals: Floats
+    edges: Integers
+    faux: Booleans
+    transform: Floats
+    components: dict[str, Attribute]
+    custom: tuple[Attribute, ...]
+    textures: Textures | None
+
+
+def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
+    """A layer of a MeshSet, with its custom attributes of some names.
+
+    Raises:
+        MeshError: there is no such layer, it is no surface, or it has no such attribute.
+    """
+    if not ms.mesh_id_exists(mesh_id):
+        raise MeshError(f"There is no mesh {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id.")
+    mesh = ms.mesh(mesh_id)
+    try:
+        surface = Surface(mesh.transformed_vertex_matrix(), mesh.face_matrix())
+    except MeshError as error:
+        raise MeshError(f"Layer '{mesh.label()}': {error}") from error
+    components, textures = _components(mesh), None
+    coordinates = _texture_coordinates(mesh)
+    if coordinates is not None:
+        names, number = _texture_numbers(mesh)
+        textures = Textures.of(names, mesh.textures(), coordinates, number)
+        laid_out = textures.laid_out(coordinates, number)
+        components[TEXCOORD] = Attribute(TEXCOORD, Domain.CORNER, Kind.UV, laid_out)
+    return Layer(
+        label=mesh.label(),
+        surface=surface,
+        vertices=mesh.vertex_matrix(),
+        normals=mesh.vertex_normal_matrix(),
+        edges=mesh.edge_matrix(),
+        faux=_faux_edges(mesh.polygonal_face_list(), mesh.face_matrix()),
+        transform=mesh.transform_matrix(),
+        components=components,
+        custom=tuple(attribute for name in custom for attribute in _custom_attributes(mesh, name)),
+        textures=textures,
+    )
+
+
+def _components(mesh: Mesh) -> dict[str, Attribute]:
+    found = {}
+    for component in COMPONENTS:
+        if not component.is_in(mesh):
+            continue
+        values = getattr(mesh, component.getter)()
+        if (values != component.blank).any():
+            if component.kind is Kind.COLOR:
+                values = _linear(values)
+            found[component.name] = Attribute(component.name, component.domain, component.kind, values)
+    return found
+
+
+def _custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
+    """Those of a name; there may be one of each type."""
+    import pymeshlab
+
+    found = []
+    for (domain, kind), (getter, _) in CUSTOM.items():
+        try:
+            found.append(Attribute(name, domain, kind, getattr(mesh, getter)(name)))
+        except pymeshlab.PyMeshLabException:
+            continue  # of this type there is none of that name
+    if not found:
+        raise MeshError(f"Layer '{mesh.label()}' has no custom attribute '{name}': check the name.")
+    return found
+
+
+def _faux_edges(polygons: list[Integers], triangles: Integers) -> Booleans:
+    """(m, 3) the edges of triangles that no polygon has."""
+    if len(polygons) == len(triangles):
+        return np.zeros(triangles.shape, dtype=bool)
+    size = np.array([len(polygon) for polygon in polygons])
+    start = np.cumsum(size) - size
+    corner = np.concatenate(polygons).astype(np.int64)
+    following = np.roll(corner, -1)
+    following[start + size - 1] = corner[start]
+    count = triangles.max() + 1
+    ends = np.roll(triangles, -1, axis=1)
+    return ~np.isin(triangles.astype(np.int64) * count + ends, corner * count + following)
+
+
+def _texture_coordinates(mesh: Mesh) -> Floats | None:
+    """(3 m, 2) of the corners of triangles, those of vertices if need be; nothing where all are zero."""
+    if mesh.has_wedge_tex_coord():
+        coordinates = mesh.wedge_tex_coord_matrix()
+    elif mesh.has_vertex_tex_coord():
+        coordinates = mesh.vertex_tex_coord_matrix()[mesh.face_matrix().ravel()]
+    else:
+        return None
+    return coordinates if coordinates.any() else None
+
+
+def _texture_numbers(mesh: Mesh) -> tuple[list[str], Integers]:
+    """The names of the textures in order, and (m,) the number of each triangle's: to be had from a file only."""
+    import pymeshlab
+
+    scratch = pymeshlab.MeshSet()  # saving from the mesh's own MeshSet would rename it
+    scratch.add_mesh(mesh)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "textures.ply"
+        scratch.save_current_mesh(str(path), save_textures=False)
+        content = path.read_bytes()
+    header = content.partition(b"end_header")[0].decode("utf-8", errors="replace")
+    names = re.findall(r"^comment TextureFile (.*?)\r?$", header, re.MULTILINE)
+    number = ply_columns(content)["face"].get("texnumber", np.zeros(mesh.face_number()))
+    return names, np.asarray(number, dtype=np.int64)
+
+
+# --- writing ------------------------------------------------------------------------------------------------
+
+
+def check_target(layer: Layer) -> None:
+    """Whether `add_layer` can make a layer with these vertices and triangles.
+
+    Raises:
+        MeshError: MeshLab would drop some of them on reading.
+    """
+    twice = (layer.surface.triangles == np.roll(layer.surface.triangles, 1, axis=1)).any(axis=1).sum()
+    if twice:
+        raise MeshError(
+            f"Layer '{layer.label}' has {twice} faces that name a vertex twice, and MeshLab makes no layer with such: "
+            "remove them with the filter meshing_remove_null_faces."
+        )
+    lost = (~np.isfinite(layer.vertices).all(axis=1)).sum()
+    if lost:
+        raise MeshError(
+            f"Layer '{layer.label}' has {lost} vertices that are not finite, and MeshLab makes no layer with such: "
+            "remove them with the filter meshing_remove_unreferenced_vertices."
+        )
+
+
+def add_layer(ms: MeshSet, layer: Layer) -> int:
+    """Add a layer to a MeshSet, as its current mesh; polygons are kept unless there are texture coordinates.
+
+    Returns:
+        The id of the new mesh.
+    """
+    with TemporaryDirectory() as folder:
+        names = [] if layer.textures is None else _save_images(layer.textures, Path(folder))
+        path = Path(folder) / "layer.ply"
+        path.write_bytes(_ply(layer, names))
+        ms.load_new_mesh(str(path))
+    if not np.array_equal(layer.transform, np.eye(4)):
+        ms.apply_filter("set_matrix", transformmatrix=layer.transform, freeze=False)
+    mesh = ms.current_mesh()
+    mesh.set_label(layer.label)
+    for attribute in layer.custom:
+        getattr(mesh, CUSTOM[attribute.domain, attribute.kind][1])(attribute.values, attribute.name)
+    return int(mesh.id())
+
+
+def _save_images(textures: Textures, folder: Path) -> list[str]:
+    """Write the images without loss, and return their names, free of what MeshLab cannot read in a PLY file."""
+    names: list[str] = []
+    for name in textures.names:
+        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(name).stem) or "texture"
+        while f"{stem}.png" in names:
+            stem += "_"
+        names.append(f"{stem}.png")
+        if name in textures.images:
+            textures.images[name].save(str(folder / names[-1]))
+    return names
+
+
+def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:
+    there = layer.components
+    vertex_flags = np.zeros(len(layer.vertices), dtype=np.int64)
+    face_flags = np.zeros(len(layer.surface.triangles), dtype=np.int64)
+    if "vertex_selection" in there:
+        vertex_flags |= SELECTED * there["vertex_selection"].values.astype(np.int64)
+    if "face_selection" in there:
+        face_flags |= SELECTED * there["face_selection"].values.astype(np.int64)
+    if layer.textures is None:  # with texture coordinates, MeshLab spoils those of polygons in OBJ files
+        face_flags |= (layer.faux * FAUX).sum(axis=1)
+
+    vertex: list[Column] = [(axis, "double", layer.vertices[:, i]) for i, axis in enumerate("xyz")]
+    vertex += [(f"n{axis}", "double", layer.normals[:, i]) for i, axis in enumerate("xyz")]
+    vertex += [("flags", "int", vertex_flags), *_value_columns(there, "vertex")]
+    face: list[Column] = [("vertex_indices", "int", layer.surface.triangles)]
+    face += [("flags", "int", face_flags), *_value_columns(there, "face")]
+    if layer.textures is not None:
+        coordinates, number = layer.textures.told_apart(there[TEXCOORD].values)
+        face += [("texcoord", "float", coordinates.reshape(-1, 6)), ("texnumber", "int", number)]
+    edge: list[Column] = [(f"vertex{i + 1}", "int", layer.edges[:, i]) for i in range(2)]
+
+    header, body = ["ply", "format binary_little_endian 1.0"], b""
+    header += [f"comment TextureFile {name}" for name in texture_names]
+    for element, columns in (("vertex", vertex), ("face", face), ("edge", edge)):
+        lines, rows = _ply_element(element, columns)
+        header += lines
+        body += rows
+    return "\n".join([*header, "end_header\n"]).encode() + body
+
+
+# A property's name, its type, and its values (count,), or (count, k) for lists.
+Column = tuple[str, str, Any]
+
+PLY_TYPES = {"double": "<f8", "float": "<f4", "int": "<i4", "uchar": "u1"}
+
+
+def _value_columns(components: dict[str, Attribute], of: str) -> list[Column]:
+    """Scalars and colours of vertices or of faces."""
+    columns: list[Column] = []
+    if f"{of}_scalar" in components:
+        columns.append(("quality", "double", components[f"{of}_scalar"].values))
+    if f"{of}_color" in components:
+        encoded = np.rint(255 * _encoded(components[f"{of}_color"].values))
+        columns += [(name, "uchar", encoded[:, i]) for i, name in enumerate(("red", "green", "blue", "alpha"))]
+    return columns
+
+
+def _ply_element(name: str, columns: Sequence[Column]) -> tuple[list[str], bytes]:
+    """Header lines and rows of an element."""
+    count = len(columns[0][2])
+    header = [f"element {name} {count}"]
+    fields: list[Any] = []
+    for column, type_name, values in columns:
+        if values.ndim == 2:
+            header.append(f"property list uchar {type_name} {column}")
+            fields.append((f"{column} size", "u1"))
+        else:
+            header.append(f"property {type_name} {column}")
+        fields.append((column, PLY_TYPES[type_name], values.shape[1:]))
+    rows = np.zeros(count, dtype=fields)
+    for column, _, values in columns:
+        rows[column] = values
+        if values.ndim == 2:
+            rows[f"{column} size"] = values.shape[1]
+    return header, rows.tobytes()
+
+
+# --- colours ------------------------------------------------------------------------------------------------
+
+
+def _linear(color: Floats) -> Floats:
+    """(n, 4) scene-linear colours of those that MeshLab shows as they are, sRGB; alpha stays."""
+    encoded, alpha = color[:, :3], color[:, 3:]
+    rgb = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return np.hstack([rgb, alpha])
+
+
+def _encoded(color: Floats) -> Floats:
+    """The inverse of `_linear`, with everything brought into [0, 1]."""
+    color = np.clip(color, 0, 1)
+    linear, alpha = color[:, :3], color[:, 3:]
+    rgb = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.hstack([rgb, alpha])

@@ -1,0 +1,15 @@
+"""pymeshlab and bpy live in one process only if bpy comes first, so here it comes first wherever it is installed.
+
+pytest runs this before it imports any test of this folder, whatever other folders it was given, and in which
+order.
+"""
+
+import os
+import tempfile
+from contextlib import suppress
+
+# As in tests/blender: wheels of extensions that this machine's user has installed would shadow the packages here.
+os.environ.setdefault("BLENDER_USER_EXTENSIONS", tempfile.mkdtemp())
+
+with suppress(ImportError):
+    import bpy  # noqa: F401
