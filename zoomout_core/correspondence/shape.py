@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import dijkstra
 
+from zoomout_core.correspondence.proxy import Proxy, proxy_of
 from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalars, wave_kernel_signature
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
@@ -29,19 +30,24 @@ PSEUDO_SCALAR_TIME = 3e-4
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A connected working mesh with everything that matching needs of it.
+    """A connected part of a surface with everything that matching needs of it.
 
     Attributes:
-        mesh: of unit area.
+        proxy: the part, and the mesh that stands in for it in all that follows.
         stiffness: (n, n) stiffness matrix.
         basis: eigenfunctions.
         sampled: the basis at farthest-point samples.
     """
 
-    mesh: WorkingMesh
+    proxy: Proxy
     stiffness: csc_array
     basis: SpectralBasis
     sampled: SampledBasis
+
+    @property
+    def mesh(self) -> WorkingMesh:
+        """The mesh of unit area that the basis and the samples belong to."""
+        return self.proxy.mesh
 
     @cached_property
     def search(self) -> SampledBasis:
@@ -84,15 +90,21 @@ class Shape:
         return np.asarray(self.basis.smoothed(pairs, PSEUDO_SCALAR_TIME)[self.search.samples])
 
 
-def shape_steps(mesh: WorkingMesh, k: int, samples: int, seed: int) -> Generator[float, None, Shape]:
+def shape_steps(
+    part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None = None
+) -> Generator[float, None, Shape]:
     """Prepare a connected working mesh, yielding the fraction done.
 
     Args:
-        mesh: one component, of unit area.
+        part: one component, of unit area.
         k: number of eigenfunctions; fewer when the mesh has not as many vertices.
         samples: number of farthest-point samples, at least k of them are taken.
         seed: of the eigensolver.
+        proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
     """
+    yield 0.0
+    proxy = proxy_of(part, proxy_vertices)
+    mesh = proxy.mesh
     yield 0.0
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
     k = min(k, len(areas) - 1)
@@ -100,4 +112,4 @@ def shape_steps(mesh: WorkingMesh, k: int, samples: int, seed: int) -> Generator
     basis = SpectralBasis(eigenvalues, eigenvectors, areas, mesh.vertices)
     yield 0.95
     chosen = farthest_points(mesh.vertices, max(samples, k))
-    return Shape(mesh, stiffness, basis, SampledBasis.of(basis, chosen))
+    return Shape(proxy, stiffness, basis, SampledBasis.of(basis, chosen))

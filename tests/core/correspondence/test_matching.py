@@ -90,11 +90,13 @@ def test_two_runs_agree_to_the_bit(resting: Creature, bent: Creature, result: zo
 
 
 def test_progress_never_falls_and_ends_with_the_result(resting: Creature, bent: Creature) -> None:
-    steps, seen = zo.match_steps(resting.surface, bent.surface), []
-    with pytest.raises(StopIteration) as end:
-        while True:
-            seen.append(next(steps))
-    assert isinstance(end.value.value, zo.MatchResult)
+    seen, results = [], []
+
+    def watched():
+        results.append((yield from zo.match_steps(resting.surface, bent.surface)))
+
+    seen.extend(watched())
+    assert isinstance(results[0], zo.MatchResult)
     fractions = [progress.fraction for progress in seen]
     assert fractions == sorted(fractions)
     assert fractions[0] >= 0
@@ -219,3 +221,13 @@ def test_benchmark_humans_are_matched(benchmark_data) -> None:
     result = zo.match(source, target)
     error = zo.geodesic_error(result.surface_map, source, truth[names[0]], truth[names[1]])
     assert error.mean() < 0.04
+
+
+def test_a_large_mesh_is_matched_by_a_stand_in_as_exactly_as_in_full() -> None:
+    source, target = creature(20000, seed=0), creature(15000, seed=1, bend=0.9)
+    truth = true_vertex(source, target)
+    by_proxy = zo.match(source.surface, target.surface, proxy_vertices=4000)
+    in_full = zo.match(source.surface, target.surface, proxy_vertices=None)
+    errors = [mean_error(result, source.surface, truth) for result in (by_proxy, in_full)]
+    assert errors[0] < 1.1 * errors[1] + 1e-3
+    assert len(by_proxy.confidence) == 15000

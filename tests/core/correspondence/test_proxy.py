@@ -1,0 +1,54 @@
+"""Stand-ins lie on their surface, keep its thin parts, and lift maps back to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from creatures import creature
+
+from zoomout_core.correspondence.proxy import lifted, proxy_of
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Surface
+
+
+def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
+    part = creature(20000).surface.working
+    proxy = proxy_of(part, 3000)
+    assert 0.8 * 3000 < len(proxy.mesh.vertices) < 1.2 * 3000
+    distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
+    assert distance.max() < 0.02
+    tips = part.vertices[np.linalg.norm(part.vertices, axis=1).argsort()[-5:]]
+    assert np.linalg.norm(tips[:, None] - proxy.vertices, axis=2).min(axis=1).max() < 0.02
+
+
+def test_a_small_mesh_stands_for_itself() -> None:
+    part = creature(3000).surface.working
+    for count in (None, 3000, 2500):
+        proxy = proxy_of(part, count)
+        assert proxy.mesh is part
+        np.testing.assert_array_equal(proxy.place.vertex, np.arange(3000))
+        np.testing.assert_array_equal(proxy.full_vertex, np.arange(3000))
+
+
+def test_a_map_between_stand_ins_is_lifted_to_the_surfaces() -> None:
+    first, second = creature(16000, seed=0).surface.working, creature(12000, seed=1).surface.working
+    source, target = proxy_of(first, 3000), proxy_of(second, 3000)
+    between = SurfaceMap(
+        *closest_points(target.vertices, source.vertices, source.mesh.triangles), source.mesh.triangles
+    )
+    surface_map = lifted(between, source, target)
+    images = surface_map.interpolate(first.vertices)
+    assert np.linalg.norm(images - second.vertices, axis=1).max() < 0.03
+    np.testing.assert_array_equal(surface_map.source_triangles, first.triangles)
+
+
+def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
+    whole = creature(20000).surface
+    kept = whole.vertices[whole.triangles].mean(axis=1)[:, 2] < 0.8
+    fin = np.array([[*whole.triangles[np.flatnonzero(kept)[0], :2], len(whole.vertices)]])
+    tip = whole.vertices[fin[0, 0]] * 1.1
+    opened = Surface(np.vstack([whole.vertices, tip]), np.vstack([whole.triangles[kept], fin]))
+    part, _ = opened.working.part(0)
+    proxy = proxy_of(part, 3000)
+    distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
+    assert np.quantile(distance, 0.99) < 0.01

@@ -1,0 +1,108 @@
+"""From a candidate on samples to a dense, precise map, and from the parts' stand-ins to the surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+
+from zoomout_core.correspondence.anchors import Anchors, beside
+from zoomout_core.correspondence.nearest import nearest
+from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.proxy import lifted
+from zoomout_core.correspondence.ranking import SCREENING_SIZE
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.correspondence.zoomout import upsample
+from zoomout_core.projection import closest_points, project_to_embedding
+from zoomout_core.surface import Floats, Surface
+
+# Rounds on all vertices, each near the last one's images: they take back most of what sampling has cost.
+FINISHING = 3
+
+
+def dense_steps(
+    source: Shape, target: Shape, functional_map: Floats, anchors: Anchors | None, pair: Pair
+) -> Generator[float, None, tuple[SurfaceMap, Floats]]:
+    """ZoomOut to the final size on all samples, then a precise point for every vertex of the target's mesh."""
+    available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    size = min(pair.k_final, available)
+    start = min(SCREENING_SIZE, size, *functional_map.shape)
+    at_samples = None if anchors is None else anchors.at(source.sampled.samples, target.sampled.samples)
+    yield 0.0
+    functional_map, _ = upsample(
+        source.sampled, target.sampled, functional_map[:start, :start], size, pair.step, at_samples
+    )
+    k_target, k_source = functional_map.shape
+    yield 0.4
+    vertex = nearest(*embeddings(source, target, functional_map, anchors))
+    for i in range(FINISHING):
+        yield 0.7 + 0.3 * i / FINISHING
+        queries, embedded = embeddings(source, target, functional_map, anchors)
+        dense = SurfaceMap(
+            *project_to_embedding(queries, embedded, source.mesh.triangles, vertex), source.mesh.triangles
+        )
+        vertex = dense.vertex
+        pulled_back = dense.interpolate(source.basis.eigenvectors[:, :k_source])
+        functional_map = target.basis.coefficients(pulled_back)[:k_target]
+    return dense, functional_map
+
+
+def embeddings(source: Shape, target: Shape, functional_map: Floats, anchors: Anchors | None) -> tuple[Floats, Floats]:
+    """Coordinates (n_t, d) of the target's vertices and (n_s, d) of the source's, near where they correspond."""
+    k_target, k_source = functional_map.shape
+    embedded = source.basis.eigenvectors[:, :k_source] @ functional_map.T
+    if anchors is None:
+        return target.basis.eigenvectors[:, :k_target], embedded
+    return beside(target.basis.eigenvectors[:, :k_target], anchors.target), beside(embedded, anchors.source)
+
+
+def on_surfaces(pair: Pair, between: SurfaceMap, confidence: Floats) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
+    """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
+
+    Args:
+        pair: the surfaces and their shapes.
+        between: from the target shape's mesh to the source shape's.
+        confidence: (n,) of the target shape's vertices.
+
+    Returns:
+        The map, (n_t,) confidence, and what a user should know about loose parts.
+    """
+    source, target = pair.source_shape.proxy, pair.target_shape.proxy
+    between_parts = lifted(between, source, target)
+    confidence = target.place.interpolate(confidence)
+    vertex_of = target.full.vertex_of
+    inside = vertex_of >= 0
+    n = len(pair.target.vertices)
+    triangle, barycentric, trust = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
+    triangle[inside] = source.full.triangle_of[between_parts.triangle[vertex_of[inside]]]
+    barycentric[inside] = between_parts.barycentric[vertex_of[inside]]
+    trust[inside] = confidence[vertex_of[inside]]
+    outside = ~inside & np.isfinite(pair.target.vertices).all(axis=1)
+    if outside.any():
+        main = np.flatnonzero(inside[pair.target.triangles[:, 0]])
+        place, weights = closest_points(
+            pair.target.vertices[outside], pair.target.vertices, pair.target.triangles[main]
+        )
+        known = SurfaceMap(triangle, barycentric, pair.source.triangles)
+        carried = known.at(pair.source, pair.target, main[place], weights)
+        triangle[outside], barycentric[outside] = carried.triangle, carried.barycentric
+    notes = _notes_on_parts(pair, int(outside.sum()))
+    return SurfaceMap(triangle, barycentric, pair.source.triangles), trust, notes
+
+
+def _notes_on_parts(pair: Pair, outside: int) -> tuple[str, ...]:
+    notes = []
+    if outside:
+        notes.append(
+            f"{outside} vertices of the target lie off its largest part ({_loose(pair.target)}): they follow the "
+            "nearest place of that part, with no confidence."
+        )
+    if pair.source.components.max() > 0:
+        notes.append(f"The source has {_loose(pair.source)} beside its largest: nothing was matched to them.")
+    return tuple(notes)
+
+
+def _loose(surface: Surface) -> str:
+    count = int(surface.components.max())
+    return f"{count} loose part" + "s" * (count != 1)
