@@ -5,11 +5,16 @@ from zoomout_core.correspondence.matching import MatchResult, match, match_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import zoomout
 from zoomout_core.evaluation import geodesic_error
+from zoomout_core.files import read_point_cloud, read_surface
 from zoomout_core.progress import Progress, drain
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.surface import MeshError, PointCloud, Surface
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 __all__ = [
+    "Attribute",
+    "Domain",
+    "Kind",
     "MatchResult",
     "MeshError",
     "PointCloud",
@@ -24,5 +29,8 @@ __all__ = [
     "match",
     "match_steps",
     "orthonormality_error",
+    "read_point_cloud",
+    "read_surface",
+    "transfer",
     "zoomout",
 ]

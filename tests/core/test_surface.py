@@ -124,3 +124,16 @@ def test_faces_without_extent_are_left_out_of_the_working_copy() -> None:
 def test_a_tiny_point_cloud_is_refused() -> None:
     with pytest.raises(MeshError, match="at least 12"):
         PointCloud(np.zeros((5, 3)))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("downwards", [False, True])
+def test_concave_polygons_are_triangulated_whichever_way_they_face(axis: int, downwards: bool) -> None:
+    ring = np.array([[0.0, 0], [4, 0], [4, 3], [2, 1], [0, 3]])  # a notch at the top
+    flat = np.insert(ring, axis, 0.7, axis=1)
+    order = list(range(5))[:: -1 if downwards else 1]
+    surface = Surface(flat, [order])
+    areas = triangle_areas(surface.vertices, surface.triangles)
+    np.testing.assert_allclose(areas.sum(), 8, rtol=1e-12)
+    normals = triangle_normals(surface.vertices, surface.triangles)
+    assert (normals[:, axis] == normals[0, axis]).all()

@@ -1,0 +1,109 @@
+"""What may be transferred, and what a user is told otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from transfer_meshes import Sheet, identity, sheet, torus
+
+from zoomout_core.surface import MeshError
+from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Sheet:
+    return sheet(torus, 60, 40)
+
+
+VALUES = {
+    Kind.SCALAR: lambda count: np.arange(count, dtype=float),
+    Kind.VECTOR: lambda count: np.zeros((count, 3)),
+    Kind.COLOR: lambda count: np.zeros((count, 4), dtype=np.float32),
+    Kind.UV: lambda count: np.zeros((count, 2)),
+    Kind.LABEL: lambda count: np.arange(count),
+    Kind.BOOLEAN: lambda count: np.arange(count) % 2 == 0,
+    Kind.WEIGHT: lambda count: csr_array(np.full((count, 2), 0.5)),
+}
+
+
+def refused(mesh: Sheet, attribute: Attribute) -> str:
+    with pytest.raises(MeshError) as error:
+        transfer(attribute, identity(mesh.surface), mesh.surface, mesh.surface)
+    message = str(error.value)
+    assert message.endswith(".")
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("kind", RULES)
+def test_every_row_says_for_which_domains_and_counts_it_stands(mesh: Sheet, kind: Kind) -> None:
+    surface = mesh.surface
+    counts = {Domain.POINT: 2400, Domain.FACE: 2400, Domain.CORNER: 9600}
+    for domain, count in counts.items():
+        attribute = Attribute("thing", domain, kind, VALUES[kind](count))
+        if domain in RULES[kind].domains:
+            result = transfer(attribute, identity(surface), surface, surface)
+            assert result.values.shape == attribute.values.shape
+            short = Attribute("thing", domain, kind, VALUES[kind](count - 1))
+            message = refused(mesh, short)
+            assert str(count) in message
+            assert str(count - 1) in message
+        else:
+            assert "give one for each" in refused(mesh, attribute)
+
+
+def test_kinds_without_a_row_are_refused_by_naming_those_with_one(mesh: Sheet) -> None:
+    for kind in set(Kind) - set(RULES):
+        message = refused(mesh, Attribute("thing", Domain.POINT, kind, np.zeros((2400, 3))))
+        assert "'thing'" in message
+        assert kind.name.lower() in message
+        assert all(known.name.lower() in message for known in RULES)
+
+
+def test_edges_are_refused(mesh: Sheet) -> None:
+    assert "edge" in refused(mesh, Attribute("crease", Domain.EDGE, Kind.SCALAR, np.zeros(4800)))
+
+
+@pytest.mark.parametrize(
+    ("domain", "kind", "values"),
+    [
+        (Domain.POINT, Kind.SCALAR, np.zeros((2400, 2))),
+        (Domain.POINT, Kind.SCALAR, np.full(2400, "a")),
+        (Domain.POINT, Kind.VECTOR, np.zeros(2400)),
+        (Domain.POINT, Kind.COLOR, np.zeros((2400, 4), dtype=np.uint8)),
+        (Domain.CORNER, Kind.UV, np.zeros((9600, 3))),
+        (Domain.POINT, Kind.LABEL, np.zeros(2400)),
+        (Domain.POINT, Kind.BOOLEAN, np.zeros(2400, dtype=int)),
+        (Domain.POINT, Kind.WEIGHT, np.zeros((2400, 3))),
+        (Domain.POINT, Kind.SCALAR, csr_array(np.zeros((2400, 1)))),
+    ],
+)
+def test_values_of_the_wrong_shape_or_type_are_refused(mesh: Sheet, domain: Domain, kind: Kind, values: object) -> None:
+    message = refused(mesh, Attribute("thing", domain, kind, values))
+    assert RULES[kind].meaning in message
+
+
+def test_values_that_are_not_finite_are_refused_where_they_would_spread(mesh: Sheet) -> None:
+    uv = np.zeros((9600, 2))
+    uv[17] = np.nan
+    assert "not finite" in refused(mesh, Attribute("thing", Domain.CORNER, Kind.UV, uv))
+    weights = csr_array(np.full((2400, 2), np.inf))
+    assert "not finite" in refused(mesh, Attribute("thing", Domain.POINT, Kind.WEIGHT, weights))
+
+
+def test_a_map_between_other_surfaces_is_refused(mesh: Sheet) -> None:
+    other = sheet(torus, 50, 40)
+    attribute = Attribute("thing", Domain.POINT, Kind.SCALAR, np.zeros(2400))
+    with pytest.raises(MeshError, match="match these two surfaces again"):
+        transfer(attribute, identity(mesh.surface), mesh.surface, other.surface)
+    with pytest.raises(MeshError, match="match these two surfaces again"):
+        transfer(attribute, identity(other.surface), mesh.surface, other.surface)
+
+
+def test_notes_that_an_attribute_has_stay(mesh: Sheet) -> None:
+    for kind, domain in ((Kind.SCALAR, Domain.POINT), (Kind.UV, Domain.CORNER)):
+        values = VALUES[kind](2400 if domain is Domain.POINT else 9600)
+        attribute = Attribute("thing", domain, kind, values, notes=("It was painted by hand.",))
+        result = transfer(attribute, identity(mesh.surface), mesh.surface, mesh.surface)
+        assert result.notes[0] == "It was painted by hand."

@@ -1,0 +1,160 @@
+"""Skin weights: sparse, few to a vertex, and still a partition of one."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array, random_array
+from transfer_meshes import Sheet, identity, permuted, sheet, true_map, tube
+
+from zoomout_core.surface import MeshError
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+
+GRID = (120, 80)
+
+
+@pytest.fixture(scope="module")
+def source() -> Sheet:
+    return sheet(tube, *GRID)
+
+
+@pytest.fixture(scope="module")
+def target() -> Sheet:
+    return sheet(tube, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
+
+
+def chain(parameters: np.ndarray, bones: int) -> csr_array:
+    """(n, bones) weights of a chain along b: two bones to a vertex, linear between their joints."""
+    place = parameters[:, 1] * (bones - 1)
+    bone = np.minimum(np.floor(place), bones - 2).astype(int)
+    part = place - bone
+    rows = np.repeat(np.arange(len(place)), 2)
+    columns = np.stack([bone, bone + 1], axis=1).ravel()
+    weights = csr_array((np.stack([1 - part, part], axis=1).ravel(), (rows, columns)), shape=(len(place), bones))
+    weights.eliminate_zeros()
+    return weights
+
+
+def scattered(count: int, groups: int, each: int, seed: int = 0) -> csr_array:
+    """(n, groups) random weights, `each` to a vertex, that sum to one."""
+    random = np.random.default_rng(seed)
+    columns = np.argsort(random.random((count, groups)), axis=1)[:, :each]
+    data = random.dirichlet(np.full(each, 3.0), count)
+    return csr_array((data.ravel(), (np.repeat(np.arange(count), each), columns.ravel())), shape=(count, groups))
+
+
+def skinned(weights: csr_array, source: Sheet, target: Sheet, **options: object) -> csr_array:
+    names = tuple(f"bone {i}" for i in range(weights.shape[1]))
+    attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights, names)
+    surface_map = true_map(source, *GRID, target.parameters)
+    result = transfer(attribute, surface_map, source.surface, target.surface, **options)
+    assert result.labels == names
+    assert result.values.dtype == weights.dtype
+    return result.values
+
+
+def test_weights_that_are_linear_on_the_source_arrive_as_the_same_formula(source: Sheet, target: Sheet) -> None:
+    # Joints lie on rings of the source's vertices, so that no triangle bends the formula.
+    result = skinned(chain(source.parameters, 21), source, target)
+    truth = chain(target.parameters, 21).toarray()
+    truth[truth < 1e-4] = 0
+    truth /= truth.sum(axis=1, keepdims=True)
+    assert np.abs(result.toarray() - truth).max() < 1e-9
+    assert np.diff(result.indptr).max() == 2
+
+
+@pytest.mark.parametrize("limit", [1, 3, 4, None])
+def test_every_vertex_has_at_most_the_limit_and_sums_to_one(source: Sheet, target: Sheet, limit: int | None) -> None:
+    weights = scattered(len(source.parameters), 60, 4)
+    result = skinned(weights, source, target, limit=limit)
+    kept = np.diff(result.indptr)
+    assert kept.max() == (limit or 4)
+    assert result.data.min() > 0
+    assert np.abs(result.sum(axis=1) - 1).max() < 1e-12
+
+
+def test_the_largest_weights_are_the_ones_that_stay(source: Sheet, target: Sheet) -> None:
+    weights = scattered(len(source.parameters), 60, 4)
+    surface_map = true_map(source, *GRID, target.parameters)
+    full = surface_map.interpolate(weights.toarray())
+    full[full < 1e-4] = 0
+    order = np.argsort(-full, axis=1, kind="stable")[:, :3]
+    truth = np.zeros_like(full)
+    np.put_along_axis(truth, order, np.take_along_axis(full, order, axis=1), axis=1)
+    truth /= truth.sum(axis=1, keepdims=True)
+    assert np.abs(skinned(weights, source, target, limit=3).toarray() - truth).max() < 1e-12
+
+
+def test_groups_that_share_nothing_are_mixed_only(source: Sheet, target: Sheet) -> None:
+    # Eight bones and two masks, of which one is one everywhere, and the other seldom there.
+    bones = scattered(len(source.parameters), 8, 4).toarray()
+    masks = np.stack([np.ones(len(bones)), source.parameters[:, 1] > 0.7], axis=1)
+    weights = csr_array(np.concatenate([bones, masks], axis=1))
+    surface_map = true_map(source, *GRID, target.parameters)
+    for normalised in (np.arange(8), np.arange(10) < 8):
+        result = skinned(weights, source, target, normalised=normalised, limit=2).toarray()
+        expected = surface_map.interpolate(masks)
+        expected[expected < 1e-4] = 0
+        assert np.abs(result[:, 8:] - expected).max() < 1e-12
+        assert np.abs(result[:, :8].sum(axis=1) - 1).max() < 1e-12
+        assert (result[:, :8] > 0).sum(axis=1).max() == 2
+
+
+def test_unlocked_groups_share_what_locked_ones_leave(source: Sheet, target: Sheet) -> None:
+    rest = np.random.default_rng(0).uniform(0, 1, len(target.parameters))
+    rest[:10] = 0
+    result = skinned(scattered(len(source.parameters), 20, 4), source, target, total=rest)
+    assert np.abs(result.sum(axis=1) - rest).max() < 1e-12
+
+
+def test_vertices_without_weights_stay_without_and_partial_sums_stay_partial(source: Sheet, target: Sheet) -> None:
+    height = source.parameters[:, 1]
+    weights = chain(source.parameters, 21).multiply(np.where(height < 0.25, 0, np.where(height < 0.5, 0.4, 1))[:, None])
+    result = skinned(csr_array(weights), source, target).sum(axis=1)
+    row = 1 / 80
+    assert (result[target.parameters[:, 1] < 0.25 - row] == 0).all()
+    partial = (target.parameters[:, 1] > 0.25) & (target.parameters[:, 1] < 0.5 - row)
+    assert result[partial] == pytest.approx(0.4, abs=1e-3)  # less what is clipped
+    assert result[target.parameters[:, 1] > 0.5] == pytest.approx(1, abs=1e-12)
+
+
+def test_the_identity_returns_the_weights(source: Sheet) -> None:
+    for dtype, rounding in ((np.float64, 1e-12), (np.float32, 1e-6)):
+        weights = scattered(len(source.parameters), 60, 4)
+        weights.data[:] = np.round(weights.data.reshape(-1, 4) * 64).clip(1).ravel() / 64  # nothing to clip
+        weights = csr_array(weights / weights.sum(axis=1)[:, None]).astype(dtype)
+        attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights)
+        result = transfer(attribute, identity(source.surface), source.surface, source.surface).values
+        assert abs(result - weights).max() < rounding
+
+
+def test_the_order_of_the_targets_vertices_only_reorders_the_rows(source: Sheet, target: Sheet) -> None:
+    weights = scattered(len(source.parameters), 60, 4)
+    other, old = permuted(target)
+    one, two = (skinned(weights, source, mesh) for mesh in (target, other))
+    assert abs(two - one[old]).max() < 1e-12
+
+
+def test_memory_stays_sparse() -> None:
+    source, target = sheet(tube, *GRID), sheet(tube, 400, 250)
+    groups = 5000  # dense: four gigabytes
+    count = len(source.parameters)
+    weights = csr_array(random_array((count, groups), density=4 / groups, format="csr", rng=np.random.default_rng(0)))
+    surface_map = true_map(source, *GRID, target.parameters)
+    attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights)
+    tracemalloc.start()
+    transfer(attribute, surface_map, source.surface, target.surface)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 300e6
+
+
+def test_wrong_options_are_refused_in_one_sentence(source: Sheet, target: Sheet) -> None:
+    weights = scattered(len(source.parameters), 8, 4)
+    with pytest.raises(MeshError, match="limit of 0"):
+        skinned(weights, source, target, limit=0)
+    for wrong in ([8], [-1], np.ones(7, dtype=bool)):
+        with pytest.raises(MeshError, match="8 groups"):
+            skinned(weights, source, target, normalised=wrong)

@@ -1,0 +1,53 @@
+"""Data on a mesh, neutral to the program that it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any
+
+
+class Domain(Enum):
+    """What an attribute has one value for each of."""
+
+    POINT = auto()
+    EDGE = auto()
+    FACE = auto()
+    CORNER = auto()
+
+
+class Kind(Enum):
+    """How values may be mixed; the rules stand in `rules.RULES`."""
+
+    SCALAR = auto()
+    VECTOR = auto()
+    DIRECTION = auto()
+    COLOR = auto()
+    UV = auto()
+    QUATERNION = auto()
+    MATRIX = auto()
+    LABEL = auto()
+    BOOLEAN = auto()
+    WEIGHT = auto()
+    OFFSET = auto()
+
+
+@dataclass(frozen=True, eq=False)
+class Attribute:
+    """A named array over the points, edges, faces or corners of a mesh.
+
+    Attributes:
+        name: as the user knows it.
+        domain: what has a value each.
+        kind: what the values mean, and so how they may be mixed.
+        values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array.
+        labels: names of the columns, where they have names (vertex groups).
+        notes: what the user should know about how the values came about, a sentence each.
+    """
+
+    name: str
+    domain: Domain
+    kind: Kind
+    values: Any
+    labels: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,121 @@
+"""The target, laid onto the source by a map: where its vertices, corners and faces come to lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_areas
+from zoomout_core.transfer.cut import CutSurface, cut_open, nearer_than, ragged
+
+# A corner's side of an edge of the source is asked for this far into the face.
+NUDGE = 0.25
+# The middles of the four parts that the midpoints of its edges divide a triangle into.
+SAMPLES = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
+# What a sample without confidence counts for, and one without area (of the mean area of triangles).
+LEAST_CONFIDENCE = 1e-3
+LEAST_AREA = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points spread evenly over faces of the target, and where they lie on the source; ordered by face.
+
+    Attributes:
+        face: (q,) the target's face that each belongs to.
+        triangle: (q,) the source's triangle that each lies in.
+        barycentric: (q, 3) the point in it.
+        area: (q,) the area that each stands for.
+        weight: (q,) the area, weighted by confidence.
+    """
+
+    face: Integers
+    triangle: Integers
+    barycentric: Floats
+    area: Floats
+    weight: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Draped:
+    """The target draped over the source.
+
+    Attributes:
+        source: the surface that gives.
+        target: the surface that receives.
+        surface_map: where each target vertex lies on the source.
+        confidence: (n_t,) how far the map is to be trusted, in [0, 1].
+    """
+
+    source: Surface
+    target: Surface
+    surface_map: SurfaceMap
+    confidence: Floats
+
+    @cached_property
+    def points(self) -> Floats:
+        """(n_t, 3) the points of the source that the target's vertices lie on."""
+        return self.surface_map.interpolate(self.source.vertices)
+
+    @cached_property
+    def whole(self) -> CutSurface:
+        """The source without any cut."""
+        return cut_open(self.source, np.zeros((len(self.source.corner_vertex), 1)))
+
+    def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
+        """Where points of the target lie on the source: the images of the corners, mixed in space.
+
+        Unlike `SurfaceMap.at` this goes there from the nearest corner's image along the surface, so it does
+        not fall through thin walls, and does not search the whole source.
+
+        Args:
+            triangle: (q,) target triangles.
+            barycentric: (q, 3) the points in them.
+
+        Returns:
+            (q,) source triangles and (q, 3) barycentric coordinates in them.
+        """
+        corners = self.target.triangles[triangle]
+        nearest = corners[np.arange(len(corners)), np.argmax(barycentric, axis=1)]
+        points = np.einsum("qc,qcx->qx", barycentric, self.points[corners])
+        found, weights, _ = self.whole.walk(self.surface_map.triangle[nearest], points)
+        return found, weights
+
+    def samples(self, faces: Integers) -> Samples:
+        """Four samples to each triangle of some faces (f,), which are in rising order."""
+        target = self.target
+        of_face = np.argsort(target.triangle_face, kind="stable")
+        start = np.searchsorted(target.triangle_face[of_face], faces)
+        end = np.searchsorted(target.triangle_face[of_face], faces, side="right")
+        face, triangle = ragged(faces, start, end, of_face)
+        area = triangle_areas(target.vertices, target.triangles[triangle]) / len(SAMPLES)
+        area += LEAST_AREA * target.area / len(target.triangles)
+        face, triangle, area = (np.repeat(array, len(SAMPLES)) for array in (face, triangle, area))
+        barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
+        confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
+        return Samples(face, *self.locate(triangle, barycentric), area, area * (confidence + LEAST_CONFIDENCE))
+
+    def nudged(self, corners: Integers) -> tuple[Integers, Floats]:
+        """Where corners (q,) of the target lie on the source if they are moved into their faces a little."""
+        target = self.target
+        largest = np.argsort(triangle_areas(target.vertices, target.triangles), kind="stable")
+        in_triangle = np.empty(len(target.corner_vertex), dtype=np.int64)
+        in_triangle[target.triangle_corners[largest].ravel()] = np.repeat(largest, 3)
+        triangle = in_triangle[corners]
+        here = target.triangle_corners[triangle] == corners[:, None]
+        return self.locate(triangle, np.where(here, 1 - NUDGE, 0) + NUDGE / 3)
+
+    def near_border(self, cut: CutSurface) -> Booleans:
+        """(f_t,) whether a face of the target might lie across a cut of the source."""
+        target = self.target
+        begin, size = target.face_start[:-1], np.diff(target.face_start)
+        corner_points = self.points[target.corner_vertex]
+        centre = np.add.reduceat(corner_points, begin) / size[:, None]
+        reach = np.linalg.norm(corner_points - np.repeat(centre, size, axis=0), axis=1)
+        border = self.source.vertices[self.source.corner_vertex[cut.border]]
+        island = cut.triangle_island[self.surface_map.triangle[target.corner_vertex]]
+        torn = np.minimum.reduceat(island, begin) < np.maximum.reduceat(island, begin)
+        return torn | nearer_than(centre, np.maximum.reduceat(reach, begin), border[:, 0], border[:, 1])

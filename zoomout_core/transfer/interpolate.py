@@ -1,0 +1,108 @@
+"""Values at points, faces and corners of the target, mixed from those around where it lies on the source.
+
+Numbers are mixed linearly by barycentric weights, faces by area; labels are voted on by the same weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from zoomout_core.surface import Floats, Integers
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.cut import adjacent_edges, cut_open, edge_lengths
+from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.voting import LOYALTY, circumference, elect, tally
+
+
+def mix_points(attribute: Attribute, draped: Draped) -> Attribute:
+    """Values (n, ...) at vertices."""
+    return _mixed(attribute, draped.surface_map.interpolate(_floats(attribute)))
+
+
+def mix_faces(attribute: Attribute, draped: Draped) -> Attribute:
+    """Values (f, ...) of faces: means of samples over the area that a face covers."""
+    values = _floats(attribute)
+    samples = draped.samples(np.arange(len(draped.target.face_start) - 1))
+    covered = coo_array(
+        (samples.area, (samples.face, draped.source.triangle_face[samples.triangle])),
+        shape=(len(draped.target.face_start) - 1, len(values)),
+    ).tocsr()
+    mean = (covered @ values.reshape(len(values), -1)) / covered.sum(axis=1).reshape(-1, 1)
+    return _mixed(attribute, mean.reshape(-1, *values.shape[1:]))
+
+
+def mix_corners(attribute: Attribute, draped: Draped) -> Attribute:
+    """Values (c, ...) at face corners, which jump where the source's values jump from face to face.
+
+    A corner takes the side that its face lies on, and the value as near to it as that side reaches.
+    """
+    values = _floats(attribute)
+    target, corners_of = draped.target, draped.source.triangle_corners
+    triangle = draped.surface_map.triangle[target.corner_vertex]
+    barycentric = draped.surface_map.barycentric[target.corner_vertex]
+    cut = cut_open(draped.source, values.reshape(len(values), -1))
+    near = np.flatnonzero(draped.near_border(cut)[target.corner_face])
+    start, _ = draped.nudged(near)
+    triangle[near], barycentric[near], _ = cut.walk(start, draped.points[target.corner_vertex[near]])
+    return _mixed(attribute, np.einsum("ck,ck...->c...", barycentric, values[corners_of[triangle]]))
+
+
+def vote_points(attribute: Attribute, draped: Draped) -> Attribute:
+    """Labels at vertices: the one with the largest barycentric weight."""
+    code, distinct = _coded(attribute)
+    winner = _heaviest(
+        code[draped.surface_map.source_triangles[draped.surface_map.triangle]], draped.surface_map.barycentric
+    )
+    return replace(attribute, values=distinct[winner])
+
+
+def vote_corners(attribute: Attribute, draped: Draped) -> Attribute:
+    """Labels at face corners, read a little inside the face."""
+    code, distinct = _coded(attribute)
+    triangle, barycentric = draped.nudged(np.arange(len(draped.target.corner_vertex)))
+    return replace(attribute, values=distinct[_heaviest(code[draped.source.triangle_corners[triangle]], barycentric)])
+
+
+def vote_faces(attribute: Attribute, draped: Draped) -> Attribute:
+    """Labels of faces: a vote of samples, by area and confidence; in doubt borders are kept short."""
+    code, distinct = _coded(attribute)
+    target = draped.target
+    samples = draped.samples(np.arange(len(target.face_start) - 1))
+    candidates, label = tally(samples.face, code[draped.source.triangle_face[samples.triangle]], samples.weight)
+    edges, opposite = candidates.contested(*adjacent_edges(target), target.corner_face)
+    edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
+    chosen = elect(
+        candidates,
+        LOYALTY * circumference(target),
+        first,
+        second,
+        edge_lengths(target.vertices[target.corner_vertex], edges)[edge],
+        label[first] == label[second],
+    )
+    return replace(attribute, values=distinct[label[chosen]])
+
+
+def _floats(attribute: Attribute) -> Floats:
+    return np.asarray(attribute.values, dtype=np.float64)
+
+
+def _mixed(attribute: Attribute, values: Floats) -> Attribute:
+    """The attribute with new values; floats keep their precision, integers have become floats."""
+    dtype = np.asarray(attribute.values).dtype
+    return replace(attribute, values=values.astype(dtype) if dtype.kind == "f" else values)
+
+
+def _coded(attribute: Attribute) -> tuple[Integers, np.ndarray]:
+    """Values as numbers (count,) into the distinct values."""
+    values = np.asarray(attribute.values)
+    distinct, code = np.unique(values, axis=0 if values.ndim > 1 else None, return_inverse=True)
+    return code.reshape(-1), distinct
+
+
+def _heaviest(code: Integers, weight: Floats) -> Integers:
+    """(q,) the code of three (q, 3) whose weights, added where codes are equal, are largest."""
+    votes = ((code[:, :, None] == code[:, None, :]) * weight[:, None, :]).sum(axis=2)
+    return code[np.arange(len(code)), np.argmax(votes, axis=1)]

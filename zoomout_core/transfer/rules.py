@@ -1,0 +1,156 @@
+"""The rules of transfer: one row for each kind of value, saying how it may be mixed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.sparse import issparse
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Floats, MeshError, Surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.interpolate import (
+    mix_corners,
+    mix_faces,
+    mix_points,
+    vote_corners,
+    vote_faces,
+    vote_points,
+)
+from zoomout_core.transfer.uv import transfer_uv
+from zoomout_core.transfer.weights import mix_weights
+
+
+class Match(Protocol):
+    """What a match gives: the map, and how far to trust it."""
+
+    @property
+    def surface_map(self) -> SurfaceMap: ...
+
+    @property
+    def confidence(self) -> Floats: ...
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How values of one kind are transferred, and what they must look like.
+
+    Attributes:
+        domains: for each domain the function (attribute, draped, **options) -> attribute on the target.
+        widths: how many columns values may have; 0 stands for values without a second axis.
+        dtypes: numpy's letters for the types that values may have.
+        meaning: the same in words, for the user.
+        finite: whether values must be finite.
+        sparse: whether values must be a sparse array.
+    """
+
+    domains: Mapping[Domain, Callable[..., Attribute]]
+    widths: range
+    dtypes: str
+    meaning: str
+    finite: bool = False
+    sparse: bool = False
+
+
+MIXED = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corners}
+VOTED = {Domain.POINT: vote_points, Domain.FACE: vote_faces, Domain.CORNER: vote_corners}
+ANY = 1 << 30
+
+RULES: dict[Kind, Rule] = {
+    Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each"),
+    Kind.VECTOR: Rule(MIXED, range(1, ANY), "fiu", "a row of numbers each"),
+    Kind.COLOR: Rule(MIXED, range(3, 5), "f", "three or four scene-linear floats each"),
+    Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", finite=True),
+    Kind.LABEL: Rule(VOTED, range(ANY), "iuUSO", "integers or strings"),
+    Kind.BOOLEAN: Rule(VOTED, range(1), "b", "true or false each"),
+    Kind.WEIGHT: Rule(
+        {Domain.POINT: mix_weights},
+        range(1, ANY),
+        "f",
+        "a scipy.sparse array of floats",
+        finite=True,
+        sparse=True,
+    ),
+}
+
+
+def transfer(
+    attribute: Attribute, result: Match | SurfaceMap, source: Surface, target: Surface, **options: Any
+) -> Attribute:
+    """An attribute of the source, on the target.
+
+    Args:
+        attribute: on the source.
+        result: the match, or only its map, of each target vertex to a point of the source.
+        source: the surface that has the attribute.
+        target: the surface that receives it.
+        options: of the attribute's kind; for weights see `weights.mix_weights`.
+
+    Returns:
+        The attribute with values for the target; its notes say what the user should look at.
+
+    Raises:
+        MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map
+            is of other surfaces.
+    """
+    rule = _rule(attribute)
+    _check_values(attribute, rule, source)
+    surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
+    confidence = np.ones(len(target.vertices)) if isinstance(result, SurfaceMap) else np.asarray(result.confidence)
+    _check_map(surface_map, confidence, source, target)
+    draped = Draped(source, target, surface_map, confidence)
+    return rule.domains[attribute.domain](attribute, draped, **options)
+
+
+def _rule(attribute: Attribute) -> Rule:
+    kind, domain = attribute.kind.name.lower(), attribute.domain.name.lower()
+    if attribute.kind not in RULES:
+        able = ", ".join(known.name.lower() for known in RULES)
+        raise MeshError(f"'{attribute.name}' is a {kind}, which cannot be transferred yet; these can: {able}.")
+    rule = RULES[attribute.kind]
+    if attribute.domain not in rule.domains:
+        able = " or ".join(known.name.lower() for known in rule.domains)
+        raise MeshError(
+            f"'{attribute.name}' has a {kind} for each {domain}, which cannot be transferred yet; "
+            f"give one for each {able}."
+        )
+    return rule
+
+
+def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
+    name, domain = attribute.name, attribute.domain
+    values: Any = attribute.values if issparse(attribute.values) else np.asarray(attribute.values)
+    needs = f"the kind {attribute.kind.name.lower()} needs {rule.meaning}"
+    if issparse(values) != rule.sparse:
+        raise MeshError(f"'{name}' has a {type(attribute.values).__name__} of values, but {needs}.")
+    count = {
+        Domain.POINT: len(source.vertices),
+        Domain.FACE: len(source.face_start) - 1,
+        Domain.CORNER: len(source.corner_vertex),
+    }[domain]
+    given, *columns = values.shape or (1,)
+    if given != count:
+        unit = domain.name.lower()
+        raise MeshError(f"'{name}' has {given} values for {count} {unit}s of the source: give one for each.")
+    if len(columns) > 1 or sum(columns) not in rule.widths or values.dtype.kind not in rule.dtypes:
+        raise MeshError(f"'{name}' has values of type {values.dtype} and shape {values.shape}, but {needs}.")
+    if rule.finite and not np.isfinite(values.data if rule.sparse else values).all():
+        raise MeshError(f"'{name}' has values that are not finite: correct them.")
+
+
+def _check_map(surface_map: SurfaceMap, confidence: Floats, source: Surface, target: Surface) -> None:
+    vertices, triangles = len(target.vertices), len(source.triangles)
+    if len(surface_map.triangle) != vertices or confidence.shape != (vertices,):
+        raise MeshError(
+            f"The map is for {len(surface_map.triangle)} vertices, but the target has {vertices}: "
+            "match these two surfaces again."
+        )
+    if len(surface_map.source_triangles) != triangles:
+        raise MeshError(
+            f"The map leads to {len(surface_map.source_triangles)} triangles, but the source has {triangles}: "
+            "match these two surfaces again."
+        )

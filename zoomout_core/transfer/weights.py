@@ -1,0 +1,119 @@
+"""Skin weights: sparse mixtures of many groups, of which a vertex belongs to a few."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+
+from zoomout_core.surface import Booleans, Floats, MeshError
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.draped import Draped
+
+# Weights below this move nothing that can be seen, but count towards the limit.
+CLIP = 1e-4
+# Weights that sum to one up to rounding are meant to.
+SUM_TOLERANCE = 0.01
+
+
+def mix_weights(
+    attribute: Attribute,
+    draped: Draped,
+    *,
+    normalised: ArrayLike | None = None,
+    limit: int | None = None,
+    total: ArrayLike | None = None,
+) -> Attribute:
+    """Weights (n, groups) at vertices, sparse throughout.
+
+    Weights below 1e-4 are dropped. Of the `normalised` groups each vertex keeps the `limit` largest, scaled
+    to sum to one where the source's do, or to `total`; other groups are mixed only. Vertices without any
+    weight stay without.
+
+    Args:
+        attribute: values are a sparse (n_s, groups) array.
+        draped: the target on the source.
+        normalised: (groups,) mask, or column numbers, of the groups that share a vertex among them: those
+            that deform and are not locked. All, when not given.
+        limit: how many of these a vertex may have; the most that one has on the source, when not given.
+        total: (n_t,) or a number: what these sum to on each vertex that has any. Vertices of locked groups
+            have less than one to give away.
+
+    Raises:
+        MeshError: the limit is below one, or `normalised` does not fit the groups.
+    """
+    weights = csr_array(attribute.values)
+    weights = weights.astype(np.promote_types(weights.dtype, np.float64))
+    shared = _column_mask(normalised, weights.shape[1])
+    if limit is None:
+        counted = shared[weights.indices] & (weights.data >= CLIP)
+        limit = int(np.bincount(_rows(weights)[counted], minlength=1).max())
+    elif limit < 1:
+        raise MeshError(f"A limit of {limit} weights to a vertex leaves none: give 1 or more.")
+
+    mixing = _mixing_matrix(draped)
+    mixed = csr_array(mixing @ weights)
+    sums = mixing @ (weights @ shared.astype(float))
+    mixed.data[mixed.data < CLIP] = 0
+    mixed.eliminate_zeros()
+    _keep_largest(mixed, shared, limit)
+    _rescale(mixed, shared, sums, total)
+    mixed.sort_indices()
+    return replace(attribute, values=mixed.astype(attribute.values.dtype))
+
+
+def _column_mask(columns: ArrayLike | None, count: int) -> Booleans:
+    mask = np.ones(count, dtype=bool)
+    if columns is None:
+        return mask
+    chosen = np.asarray(columns)
+    if chosen.dtype == bool and chosen.shape == mask.shape:
+        return chosen
+    if chosen.dtype == bool or (chosen.size and not (chosen.min() >= 0 and chosen.max() < count)):
+        raise MeshError(f"`normalised` must be a mask or numbers of the {count} groups.")
+    mask[:] = False
+    mask[chosen.astype(np.int64)] = True
+    return mask
+
+
+def _mixing_matrix(draped: Draped) -> Any:
+    """(n_t, n_s) sparse: row i holds the barycentric weights of target vertex i."""
+    surface_map = draped.surface_map
+    count = len(surface_map.triangle)
+    vertices = surface_map.source_triangles[surface_map.triangle]
+    return csr_array(
+        (surface_map.barycentric.ravel(), vertices.ravel(), np.arange(0, 3 * count + 1, 3)),
+        shape=(count, len(draped.source.vertices)),
+    )
+
+
+def _rows(matrix: Any) -> np.ndarray:
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+
+
+def _keep_largest(weights: Any, shared: Booleans, limit: int) -> None:
+    """Drop all but the largest weights of each row in the shared columns; the first of equals stay."""
+    rows = _rows(weights)
+    counts = shared[weights.indices]
+    crowded = np.bincount(rows[counts], minlength=weights.shape[0]) > limit
+    entries = np.flatnonzero(counts & crowded[rows])
+    entries = entries[np.lexsort((weights.indices[entries], -weights.data[entries], rows[entries]))]
+    row = rows[entries]
+    begin = np.flatnonzero(np.diff(row, prepend=-1))
+    rank = np.arange(len(row)) - np.repeat(begin, np.diff(begin, append=len(row)))
+    weights.data[entries[rank >= limit]] = 0
+    weights.eliminate_zeros()
+
+
+def _rescale(weights: Any, shared: Booleans, sums: Floats, total: ArrayLike | None) -> None:
+    """Scale the shared columns in place, to `total`, or to one in rows that summed to one before the cuts."""
+    rows = _rows(weights)
+    counts = shared[weights.indices]
+    kept = np.bincount(rows[counts], weights.data[counts], minlength=weights.shape[0])
+    wanted = np.where(np.abs(sums - 1) < SUM_TOLERANCE, 1.0, kept) if total is None else total
+    factor = np.divide(wanted, kept, out=np.ones_like(kept), where=kept > 0)
+    weights.data[counts] *= factor[rows[counts]]
+    weights.eliminate_zeros()
