@@ -19,6 +19,8 @@ from zoomout_core.surface import Floats, Surface
 
 # Rounds on all vertices, each near the last one's images: they take back most of what sampling has cost.
 FINISHING = 3
+# Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
+VERTICES_PER_FUNCTION = 16
 
 
 def dense_steps(
@@ -26,7 +28,8 @@ def dense_steps(
 ) -> Generator[float, None, tuple[SurfaceMap, Floats]]:
     """ZoomOut to the final size on all samples, then a precise point for every vertex of the target's mesh."""
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
-    size = min(pair.k_final, available)
+    resolved = min(len(source.mesh.vertices), len(target.mesh.vertices)) // VERTICES_PER_FUNCTION
+    size = min(pair.k_final, available, max(SCREENING_SIZE, resolved))
     start = min(SCREENING_SIZE, size, *functional_map.shape)
     at_samples = None if anchors is None else anchors.at(source.sampled.samples, target.sampled.samples)
     yield 0.0

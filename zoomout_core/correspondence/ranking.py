@@ -23,8 +23,9 @@ from zoomout_core.surface import Floats, Integers
 SCREENING_SIZE = 30
 RANKING_SIZE = 60
 REVERSE_START = 16
-# Survivors of the screening, for each of the two orientations.
-KEPT = 10
+# Survivors of the screening, for each of the two orientations: of the hypotheses that anchors hold in place,
+# which commute worse with the Laplacians and yet are right where shapes are far from isometric, and of the others.
+KEPT_ANCHORED, KEPT_FREE = 8, 6
 # A map whose normals agree with the target's less than this, either way, is neither direct nor a mirror image.
 CLEAR_ORIENTATION = 0.2
 # Maps closer than this part of the variance of biharmonic coordinates are the same map.
@@ -80,11 +81,11 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
         screened.append(_screen(hypothesis, source, target))
         yield 0.6 * (i + 1) / len(hypotheses)
     screened.sort(key=lambda entry: entry.cost)
-    kept = []
+    kept: list[_Screened] = []
     for sign in (1, -1):
-        kept += _distinct([entry for entry in screened if sign * entry.orientation > CLEAR_ORIENTATION], KEPT)
+        kept += _best_of([entry for entry in screened if sign * entry.orientation > CLEAR_ORIENTATION])
     if not kept:  # as on surfaces that cannot be oriented
-        kept = _distinct(screened, KEPT)
+        kept = _best_of(screened)
     candidates = []
     for i, entry in enumerate(kept):
         candidates.append(_candidate(entry, source, target))
@@ -167,14 +168,17 @@ def _screen(hypothesis: Hypothesis, source: Shape, target: Shape) -> _Screened:
     )
 
 
-def _distinct(entries: list[_Screened], most: int) -> list[_Screened]:
+def _best_of(entries: list[_Screened]) -> list[_Screened]:
+    """The first distinct ones of both sorts, from entries in the order of their cost."""
     kept: list[_Screened] = []
+    room = {True: KEPT_ANCHORED, False: KEPT_FREE}
     for entry in entries:
+        anchored = entry.hypothesis.anchors is not None
         spread = ((entry.place - entry.place.mean(axis=0)) ** 2).sum()
-        if all(((entry.place - other.place) ** 2).sum() > SAME_MAP * spread for other in kept):
+        known = any(((entry.place - other.place) ** 2).sum() <= SAME_MAP * spread for other in kept)
+        if room[anchored] and not known:
+            room[anchored] -= 1
             kept.append(entry)
-        if len(kept) == most:
-            break
     return kept
 
 
