@@ -1,0 +1,24 @@
+"""Attribute transfer between meshes of different poses and topologies, as an extension."""
+
+import bpy
+
+from .operators.match import ZOOMOUT_OT_match
+from .operators.transfer import ZOOMOUT_OT_transfer
+from .panels import ZOOMOUT_PT_match, ZOOMOUT_PT_transfer
+from .properties import ZOOMOUT_PG_settings
+
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (ZOOMOUT_PG_settings, ZOOMOUT_OT_match, ZOOMOUT_OT_transfer, ZOOMOUT_PT_match, ZOOMOUT_PT_transfer)
+)
+
+
+def register() -> None:
+    """Make the operators, the panels and the scene's settings known to Blender."""
+    _register_classes()
+    bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
+
+
+def unregister() -> None:
+    """Take them away again."""
+    del bpy.types.Scene.zoomout
+    _unregister_classes()

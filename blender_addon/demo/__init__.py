@@ -1,0 +1,227 @@
+"""The demo: build a character, pose and remesh it, match, transfer, and measure against the known truth."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import bpy
+import numpy as np
+import scipy
+
+import zoomout_core as zo
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Floats
+
+from .. import mesh_data, register, stored_match, unregister
+from ..operators.transfer import transfer_report
+from ..pair import read_pair
+from . import picture
+from .baseline import KINDS, transfer_best
+from .character import build_character, select_only
+from .target import posed_copy, relax, remeshed, strike
+from .truth import Truth, correspondence_error, find_truth, torn_faces, unweighted_vertices
+
+UNITS = {
+    "uv": "widths of the atlas",
+    "weights": "sum of absolute differences, at most 2",
+    "color": "distance in linear RGB",
+    "correspondence": "distance at rest over the square root of the area",
+}
+
+
+class Size(NamedTuple):
+    """How large the demo is.
+
+    Attributes:
+        cell: about the length of an edge of the character, in metres.
+        voxel: size of the voxels that its posed copy is rebuilt from.
+        target_vertices: about how many vertices the target has.
+        width: of the picture, in pixels.
+        samples: light paths that are followed from each pixel.
+    """
+
+    cell: float = 0.0134
+    voxel: float = 0.0125
+    target_vertices: int = 14000
+    width: int = 1600
+    samples: int = 24
+
+
+FULL_SIZE = Size()
+
+
+class Cast(NamedTuple):
+    """The objects of the demo, lying over each other, and what is known about them.
+
+    Attributes:
+        character: the source, at rest.
+        armature: its armature.
+        target: the posed and remeshed copy, which receives our transfer.
+        rival: the same mesh once more, which receives Data Transfer's.
+        source_surface: the character's surface.
+        target_surface: the target's.
+        truth: what should arrive.
+    """
+
+    character: bpy.types.Object
+    armature: bpy.types.Object
+    target: bpy.types.Object
+    rival: bpy.types.Object
+    source_surface: zo.Surface
+    target_surface: zo.Surface
+    truth: Truth
+
+
+def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
+    """Run the demo in Blender's current session, which it empties first.
+
+    Args:
+        output: folder that demo.blend, demo.png and report.json are written to.
+        size: how large to make it.
+
+    Returns:
+        What is in report.json; `summary` says it in words.
+    """
+    output = output.resolve()
+    output.mkdir(parents=True, exist_ok=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    seconds: dict[str, float] = {}
+    with _registered(), _timed(seconds, "total"):
+        with _timed(seconds, "build"):
+            cast = make_cast(size)
+        with _timed(seconds, "match"):
+            select_only(cast.target, cast.character)
+            bpy.ops.zoomout.match()
+        with _timed(seconds, "transfer"):
+            bpy.ops.zoomout.transfer()
+        with _timed(seconds, "data_transfer_mappings"):
+            mappings = transfer_best(cast.character, cast.rival, cast.truth)
+        report = {
+            "versions": _versions(),
+            "vertices": {
+                "source": len(cast.character.data.vertices),
+                "target": len(cast.target.data.vertices),
+                "target_of_uncertain_truth": int((~cast.truth.known).sum()),
+            },
+            "errors": errors(cast),
+            "units": UNITS,
+            "data_transfer_mappings": mappings,
+            "torn_faces": {
+                "of": len(cast.target.data.polygons),
+                "zoomout": torn_faces(cast.target, cast.target_surface, cast.truth),
+                "data_transfer": torn_faces(cast.rival, cast.target_surface, cast.truth),
+            },
+            "unweighted_vertices": {
+                "zoomout": unweighted_vertices(cast.target),
+                "data_transfer": unweighted_vertices(cast.rival),
+            },
+            "transfer": transfer_report(cast.target),
+            "seconds": seconds,
+        }
+        with _timed(seconds, "picture"):
+            picture.arrange(cast.character, cast.armature, cast.target, cast.rival, report)
+            bpy.ops.wm.save_as_mainfile(filepath=str(output / "demo.blend"), compress=True)
+            picture.render(output / "demo.png", size.width, size.samples)
+    (output / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    return report
+
+
+def summary(report: dict[str, Any]) -> list[str]:
+    """What a report says, a line each."""
+    vertices, seconds, torn = report["vertices"], report["seconds"], report["torn_faces"]
+    lines = [
+        f"Matched {vertices['target']:,} vertices in a new pose with a character of {vertices['source']:,} "
+        f"in {seconds['match']:.1f} s, and transferred its data in {seconds['transfer']:.1f} s.",
+        f"{'mean error':16}{'ZoomOut':>10}{'Data Transfer':>16}{'times better':>15}",
+    ]
+    for name, error in report["errors"].items():
+        ours, theirs = error["zoomout"]["mean"], error["data_transfer"]["mean"]
+        lines.append(f"{name:16}{ours:10.4f}{theirs:16.4f}{error['times_better_on_average']:15.1f}   {UNITS[name]}")
+    return [*lines, f"{'torn faces':16}{torn['zoomout']:10}{torn['data_transfer']:16}   of {torn['of']:,}"]
+
+
+def make_cast(size: Size) -> Cast:
+    """Build the character, and from it the target, twice, and keep what should arrive there."""
+    character, armature = build_character(size.cell)
+    strike(armature)
+    posed = posed_copy(character)
+    target = remeshed(posed, size.voxel, size.target_vertices)
+    posed_positions = mesh_data.read_positions(posed.data).astype(float)
+    bpy.data.meshes.remove(posed.data)
+    relax(armature)
+
+    rival = target.copy()
+    rival.data = target.data.copy()
+    target.name, rival.name = "ZoomOut", "Data Transfer"
+    bpy.context.scene.collection.objects.link(rival)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    source_surface = mesh_data.read_source_surface(character, depsgraph)
+    target_surface = mesh_data.read_target_surface(target, depsgraph)
+    truth = find_truth(character, source_surface, posed_positions, target_surface)
+    return Cast(character, armature, target, rival, source_surface, target_surface, truth)
+
+
+def errors(cast: Cast) -> dict[str, Any]:
+    """How far both transfers and the maps under them are off: statistics of each, and how many times ours beats."""
+    found = {
+        name: (kind.error(cast.target, cast.truth), kind.error(cast.rival, cast.truth)) for name, kind in KINDS.items()
+    }
+    pair = read_pair(bpy.context, cast.character.name, cast.target.name)
+    match = stored_match.read(cast.target.data, pair)
+    assert match is not None, "the match was just written"
+    source, target = cast.source_surface, cast.target_surface
+    in_space = zo.SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
+    found["correspondence"] = (
+        correspondence_error(match.surface_map, cast.truth, source),
+        correspondence_error(in_space, cast.truth, source),
+    )
+    return {name: _compared(ours, theirs) for name, (ours, theirs) in found.items()}
+
+
+def _compared(ours: Floats, theirs: Floats) -> dict[str, Any]:
+    both = {"zoomout": _statistics(ours), "data_transfer": _statistics(theirs)}
+    # A median may be zero where colours are flat; the mean never is.
+    return {**both, "times_better_on_average": both["data_transfer"]["mean"] / both["zoomout"]["mean"]}
+
+
+def _statistics(values: Floats) -> dict[str, float]:
+    return {
+        "mean": float(values.mean()),
+        "median": float(np.median(values)),
+        "p95": float(np.percentile(values, 95)),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "blender": bpy.app.version_string,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    start = perf_counter()
+    yield
+    seconds[name] = round(perf_counter() - start, 2)
+
+
+@contextmanager
+def _registered() -> Iterator[None]:
+    """The add-on's operators, for as long as they are needed, where they are not there already."""
+    if hasattr(bpy.types.Scene, "zoomout"):
+        yield
+        return
+    register()
+    try:
+        yield
+    finally:
+        unregister()

@@ -1,0 +1,107 @@
+"""Operators whose work is a generator: with a window it runs in slices that ESC can end, else straight through."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import bpy
+from bpy.types import Context, Event, Object, Operator
+
+import zoomout_core as zo
+from zoomout_core.progress import Progress, Steps, drain
+
+# Seconds of work between two looks at the keyboard.
+SLICE = 0.1
+
+
+class SteppedOperator(Operator):
+    """The base of operators that give `steps`, a generator of Progress that returns a sentence for the user."""
+
+    def steps(self, context: Context) -> Steps[str]:
+        """The work; it writes only after its last yield."""
+        raise NotImplementedError
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active object can receive data."""
+        obstacle = _obstacle(context.active_object, context.mode)
+        if obstacle:
+            cls.poll_message_set(obstacle)
+        return not obstacle
+
+    def execute(self, context: Context) -> set[str]:
+        """Run to the end."""
+        try:
+            return self._finished(drain(self.steps(context)))
+        except zo.MeshError as error:
+            return self._failed(error)
+
+    def invoke(self, context: Context, event: Event) -> set[str]:
+        """Begin to work in slices, or run to the end where there is no window to watch."""
+        if bpy.app.background or context.window is None:
+            return self.execute(context)
+        self._steps = self.steps(context)
+        self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: Context, event: Event) -> set[str]:
+        """Work for a slice at each tick of the timer; ESC ends it."""
+        if event.type == "ESC":
+            self.cancel(context)
+            self.report({"INFO"}, "Cancelled; nothing was changed")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        try:
+            progress = work_for(self._steps, SLICE)
+        except StopIteration as finished:
+            result = self._finished(finished.value)
+        except zo.MeshError as error:
+            result = self._failed(error)
+        except BaseException:
+            self.cancel(context)
+            raise
+        else:
+            context.workspace.status_text_set(f"{progress.stage}: {progress.fraction:.0%} (ESC cancels)")
+            return {"RUNNING_MODAL"}
+        self.cancel(context)
+        return result
+
+    def cancel(self, context: Context) -> None:
+        """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
+        self._steps.close()
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+
+    def _finished(self, message: str) -> set[str]:
+        self.report({"INFO"}, message)
+        return {"FINISHED"}
+
+    def _failed(self, error: zo.MeshError) -> set[str]:
+        self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+
+
+def _obstacle(target: Object | None, mode: str) -> str:
+    if target is None or target.type != "MESH":
+        return "Make the mesh active that is to receive the data"
+    if mode != "OBJECT":
+        return "Switch to Object Mode"
+    if target.library is not None or target.data.library is not None:
+        return "The active mesh is linked from another file: make it local"
+    return ""
+
+
+def work_for(steps: Iterator[Progress], seconds: float) -> Progress:
+    """Advance a generator by as many steps as fit into a time, one at least.
+
+    Raises:
+        StopIteration: it has finished; the exception holds its result.
+    """
+    end = time.monotonic() + seconds
+    while True:
+        progress = next(steps)
+        if time.monotonic() >= end:
+            return progress

@@ -1,0 +1,280 @@
+"""Transfer data from a source to the active mesh, along their match."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Progress, Steps, drain, within
+from zoomout_core.transfer import Attribute, transfer
+
+from .. import mesh_data, stored_match
+from ..mesh_data import Layer, Role, SourceData
+from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
+from ..properties import MatchOptions, SourceName, TransferOptions, take_settings
+from .stepped import SteppedOperator
+
+# The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
+NOUNS = {
+    "uv_maps": "UV map",
+    "color_attributes": "color attribute",
+    "attributes": "attribute",
+    "vertex_groups": "vertex group",
+    "materials": "material",
+}
+DATA = tuple(NOUNS)
+REPORT = "zoomout_report"
+# Part of the progress that matching takes, where there is no match yet.
+MATCHING = 0.8
+
+
+class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, SteppedOperator):
+    bl_idname = "zoomout.transfer"
+    bl_label = "Transfer"
+    bl_description = (
+        "Transfer data from the source to the active mesh along their match; they are matched first where they "
+        "are not yet. The source is chosen as for matching, else it is the one that was matched"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout)
+        names = _choose_names(context, self.source)
+        report = yield from transfer_steps(context, *names, self.data(), **self.match_options())
+        return summary(report)
+
+
+def _choose_names(context: Context, named: str) -> tuple[str, str]:
+    target = context.active_object
+    kept = stored_match.description(target.data) or {"source": ""}
+    return choose_source(context, target, named, otherwise=kept["source"]).name, target.name
+
+
+def transfer_objects(
+    context: Context, source: Object, target: Object, data: Collection[str] = DATA, **match_options: Any
+) -> dict[str, Any]:
+    """Transfer data between two mesh objects, along the match that is kept on the target, or a new one.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: has the data; read as its modifiers leave it.
+        target: receives it.
+        data: which kinds of it, of `DATA`.
+        match_options: of `zoomout_core.match`, where no match of these two is kept.
+
+    Returns:
+        The report, see `transfer_report`.
+
+    Raises:
+        MeshError: something cannot be transferred; nothing was written.
+    """
+    return drain(transfer_steps(context, source.name, target.name, data, **match_options))
+
+
+def transfer_report(target: Object) -> dict[str, Any] | None:
+    """What the last transfer to an object did, or None before the first.
+
+    Returns:
+        `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`:
+        a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: how many
+        vertices the target has, and how many of them are of low confidence.
+    """
+    text = target.data.get(REPORT)
+    return None if text is None else json.loads(text)
+
+
+def transfer_steps(
+    context: Context, source_name: str, target_name: str, data: Collection[str], **match_options: Any
+) -> Steps[dict[str, Any]]:
+    """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
+    pair = read_pair(context, source_name, target_name)
+    kept = stored_match.read(find_mesh(context, target_name).data, pair)
+    plan = _plan(context, pair, data)
+    match: stored_match.Match
+    if kept is None:
+        match = yield from within(zo.match_steps(pair.source, pair.target, **match_options), 0, MATCHING)
+    else:
+        match = kept
+    yield from within(_compute(plan, match, pair), MATCHING if kept is None else 0, 1)
+
+    _, target = check_unedited(context, pair)
+    if kept is None:
+        stored_match.write(target.data, match, pair)
+    _write(target, plan)
+    return _write_report(target, plan, match, pair, users_of_mesh(context, target))
+
+
+# --- what is to be done -------------------------------------------------------------------------------------
+
+
+@dataclass
+class Plan:
+    """What is transferred: with the source's values at first, then with the target's.
+
+    Attributes:
+        source: what the source has.
+        layers: those of its layers that were chosen.
+        weights: the chosen vertex groups, if there are any.
+        deforming: (groups,) which of these share a vertex among them.
+        room: (n_t,) what locked groups leave of each vertex's weight, or None where there are none.
+        face_slots: each face's slot among the source's materials, if materials were chosen.
+        skipped: a reason for each name that is not transferred.
+        notes: sentences for the user.
+    """
+
+    source: SourceData
+    layers: list[Layer]
+    weights: Attribute | None = None
+    deforming: np.ndarray | None = None
+    room: np.ndarray | None = None
+    face_slots: Attribute | None = None
+    skipped: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def _plan(context: Context, pair: ObjectPair, data: Collection[str]) -> Plan:
+    """Choose from what the source has, and see that the target has room for it."""
+    if unknown := set(data).difference(DATA):
+        raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
+    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+    found = mesh_data.read_source_data(source, context.evaluated_depsgraph_get())
+    plan = Plan(found, [layer for layer in found.layers if layer.role.value in data])
+    if Role.GENERIC.value in data:
+        plan.skipped |= found.skipped
+    if "vertex_groups" in data and found.weights.labels:
+        _plan_weights(plan, source, target)
+    if "materials" in data and found.materials:
+        plan.face_slots = found.face_slots
+    if not plan.layers and plan.weights is None and plan.face_slots is None:
+        raise zo.MeshError(f"'{source.name}' has none of the data that is to be transferred: choose other data.")
+    _check_uv_maps(plan, target)
+    _check_names(plan, target)
+    return plan
+
+
+def _plan_weights(plan: Plan, source: Object, target: Object) -> None:
+    weights, locked = plan.source.weights, mesh_data.locked_groups(target)
+    open_columns = [i for i, name in enumerate(weights.labels) if name not in locked]
+    closed = [name for name in weights.labels if name in locked]
+    plan.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
+    if not open_columns:
+        return
+    labels = tuple(weights.labels[i] for i in open_columns)
+    hidden = [name for name in labels if name in target.data.attributes]
+    if hidden:
+        plan.notes.append(
+            f"'{target.name}' has attributes with the names of vertex groups ({', '.join(hidden)}): rename them, "
+            "or modifiers may confuse the two."
+        )
+    deforming = mesh_data.deform_groups((source, target), labels)
+    plan.weights = replace(weights, values=weights.values[:, open_columns], labels=labels)
+    plan.deforming = np.array([name in deforming for name in labels])
+    held = mesh_data.deform_groups((source, target), sorted(locked))
+    if held:
+        present = mesh_data.read_weights(target, target.data)
+        columns = [i for i, name in enumerate(present.labels) if name in held]
+        plan.room = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
+
+
+def _check_uv_maps(plan: Plan, target: Object) -> None:
+    names = {layer.attribute.name for layer in plan.layers if layer.role is Role.UV_MAP}
+    count = len(names.union(target.data.uv_layers.keys()))
+    if count > mesh_data.MOST_UV_MAPS:
+        raise zo.MeshError(
+            f"'{target.name}' would have {count} UV maps, and Blender's limit is {mesh_data.MOST_UV_MAPS}: "
+            "remove some from it, or from the source."
+        )
+
+
+def _check_names(plan: Plan, target: Object) -> None:
+    attributes = target.data.attributes
+    for layer in plan.layers:
+        name = layer.attribute.name
+        if name not in attributes and name in target.vertex_groups:
+            raise zo.MeshError(
+                f"'{name}' is an attribute of the source but a vertex group of '{target.name}': rename one of them."
+            )
+        if name in attributes and not mesh_data.fits(attributes[name], layer):
+            plan.notes.append(f"{name}: replaced an attribute of '{target.name}' that was of another type.")
+
+
+# --- doing it -----------------------------------------------------------------------------------------------
+
+
+def _compute(plan: Plan, match: stored_match.Match, pair: ObjectPair) -> Steps[None]:
+    """Put the target's values in place of the source's."""
+    surfaces = (match, pair.source, pair.target)
+    count = len(plan.layers) + 2
+    for i, layer in enumerate(plan.layers):
+        yield Progress(i / count, f"Transferring '{layer.attribute.name}'")
+        plan.layers[i] = replace(layer, attribute=transfer(layer.attribute, *surfaces))
+        plan.notes.extend(plan.layers[i].attribute.notes)
+    if plan.weights is not None:
+        yield Progress((count - 2) / count, "Transferring vertex groups")
+        plan.weights = transfer(plan.weights, *surfaces, normalised=plan.deforming, total=plan.room)
+        plan.notes.extend(plan.weights.notes)
+    if plan.face_slots is not None:
+        yield Progress((count - 1) / count, "Transferring materials")
+        plan.face_slots = transfer(plan.face_slots, *surfaces)
+        plan.notes.extend(plan.face_slots.notes)
+
+
+def _write(target: Object, plan: Plan) -> None:
+    for layer in plan.layers:
+        mesh_data.write_layer(target.data, layer)
+    written = {layer.attribute.name for layer in plan.layers}
+    mesh_data.write_active_layers(target.data, plan.source.active.among(written))
+    if plan.weights is not None:
+        mesh_data.write_weights(target, plan.weights)
+    if plan.face_slots is not None:
+        mesh_data.write_materials(target, plan.source.materials, plan.face_slots)
+    target.data.update()
+
+
+def _write_report(
+    target: Object, plan: Plan, match: stored_match.Match, pair: ObjectPair, users: int
+) -> dict[str, Any]:
+    shared = f"The mesh '{target.data.name}' is shared by {users} objects, which all received the data."
+    report = {
+        "source": pair.source_name,
+        "target": pair.target_name,
+        "written": _written(plan),
+        "skipped": plan.skipped,
+        "notes": [*match.notes, *plan.notes, *([shared] if users > 1 else [])],
+        "vertices": len(match.confidence),
+        "low_confidence": stored_match.low_confidence(match.confidence),
+    }
+    target.data[REPORT] = json.dumps(report)
+    return report
+
+
+def _written(plan: Plan) -> dict[str, list[str]]:
+    written: dict[str, list[str]] = {kind: [] for kind in DATA}
+    for layer in plan.layers:
+        written[layer.role.value].append(layer.attribute.name)
+    if plan.weights is not None:
+        written["vertex_groups"].extend(plan.weights.labels)
+    if plan.face_slots is not None:
+        used = np.unique(plan.face_slots.values)
+        written["materials"].extend(plan.source.materials[slot] or "(none)" for slot in used)
+    return written
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The report in one sentence."""
+    written = ", ".join(_count(len(names), NOUNS[kind]) for kind, names in report["written"].items() if names)
+    skipped = f"; {len(report['skipped'])} skipped" if report["skipped"] else ""
+    return (
+        f"Transferred {written} from '{report['source']}' to '{report['target']}'{skipped}; "
+        f"{report['low_confidence']} of {report['vertices']} vertices are of low confidence"
+    )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

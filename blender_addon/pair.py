@@ -1,0 +1,156 @@
+"""The two objects of a match: choosing them, reading them, and recognising them when time has passed.
+
+An object of another name, or a mesh with other attributes, is still the same surface. What a match depends on
+is how elements are numbered and what was modelled, so that is what a fingerprint is taken of: topology and
+the positions in the meshes themselves. Posing a character leaves it the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+
+from . import mesh_data
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPair:
+    """The surfaces of two objects.
+
+    Attributes:
+        source_name: the object that has the data.
+        target_name: the object that receives it.
+        source: as its modifiers leave it.
+        target: its own mesh, where modifiers move it.
+        source_fingerprint: changes when the source is edited.
+        target_fingerprint: changes when the target is edited.
+    """
+
+    source_name: str
+    target_name: str
+    source: zo.Surface
+    target: zo.Surface
+    source_fingerprint: str
+    target_fingerprint: str
+
+
+def find_mesh(context: Context, name: str) -> Object:
+    """The mesh object of a name, ready to be read.
+
+    Raises:
+        MeshError: there is none in the scene, or it is being edited.
+    """
+    obj = context.scene.objects.get(name)
+    if obj is None:
+        raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
+    if obj.type != "MESH":
+        raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
+    if obj.mode == "EDIT":
+        raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
+    return obj
+
+
+def choose_source(context: Context, target: Object, named: str = "", otherwise: str = "") -> Object:
+    """The source for a target.
+
+    It is the object that is named, else the one chosen in the scene, else the one mesh that is selected
+    besides the target, else the one named `otherwise`.
+
+    Raises:
+        MeshError: it is not a mesh that can be read, or there is no telling which it is.
+    """
+    chosen = context.scene.zoomout.source
+    selected = [obj.name for obj in context.selected_objects if obj.type == "MESH" and obj != target]
+    name = named or (chosen.name if chosen else "")
+    if not name and len(selected) > 1:
+        raise zo.MeshError(
+            f"{len(selected)} meshes are selected besides the active one: "
+            "select the source alone, or choose it in the sidebar."
+        )
+    name = name or "".join(selected) or otherwise
+    if not name:
+        raise zo.MeshError("There is no source: choose it in the sidebar, or select it and then, last, the target.")
+    return find_mesh(context, name)
+
+
+def check_writable(target: Object) -> None:
+    """Raise a MeshError if the mesh of the target belongs to another file."""
+    for data in (target, target.data):
+        if data.library is not None:
+            raise zo.MeshError(
+                f"'{data.name}' is linked from another file and cannot be written to: make it local first."
+            )
+        if data.override_library is not None and data == target.data:
+            raise zo.MeshError(
+                f"The mesh '{data.name}' overrides that of another file and cannot be written to: make it local first."
+            )
+
+
+def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
+    """Read both objects of a match.
+
+    Raises:
+        MeshError: one of them cannot be used, or the target cannot be written to.
+    """
+    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
+    if source == target:
+        raise zo.MeshError(
+            f"'{target.name}' cannot be its own source: choose another source, or make another mesh active."
+        )
+    if source.data == target.data:
+        raise zo.MeshError(
+            f"'{source.name}' and '{target.name}' share one mesh: make the target single-user, "
+            "or choose another source."
+        )
+    check_writable(target)
+    depsgraph = context.evaluated_depsgraph_get()
+    source_surface = mesh_data.read_source_surface(source, depsgraph)
+    target_surface = mesh_data.read_target_surface(target, depsgraph)
+    return ObjectPair(
+        source_name,
+        target_name,
+        source_surface,
+        target_surface,
+        _fingerprint(source, source_surface),
+        _fingerprint(target, target_surface),
+    )
+
+
+def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
+    """The source and the target, which are still what they were when the pair was read.
+
+    Raises:
+        MeshError: one of them was removed or edited since.
+    """
+    now = read_pair(context, pair.source_name, pair.target_name)
+    for name, before, after in (
+        (pair.source_name, pair.source_fingerprint, now.source_fingerprint),
+        (pair.target_name, pair.target_fingerprint, now.target_fingerprint),
+    ):
+        if before != after:
+            raise zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+    return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+
+
+def users_of_mesh(context: Context, target: Object) -> int:
+    """How many objects of the file show the target's mesh."""
+    return sum(obj.data == target.data for obj in context.blend_data.objects)
+
+
+def _fingerprint(obj: Object, surface: zo.Surface) -> str:
+    arrays = (
+        mesh_data.read_positions(obj.data),
+        surface.corner_vertex,
+        surface.face_start,
+        surface.triangle_corners,
+    )
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,124 @@
+"""Options: each is defined once, and is a setting of the scene as well as a property of the operators.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from typing import Any
+
+from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
+from bpy.types import Object, Operator, PropertyGroup
+
+# An operator's own options hold for one call only; what is left open comes from the scene.
+ONCE = {"SKIP_SAVE"}
+
+
+class MatchOptions:
+    """How to match."""
+
+    initial: EnumProperty(
+        name="Start",
+        description="What the match starts from",
+        items=(
+            ("AUTO", "Automatic", "The shapes alone: poses and placements may differ"),
+            ("PROXIMITY", "Nearest Points", "The nearest points in space: for meshes that lie over each other"),
+        ),
+        default="AUTO",
+        options=ONCE,
+    )
+    k_final: IntProperty(
+        name="Detail",
+        description=(
+            "How many eigenfunctions of each shape the match is refined to: more follow smaller features, "
+            "and take longer"
+        ),
+        default=120,
+        min=20,
+        soft_max=300,
+        max=1000,
+        options=ONCE,
+    )
+
+    def match_options(self) -> dict[str, Any]:
+        """The arguments of `zoomout_core.match` that are chosen here."""
+        return {"initial": self.initial.lower(), "k_final": self.k_final}
+
+
+class TransferOptions:
+    """What to transfer."""
+
+    uv_maps: BoolProperty(
+        name="UV Maps",
+        description="Transfer all UV maps; seams stay where the source has them",
+        default=True,
+        options=ONCE,
+    )
+    vertex_groups: BoolProperty(
+        name="Vertex Groups",
+        description=(
+            "Transfer all vertex groups; groups that deform keep their sum, "
+            "and locked groups of the target are left alone"
+        ),
+        default=True,
+        options=ONCE,
+    )
+    color_attributes: BoolProperty(
+        name="Color Attributes",
+        description="Transfer all colour attributes, mixed as scene-linear colours",
+        default=True,
+        options=ONCE,
+    )
+    attributes: BoolProperty(
+        name="Attributes",
+        description="Transfer the other attributes of points, faces and face corners",
+        default=True,
+        options=ONCE,
+    )
+    materials: BoolProperty(
+        name="Materials",
+        description="Give each face the material of the source; slots that the target lacks are appended",
+        default=True,
+        options=ONCE,
+    )
+
+    def data(self) -> list[str]:
+        """Names of the kinds of data that are chosen."""
+        return [name for name in TransferOptions.__annotations__ if getattr(self, name)]
+
+
+class SourceName:
+    """Which object an operator takes as the source."""
+
+    source: StringProperty(
+        name="Source",
+        description=(
+            "Name of the object that has the data; if empty, the one chosen in the sidebar, "
+            "else the mesh that is selected besides the active one"
+        ),
+        options=ONCE,
+    )
+
+
+def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
+    return obj.type == "MESH"
+
+
+class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, PropertyGroup):
+    """The scene's settings."""
+
+    source: PointerProperty(
+        name="Source",
+        description=(
+            "The mesh that has the data; the active mesh receives it. "
+            "If none is chosen, the mesh that is selected besides the active one"
+        ),
+        type=Object,
+        poll=_may_be_source,
+    )
+
+
+def take_settings(operator: Operator, settings: ZOOMOUT_PG_settings) -> None:
+    """Give an operator the scene's settings for all options that its caller left open."""
+    for options in (MatchOptions, TransferOptions):
+        for name in options.__annotations__ if isinstance(operator, options) else ():
+            if not operator.properties.is_property_set(name):
+                setattr(operator, name, getattr(settings, name))

@@ -1,0 +1,106 @@
+"""A match, kept on the target's mesh: three attributes, and a custom property that says what they belong to.
+
+Triangles are numbered like Blender's `loop_triangles` of the evaluated source, and barycentric coordinates
+follow their corners; those of a mirrored object count in the opposite order, see `mesh_data`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from bpy.types import Mesh
+
+import zoomout_core as zo
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .mesh_data import Layer, Role, read_layer, write_layer
+from .pair import ObjectPair
+
+TRIANGLE = "zoomout_triangle"
+BARYCENTRIC = "zoomout_barycentric"
+CONFIDENCE = "zoomout_confidence"
+PROPERTY = "zoomout_match"
+# Vertices below this confidence are counted in reports.
+LOW_CONFIDENCE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMatch:
+    """What transfer needs of a match.
+
+    Attributes:
+        surface_map: for each vertex of the target a point on the source.
+        confidence: (n_t,) how far to trust it, in [0, 1].
+        notes: sentences for the user.
+    """
+
+    surface_map: zo.SurfaceMap
+    confidence: np.ndarray
+    notes: tuple[str, ...]
+
+
+Match: TypeAlias = zo.MatchResult | StoredMatch
+
+
+def write(mesh: Mesh, match: Match, pair: ObjectPair) -> None:
+    """Keep a match on the target's mesh, in place of an earlier one."""
+    surface_map = match.surface_map
+    for name, kind, data_type, values in (
+        (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
+        (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", surface_map.barycentric),
+        (CONFIDENCE, Kind.SCALAR, "FLOAT", match.confidence),
+    ):
+        write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
+    mesh[PROPERTY] = json.dumps(
+        {
+            "source": pair.source_name,
+            "source_fingerprint": pair.source_fingerprint,
+            "target_fingerprint": pair.target_fingerprint,
+            "vertices": len(match.confidence),
+            "low_confidence": low_confidence(match.confidence),
+            "notes": match.notes,
+        }
+    )
+    mesh.update()
+
+
+def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
+    """The match of this pair that is kept on the target's mesh, or None if there is none, or one with another source.
+
+    Raises:
+        MeshError: the source or the target was edited since.
+    """
+    kept = description(mesh)
+    if kept is None:
+        return None
+    if kept["source_fingerprint"] != pair.source_fingerprint:
+        if kept["source"] != pair.source_name:
+            return None
+        raise zo.MeshError(f"The source '{pair.source_name}' was edited since it was matched: match again.")
+    if kept["target_fingerprint"] != pair.target_fingerprint:
+        raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
+    triangle, barycentric, confidence = (
+        read_layer(mesh, name).attribute.values for name in (TRIANGLE, BARYCENTRIC, CONFIDENCE)
+    )
+    # Stored in single precision: brought back to a sum of one.
+    barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
+    return StoredMatch(
+        zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
+        confidence.astype(np.float64),
+        tuple(kept["notes"]),
+    )
+
+
+def description(mesh: Mesh) -> dict[str, Any] | None:
+    """What is known about the match on a mesh, or None without one or if a part of it was removed."""
+    if PROPERTY not in mesh or any(name not in mesh.attributes for name in (TRIANGLE, BARYCENTRIC, CONFIDENCE)):
+        return None
+    return json.loads(mesh[PROPERTY])
+
+
+def low_confidence(confidence: np.ndarray) -> int:
+    """How many vertices are of low confidence."""
+    return int((confidence < LOW_CONFIDENCE).sum())

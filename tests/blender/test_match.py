@@ -1,0 +1,276 @@
+"""Matching two objects and keeping the result."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, add_attribute, ellipsoid, positions, snapshot_file, values
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.operators.match import match_objects, match_steps
+from blender_addon.pair import read_pair
+
+KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
+
+
+@pytest.fixture
+def source():
+    return ellipsoid("Source", 4)
+
+
+@pytest.fixture
+def target(source):
+    """The source's shape, turned, moved and scaled, its vertices in another order."""
+    obj = ellipsoid("Target", 4)
+    order = np.random.default_rng(0).permutation(len(obj.data.vertices))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    faces = [[int(place[vertex]) for vertex in polygon.vertices] for polygon in obj.data.polygons]
+    shuffled = bpy.data.meshes.new("Shuffled")
+    shuffled.from_pydata(positions(obj.data)[order].tolist(), [], faces)
+    obj.data = shuffled
+    add_attribute(shuffled, "truth", "INT", "POINT", order)
+    obj.location, obj.rotation_euler, obj.scale = (4, 1, 0), (0.3, 1.2, 2.0), (0.01, 0.01, 0.01)
+    bpy.context.view_layer.update()
+    return obj
+
+
+def mapped_positions(source, target):
+    """Where the match that is kept on the target leads, in the source's own space."""
+    corners = positions(source.data)[triangles(source.data)[values(target.data, "zoomout_triangle")]]
+    return np.einsum("nc,ncx->nx", values(target.data, "zoomout_barycentric"), corners)
+
+
+def triangles(mesh):
+    mesh.calc_loop_triangles()
+    array = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.loop_triangles.foreach_get("vertices", array)
+    return array.reshape(-1, 3)
+
+
+def test_a_match_finds_the_true_points_and_is_kept_on_the_target(source, target):
+    activate(target, source)
+    assert bpy.ops.zoomout.match() == {"FINISHED"}
+    assert set(target.data.attributes.keys()) >= KEPT
+    assert {target.data.attributes[name].domain for name in KEPT} == {"POINT"}
+    truth = positions(source.data)[values(target.data, "truth")]
+    distance = np.linalg.norm(mapped_positions(source, target) - truth, axis=1)
+    assert np.mean(distance) < 0.02
+    assert values(target.data, "zoomout_confidence").mean() > 0.8
+    kept = json.loads(target.data["zoomout_match"])
+    assert kept["source"] == "Source"
+
+
+def test_mirrored_objects_are_matched_to_the_true_points(source, target):
+    for obj in (source, target):
+        obj.scale.x = -obj.scale.x
+    bpy.context.view_layer.update()
+    result = match_objects(bpy.context, source, target)
+    truth = positions(source.data)[values(target.data, "truth")]
+    image = result.surface_map.interpolate(positions(source.data))
+    assert np.linalg.norm(image - truth, axis=1).mean() < 0.02
+
+
+def test_a_source_with_modifiers_is_matched_as_they_leave_it(source, target):
+    finer = source.modifiers.new("Finer", "SUBSURF")
+    finer.levels, finer.subdivision_type = 1, "SIMPLE"
+    result = match_objects(bpy.context, source, target)
+    assert len(result.surface_map.source_triangles) == 6 * len(source.data.polygons)
+    truth = positions(source.data)[values(target.data, "truth")]
+    evaluated = source.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    image = result.surface_map.interpolate(positions(evaluated.to_mesh()))
+    evaluated.to_mesh_clear()
+    # So coarse a mesh has other eigenfunctions than its refinement; a wrong map misses by half the shape.
+    assert np.linalg.norm(image - truth, axis=1).mean() < 0.1
+
+
+def test_what_is_kept_is_the_match_itself(source, target):
+    result = match_objects(bpy.context, source, target, k_final=40)
+    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    np.testing.assert_array_equal(kept.surface_map.triangle, result.surface_map.triangle)
+    np.testing.assert_allclose(kept.surface_map.barycentric, result.surface_map.barycentric, atol=1e-6)
+    np.testing.assert_allclose(kept.surface_map.barycentric.sum(axis=1), 1, atol=1e-12)
+    np.testing.assert_allclose(kept.confidence, result.confidence, atol=1e-6)
+    assert kept.notes == result.notes
+
+
+def test_the_source_in_the_sidebar_goes_before_the_selection_and_the_argument_before_both(source, target):
+    other, third = ellipsoid("Other", 3), ellipsoid("Third", 3)
+    activate(target, other)
+    bpy.context.scene.zoomout.source = source
+    bpy.context.scene.zoomout.k_final = 30
+    assert bpy.ops.zoomout.match() == {"FINISHED"}
+    assert json.loads(target.data["zoomout_match"])["source"] == "Source"
+    assert bpy.ops.zoomout.match(source=third.name) == {"FINISHED"}
+    assert json.loads(target.data["zoomout_match"])["source"] == "Third"
+    bpy.context.scene.zoomout.source = None
+    assert bpy.ops.zoomout.match() == {"FINISHED"}
+    assert json.loads(target.data["zoomout_match"])["source"] == "Other"
+
+
+def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, target, monkeypatch):
+    seen = []
+
+    def spy(source, target, **options):
+        seen.append(options)
+        raise zo.MeshError("Enough.")
+        yield
+
+    monkeypatch.setattr("blender_addon.operators.match.zo.match_steps", spy)
+    activate(target, source)
+    bpy.context.scene.zoomout.k_final = 77
+    bpy.context.scene.zoomout.initial = "PROXIMITY"
+    for options in ({}, {"k_final": 33}, {}):
+        with pytest.raises(RuntimeError, match=r"Enough\."):
+            bpy.ops.zoomout.match(**options)
+    assert seen == [
+        {"initial": "proximity", "k_final": 77},
+        {"initial": "proximity", "k_final": 33},
+        {"initial": "proximity", "k_final": 77},
+    ]
+
+
+@pytest.mark.parametrize("defect", ["no faces", "not finite", "edit mode", "disabled", "modifier", "same mesh"])
+def test_a_failed_match_is_one_sentence_and_leaves_the_scene_untouched(source, target, defect):
+    match_objects(bpy.context, source, target, k_final=30)  # an earlier result must survive, too
+    activate(target, source)
+    if defect == "no faces":
+        source.data = bpy.data.meshes.new("Empty")
+    elif defect == "not finite":
+        target.data.vertices[5].co.x = float("nan")
+    elif defect == "edit mode":
+        activate(source, target)
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.context.view_layer.objects.active = target
+    elif defect == "disabled":
+        source.hide_viewport = True
+    elif defect == "modifier":
+        target.modifiers.new("Finer", "SUBSURF")
+    elif defect == "same mesh":
+        source.data = target.data
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError) as error:
+        match_objects(bpy.context, source, target)
+    sentence = str(error.value)
+    assert "\n" not in sentence
+    assert sentence.endswith(".")
+    assert snapshot_file() == before
+    if defect != "edit mode":  # poll says so before
+        with pytest.raises(RuntimeError) as report:
+            bpy.ops.zoomout.match(source="Source")
+        assert str(report.value).strip() == f"Error: {sentence}"
+        assert snapshot_file() == before
+
+
+def test_nothing_is_written_before_the_last_step_so_a_cancelled_match_leaves_the_scene_untouched(source, target):
+    before = snapshot_file()
+    steps = match_steps(bpy.context, "Source", "Target", k_final=30)
+    for _ in range(5):
+        next(steps)
+    steps.close()
+    assert snapshot_file() == before
+
+    taken = 0
+    for _ in match_steps(bpy.context, "Source", "Target", k_final=30):
+        assert snapshot_file() == before
+        taken += 1
+    assert taken >= 10
+    assert snapshot_file() != before
+
+
+@pytest.mark.parametrize("edit", ["target moved", "source moved", "target gone"])
+def test_objects_that_change_during_a_match_are_not_written_to(source, target, edit):
+    steps = match_steps(bpy.context, "Source", "Target", k_final=30)
+    next(steps)
+    if edit == "target gone":
+        bpy.data.objects.remove(target)
+    else:
+        (target if edit == "target moved" else source).data.vertices[7].co.z += 0.25
+        bpy.context.view_layer.update()
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match="Target" if edit.startswith("target") else "Source"):
+        zo.drain(steps)
+    assert snapshot_file() == before
+
+
+def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    source.name = "Hero"
+    source.location.x += 10
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Key").data[3].co.z += 2
+    source.data.shape_keys.key_blocks["Key"].value = 1
+    add_attribute(source.data, "paint", "FLOAT", "POINT", np.ones(len(source.data.vertices)))
+    bpy.context.view_layer.update()
+    assert stored_match.read(target.data, read_pair(bpy.context, "Hero", "Target")) is not None
+
+
+@pytest.mark.parametrize("edited", ["Source", "Target"])
+@pytest.mark.parametrize("edit", ["moved", "deleted", "flipped", "mirrored"])
+def test_a_match_of_meshes_that_were_edited_since_is_refused(source, target, edited, edit):
+    match_objects(bpy.context, source, target, k_final=30)
+    obj = bpy.data.objects[edited]
+    if edit == "moved":
+        obj.data.vertices[3].co.x += 0.1
+    elif edit == "mirrored":
+        obj.scale.x = -obj.scale.x
+    else:
+        activate(obj)
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.mesh.select_mode(type="FACE")
+        bpy.ops.mesh.select_all(action="DESELECT")
+        bpy.ops.object.mode_set(mode="OBJECT")
+        obj.data.polygons[9].select = True
+        bpy.ops.object.mode_set(mode="EDIT")
+        if edit == "deleted":
+            bpy.ops.mesh.delete(type="FACE")
+        else:
+            bpy.ops.mesh.flip_normals()
+        bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    with pytest.raises(zo.MeshError, match=f"'{edited}' was edited"):
+        stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+
+
+def test_a_match_with_another_source_does_not_count(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    ellipsoid("Other", 3)
+    assert stored_match.read(target.data, read_pair(bpy.context, "Other", "Target")) is None
+
+
+def test_a_target_of_another_file_is_refused(source, target, tmp_path):
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {target})
+    bpy.data.objects.remove(target)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Target"]
+    library_object = wanted.objects[0]
+    bpy.context.scene.collection.objects.link(library_object)
+    activate(library_object, source)
+    assert not bpy.ops.zoomout.match.poll()
+    with pytest.raises(zo.MeshError, match="linked from another file"):
+        match_objects(bpy.context, source, library_object)
+
+
+def test_one_match_is_one_undo_step(source, target):
+    activate(target, source)
+    bpy.ops.ed.undo_push(message="before")
+    before = snapshot_file()
+    assert bpy.ops.zoomout.match("EXEC_DEFAULT", True, k_final=30) == {"FINISHED"}
+    assert snapshot_file() != before
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+
+
+def test_the_button_is_greyed_out_without_a_mesh_to_write_to(source, target):
+    activate(target, source)
+    assert bpy.ops.zoomout.match.poll()
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert not bpy.ops.zoomout.match.poll()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    empty = bpy.data.objects.new("Empty", None)
+    bpy.context.scene.collection.objects.link(empty)
+    activate(empty, source)
+    assert not bpy.ops.zoomout.match.poll()

@@ -1,0 +1,256 @@
+"""Conversion between Blender's meshes and arrays."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    ELEMENTS,
+    add_attribute,
+    add_uv_map,
+    ellipsoid,
+    from_pydata,
+    linked,
+    new_material,
+    positions,
+    set_weights,
+    values,
+    weights,
+)
+
+import zoomout_core as zo
+from blender_addon import mesh_data
+from zoomout_core.transfer import Domain, Kind
+
+# Begun at a corner from which a fan of triangles would leave the outline.
+L_SHAPE = [(3, 0, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0), (0, 0, 0)]
+
+
+def depsgraph():
+    return bpy.context.evaluated_depsgraph_get()
+
+
+def random_values(data_type, count, seed=0):
+    generator = np.random.default_rng(seed)
+    _, width, dtype = ELEMENTS[data_type]
+    if data_type == "BYTE_COLOR":  # what a byte of sRGB can hold, decoded
+        encoded = generator.integers(0, 256, count * width).reshape(-1, 4) / 255
+        linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+        linear[:, 3] = encoded[:, 3]
+        return linear.astype(np.float32)
+    array = generator.integers(-100, 100, count * width)
+    if dtype == np.bool_:
+        array = array > 0
+    elif data_type == "QUATERNION":  # Blender may normalise them
+        array = array.reshape(-1, 4) / np.linalg.norm(array.reshape(-1, 4), axis=1, keepdims=True)
+    elif dtype == np.float32:
+        array = array / 7
+    return array.astype(dtype).reshape((count, width) if width > 1 else count)
+
+
+@pytest.mark.parametrize("domain", ["POINT", "FACE", "CORNER"])
+@pytest.mark.parametrize("data_type", list(ELEMENTS))
+def test_every_type_of_attribute_survives_the_round_trip(data_type, domain):
+    if data_type not in {item.identifier for item in bpy.types.Attribute.bl_rna.properties["data_type"].enum_items}:
+        pytest.skip(f"this version has no {data_type}")
+    source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
+    count = {"POINT": len(source.data.vertices), "FACE": len(source.data.polygons), "CORNER": len(source.data.loops)}
+    expected = random_values(data_type, count[domain])
+    add_attribute(source.data, "data", data_type, domain, expected)
+
+    layer = mesh_data.read_layer(source.data, "data")
+    assert layer.attribute.domain is Domain[domain]
+    assert layer.attribute.values.shape == expected.shape
+    mesh_data.write_layer(target.data, layer)
+
+    written = target.data.attributes["data"]
+    assert (written.data_type, written.domain) == (data_type, domain)
+    np.testing.assert_allclose(values(target.data, "data"), expected, atol=1e-6)
+
+
+def test_values_overwrite_a_layer_of_the_same_type_and_replace_one_of_another():
+    source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
+    add_attribute(source.data, "data", "FLOAT", "POINT", np.arange(len(source.data.vertices)))
+    add_attribute(target.data, "data", "INT", "FACE", np.zeros(len(target.data.polygons)))
+    add_attribute(target.data, "other", "FLOAT", "POINT", np.full(len(target.data.vertices), 3.0))
+    layer = mesh_data.read_layer(source.data, "data")
+    for _ in range(2):
+        mesh_data.write_layer(target.data, layer)
+    assert [a.name for a in target.data.attributes if a.name.startswith("data")] == ["data"]
+    assert values(target.data, "data")[7] == 7
+    assert (values(target.data, "other") == 3).all()
+
+
+def test_byte_colors_are_read_scene_linear():
+    source = ellipsoid("Source", 1)
+    color = source.data.color_attributes.new("Color", "BYTE_COLOR", "CORNER")
+    for element in color.data:
+        element.color_srgb = (0.5, 0.5, 0.5, 1)
+    layer = mesh_data.read_layer(source.data, "Color", mesh_data.Role.COLOR)
+    assert layer.attribute.kind is Kind.COLOR
+    np.testing.assert_allclose(layer.attribute.values[:, 0], 0.21586, atol=1e-4)  # 128 of 255
+
+
+def test_layers_are_told_apart_by_what_blender_uses_them_for():
+    mesh = ellipsoid("Source", 2).data
+    add_uv_map(mesh, "UV A")
+    add_uv_map(mesh, "UV B")
+    mesh.color_attributes.new("Paint", "FLOAT_COLOR", "POINT")
+    add_attribute(mesh, "mass", "FLOAT", "POINT", np.zeros(len(mesh.vertices)))
+    add_attribute(mesh, "face color", "FLOAT_COLOR", "FACE", np.zeros((len(mesh.polygons), 4)))
+    add_attribute(mesh, "flow", "FLOAT2", "POINT", np.zeros((len(mesh.vertices), 2)))
+    layers, skipped = mesh_data.read_layers(mesh)
+    assert {(layer.attribute.name, layer.role.value, layer.attribute.kind) for layer in layers} == {
+        ("UV A", "uv_maps", Kind.UV),
+        ("UV B", "uv_maps", Kind.UV),
+        ("Paint", "color_attributes", Kind.COLOR),
+        ("mass", "attributes", Kind.SCALAR),
+        ("face color", "attributes", Kind.COLOR),
+        ("flow", "attributes", Kind.VECTOR),
+    }
+    assert [layer.attribute.name for layer in layers[:2]] == ["UV A", "UV B"]
+    assert skipped == {}
+
+
+def test_what_belongs_to_the_mesh_itself_is_not_read_and_what_cannot_be_transferred_has_a_reason():
+    mesh = ellipsoid("Source", 2).data
+    mesh.materials.append(new_material("red"))
+    mesh.polygons[0].material_index = 0
+    mesh.polygons[0].use_smooth = False
+    mesh.edges[0].use_seam = True
+    mesh.edge_creases_ensure()
+    add_attribute(mesh, "zoomout_confidence", "FLOAT", "POINT", np.ones(len(mesh.vertices)))
+    mesh.attributes.new("label", "STRING", "POINT")
+    layers, skipped = mesh_data.read_layers(mesh)
+    assert layers == []
+    assert {"crease_edge", "label"} <= set(skipped)
+    assert not {"position", "sharp_face", "material_index", "zoomout_confidence", ".corner_vert"} & set(skipped)
+
+
+def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
+    source = ellipsoid("Source", 2)
+    set_weights(source, "Bone", np.linspace(0, 1, len(source.data.vertices)))
+    add_uv_map(source.data, "UVMap")
+    add_attribute(source.data, "mass", "FLOAT", "POINT", np.arange(len(source.data.vertices)))
+    add_attribute(source.data, "zone", "INT", "FACE", np.arange(len(source.data.polygons)))
+    source.data.materials.append(new_material("red"))
+    subdivision = source.modifiers.new("Subdivision", "SUBSURF")
+    subdivision.levels = 1
+    vertices, faces = len(source.data.vertices), len(source.data.polygons)
+
+    surface = mesh_data.read_source_surface(source, depsgraph())
+    data = mesh_data.read_source_data(source, depsgraph())
+    assert len(surface.face_start) - 1 == 3 * faces
+    assert len(surface.vertices) > 3 * vertices
+    assert data.weights.values.shape == (len(surface.vertices), 1)
+    assert data.weights.labels == ("Bone",)
+    assert data.weights.values.nnz > 3 * vertices
+    assert {layer.attribute.name: len(layer.attribute.values) for layer in data.layers} == {
+        "UVMap": len(surface.corner_vertex),
+        "mass": len(surface.vertices),
+        "zone": 3 * faces,
+    }
+    assert data.materials == ["red"]
+    assert len(data.face_slots.values) == 3 * faces
+
+
+def test_a_mirrored_object_is_read_in_world_space_with_its_outside_outside():
+    source = ellipsoid("Source", 2)
+    source.scale = (-2, 2, 2)
+    source.location = (5, 0, 0)
+    bpy.context.view_layer.update()
+    surface = mesh_data.read_source_surface(source, depsgraph())
+    np.testing.assert_allclose(surface.vertices, positions(source.data) * [-2, 2, 2] + [5, 0, 0], atol=1e-5)
+    a, b, c = (surface.vertices[surface.triangles[:, i]] - surface.vertices.mean(axis=0) for i in range(3))
+    assert np.einsum("ij,ij->i", np.cross(b - a, c - a), a).sum() > 0
+    corner_vertex = np.empty(len(source.data.loops), np.int32)
+    source.data.loops.foreach_get("vertex_index", corner_vertex)
+    np.testing.assert_array_equal(surface.corner_vertex, corner_vertex)
+
+
+def test_a_concave_polygon_is_triangulated_inside_its_outline():
+    surface = mesh_data.read_source_surface(from_pydata("L", L_SHAPE, [range(6)]), depsgraph())
+    assert len(surface.triangles) == 4
+    assert surface.area == pytest.approx(5)
+
+
+def test_a_target_keeps_its_own_topology_where_modifiers_only_move_it():
+    target = ellipsoid("Target", 2)
+    cast = target.modifiers.new("Cast", "CAST")
+    cast.factor, cast.radius, cast.use_radius_as_size = 1.0, 2.0, False
+    cast.size = 3.0
+    surface = mesh_data.read_target_surface(target, depsgraph())
+    assert len(surface.vertices) == len(target.data.vertices)
+    assert np.abs(surface.vertices - positions(target.data)).max() > 0.5
+
+
+def test_a_target_whose_modifiers_change_its_vertices_is_refused_by_the_name_of_the_modifier():
+    target = ellipsoid("Target", 2)
+    target.modifiers.new("Cast", "CAST")
+    target.modifiers.new("Finer", "SUBSURF")
+    with pytest.raises(zo.MeshError, match="'Finer'") as error:
+        mesh_data.read_target_surface(target, depsgraph())
+    assert "Cast" not in str(error.value)
+
+
+def test_an_object_that_blender_does_not_evaluate_is_refused():
+    source = ellipsoid("Source", 2)
+    source.modifiers.new("Finer", "SUBSURF")
+    source.hide_viewport = True
+    with pytest.raises(zo.MeshError, match="'Source'"):
+        mesh_data.read_source_surface(source, depsgraph())
+
+
+def test_a_mesh_without_faces_is_refused_with_the_name_of_its_object():
+    with pytest.raises(zo.MeshError, match=r"'Points'.*no faces"):
+        mesh_data.read_source_surface(from_pydata("Points", [(0, 0, 0), (1, 0, 0)], []), depsgraph())
+
+
+def test_weights_survive_the_round_trip_in_the_order_of_the_groups():
+    source, target = ellipsoid("Source", 3), ellipsoid("Target", 3)
+    generator = np.random.default_rng(0)
+    count = len(source.data.vertices)
+    for name in ("Spine", "Arm.L", "Arm.R", "Empty"):
+        set_weights(source, name, generator.random(count) * (generator.random(count) < 0.4) * (name != "Empty"))
+    set_weights(target, "Arm.R", np.ones(count))
+    set_weights(target, "Own", np.full(count, 0.25))
+    target.vertex_groups.active_index = 1
+    before = weights(source)
+
+    mesh_data.write_weights(target, mesh_data.read_weights(source, source.data))
+    after = weights(target)
+    assert list(after) == ["Own", "Spine", "Arm.L", "Arm.R", "Empty"]
+    assert {name: after[name] for name in before} == before
+    assert after["Own"] == dict.fromkeys(range(count), 0.25)
+    assert target.vertex_groups.active.name == "Own"
+
+
+def test_materials_are_read_as_they_are_seen():
+    mesh = ellipsoid("Source", 1).data
+    bpy.data.objects.remove(bpy.data.objects["Source"])
+    mesh.materials.append(new_material("data red"))
+    mesh.materials.append(new_material("blue"))
+    mesh.materials.append(None)
+    source = linked("Source", mesh)
+    source.material_slots[0].link = "OBJECT"
+    source.material_slots[0].material = new_material("object green")
+    mesh.polygons[3].material_index = 1
+    mesh.polygons[4].material_index = 9  # Blender shows the last slot
+    data = mesh_data.read_source_data(source, depsgraph())
+    assert data.materials == ["object green", "blue", None]
+    assert data.face_slots.values[[0, 3, 4]].tolist() == [0, 1, 2]
+
+
+def test_materials_are_written_by_identity_and_appended_only_where_missing():
+    source, target = ellipsoid("Source", 1), ellipsoid("Target", 1)
+    red, green, blue = (new_material(name) for name in ("red", "green", "blue"))
+    for material in (red, green, blue):
+        source.data.materials.append(material)
+    for material in (blue, None):
+        target.data.materials.append(material)
+    for polygon in source.data.polygons:
+        polygon.material_index = 2 * (polygon.index % 2)  # red and blue, never green
+    data = mesh_data.read_source_data(source, depsgraph())
+    mesh_data.write_materials(target, data.materials, data.face_slots)
+    assert [material and material.name for material in target.data.materials] == ["blue", None, "red"]
+    shown = [target.data.materials[polygon.material_index].name for polygon in target.data.polygons]
+    assert shown == ["red", "blue"] * (len(shown) // 2)

@@ -1,0 +1,135 @@
+"""The modal operator, driven by hand: the `bpy` module has no window that could send it events."""
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+
+import zoomout_core as zo
+from blender_addon.operators.stepped import SteppedOperator, work_for
+
+TICK, ESCAPE, MOUSE = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "MOUSEMOVE"))
+
+
+class Window:
+    """Stands in for the context: counts timers, and keeps the text of the status bar."""
+
+    def __init__(self):
+        self.window_manager = self.workspace = self
+        self.window = object()
+        self.timers, self.handlers, self.status = [], 0, None
+
+    def event_timer_add(self, interval, window):
+        self.timers.append(object())
+        return self.timers[-1]
+
+    def event_timer_remove(self, timer):
+        self.timers.remove(timer)
+
+    def modal_handler_add(self, operator):
+        self.handlers += 1
+
+    def status_text_set(self, text):
+        self.status = text
+
+
+class Work:
+    """An operator whose steps are given; it writes at the end."""
+
+    execute, invoke, modal, cancel, _finished, _failed = (
+        getattr(SteppedOperator, name) for name in ("execute", "invoke", "modal", "cancel", "_finished", "_failed")
+    )
+
+    def __init__(self, count=3, error=None):
+        self.count, self.error, self.written, self.closed, self.reports = count, error, False, False, []
+
+    def steps(self, context):
+        try:
+            for i in range(self.count):
+                yield zo.Progress(i / self.count, "Working")
+            if self.error:
+                raise self.error
+            self.written = True
+            return "Done"
+        finally:
+            self.closed = True
+
+    def report(self, level, text):
+        self.reports.append((*level, text))
+
+
+@pytest.fixture
+def window(monkeypatch):
+    monkeypatch.setattr("blender_addon.operators.stepped.bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    monkeypatch.setattr("blender_addon.operators.stepped.SLICE", 0.0)  # one step a tick
+    return Window()
+
+
+def run(work, window, events):
+    results = [work.invoke(window, None)]
+    results += [work.modal(window, event) for event in events]
+    return results
+
+
+def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
+    work = Work(count=3)
+    assert run(work, window, [TICK, MOUSE, TICK]) == [{"RUNNING_MODAL"}] * 4
+    assert window.status == "Working: 33% (ESC cancels)"
+    assert (len(window.timers), window.handlers, work.written) == (1, 1, False)
+    assert run_out(work, window) == {"FINISHED"}
+    assert work.written
+    assert work.reports == [("INFO", "Done")]
+    assert (window.timers, window.status) == ([], None)
+
+
+def run_out(work, window):
+    for _ in range(10):
+        result = work.modal(window, TICK)
+        if result != {"RUNNING_MODAL"}:
+            return result
+    raise AssertionError("the work does not end")
+
+
+def test_escape_ends_the_work_before_anything_is_written(window):
+    work = Work(count=3)
+    assert run(work, window, [TICK, TICK, ESCAPE])[-1] == {"CANCELLED"}
+    assert not work.written
+    assert work.closed
+    assert (window.timers, window.status) == ([], None)
+
+
+def test_a_file_that_is_loaded_meanwhile_ends_the_work(window):
+    work = Work(count=3)
+    run(work, window, [TICK])
+    work.cancel(window)
+    assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
+
+
+def test_an_error_is_one_report_and_leaves_no_timer(window):
+    work = Work(count=1, error=zo.MeshError("The mesh is broken: mend it."))
+    run(work, window, [])
+    assert run_out(work, window) == {"CANCELLED"}
+    assert work.reports == [("ERROR", "The mesh is broken: mend it.")]
+    assert (window.timers, window.status) == ([], None)
+
+
+def test_a_fault_in_the_program_leaves_no_timer_either(window):
+    work = Work(count=1, error=ZeroDivisionError())
+    run(work, window, [TICK])
+    with pytest.raises(ZeroDivisionError):
+        work.modal(window, TICK)
+    assert (window.timers, window.status) == ([], None)
+
+
+def test_without_a_window_the_work_runs_straight_through():
+    assert bpy.app.background
+    work, window = Work(), Window()
+    assert work.invoke(window, None) == {"FINISHED"}
+    assert (work.written, window.timers, window.handlers) == (True, [], 0)
+
+
+def test_a_slice_takes_as_many_steps_as_fit_and_one_at_least():
+    steps = iter(range(1_000_000))
+    assert work_for(steps, 0.0) == 0
+    assert work_for(steps, 0.02) > 100
+    assert next(steps) < 1_000_000

@@ -1,0 +1,408 @@
+"""Transferring data between two objects, along a match that is known to be true."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    activate,
+    add_attribute,
+    add_uv_map,
+    ellipsoid,
+    linked,
+    new_material,
+    positions,
+    set_weights,
+    snapshot,
+    snapshot_file,
+    values,
+    weight_array,
+    weights,
+)
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.operators.match import match_objects
+from blender_addon.operators.transfer import transfer_objects, transfer_report, transfer_steps
+from blender_addon.pair import read_pair
+from zoomout_core.projection import closest_points
+
+
+@pytest.fixture
+def source():
+    return ellipsoid("Source")
+
+
+@pytest.fixture
+def target(source):
+    """The source's shape with fewer triangles, in the same place, and the true match with it."""
+    obj = ellipsoid("Target")
+    activate(obj)
+    obj.modifiers.new("Decimate", "DECIMATE").ratio = 0.7
+    bpy.ops.object.modifier_apply(modifier="Decimate")
+    keep_true_match(obj)
+    return obj
+
+
+def keep_true_match(target):
+    pair = read_pair(bpy.context, "Source", target.name)
+    surface_map = zo.SurfaceMap(
+        *closest_points(pair.target.vertices, pair.source.vertices, pair.source.triangles), pair.source.triangles
+    )
+    confidence = np.ones(len(pair.target.vertices))
+    confidence[:10] = 0.1
+    stored_match.write(target.data, stored_match.StoredMatch(surface_map, confidence, ("A note.",)), pair)
+
+
+def ramp(obj, axis=0):
+    """(n,) from 0 to 1 along an axis."""
+    coordinate = positions(obj.data)[:, axis]
+    return (coordinate - coordinate.min()) / np.ptp(coordinate)
+
+
+def corner_vertices(mesh):
+    array = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", array)
+    return array
+
+
+def face_centres(mesh):
+    array = np.empty(3 * len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("center", array)
+    return array.reshape(-1, 3)
+
+
+def transfer(source, target, *data):
+    return transfer_objects(bpy.context, source, target, data)
+
+
+def test_uv_maps_keep_names_values_and_flags(source, target):
+    add_uv_map(target.data, "Own")
+    for name in ("First", "Second", "Third"):
+        add_uv_map(source.data, name)
+    source.data.uv_layers.active = source.data.uv_layers["Second"]
+    source.data.uv_layers["Third"].active_render = True
+    own = values(target.data, "Own").copy()
+
+    transfer(source, target, "uv_maps")
+    assert target.data.uv_layers.keys() == ["Own", "First", "Second", "Third"]
+    assert target.data.uv_layers.active.name == "Second"
+    assert [layer.name for layer in target.data.uv_layers if layer.active_render] == ["Third"]
+    expected = positions(target.data)[corner_vertices(target.data), :2] / 4 + 0.5
+    for name in ("First", "Second", "Third"):
+        assert np.abs(values(target.data, name) - expected).max() < 0.01
+    np.testing.assert_array_equal(values(target.data, "Own"), own)
+
+
+def test_more_uv_maps_than_blender_allows_are_refused_before_anything_is_written(source, target):
+    for i in range(5):
+        add_uv_map(source.data, f"Source {i}")
+    for i in range(4):
+        add_uv_map(target.data, f"Target {i}")
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match=r"9 UV maps.*limit is 8"):
+        transfer(source, target, "uv_maps", "materials")
+    assert snapshot_file() == before
+    target.data.uv_layers.remove(target.data.uv_layers["Target 3"])
+    transfer(source, target, "uv_maps")
+    assert len(target.data.uv_layers) == 8
+
+
+def test_weights_follow_the_map_sum_to_one_and_keep_the_order_of_the_groups(source, target):
+    set_weights(target, "Own", np.full(len(target.data.vertices), 0.3))
+    set_weights(target, "Right", np.ones(len(target.data.vertices)))
+    set_weights(source, "Left", 1 - ramp(source))
+    set_weights(source, "Right", ramp(source))
+    transfer(source, target, "vertex_groups")
+    assert [group.name for group in target.vertex_groups] == ["Own", "Left", "Right"]
+    left, right = weight_array(target, "Left"), weight_array(target, "Right")
+    assert np.abs(right - ramp(target)).max() < 0.02
+    np.testing.assert_allclose(left + right, 1, atol=1e-6)
+    np.testing.assert_allclose(weight_array(target, "Own"), 0.3, atol=1e-7)
+
+
+def test_locked_groups_are_left_alone_and_the_others_share_what_they_leave(source, target):
+    set_weights(source, "Left", 1 - ramp(source))
+    set_weights(source, "Right", ramp(source))
+    set_weights(source, "Held", np.full(len(source.data.vertices), 0.01))
+    held = 0.8 * ramp(target, axis=1)
+    set_weights(target, "Held", held).lock_weight = True
+    before = weights(target)["Held"]
+    report = transfer(source, target, "vertex_groups")
+    assert weights(target)["Held"] == before
+    assert target.vertex_groups["Held"].lock_weight
+    total = sum(weight_array(target, name) for name in ("Left", "Right", "Held"))
+    np.testing.assert_allclose(total, 1, atol=1e-6)
+    assert "locked" in report["skipped"]["Held"]
+    assert report["written"]["vertex_groups"] == ["Left", "Right"]
+
+
+def test_only_groups_of_deforming_bones_are_normalised(source, target):
+    armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    bpy.context.scene.collection.objects.link(armature)
+    activate(armature)
+    bpy.ops.object.mode_set(mode="EDIT")
+    for name in ("Left", "Right", "Control"):
+        bone = armature.data.edit_bones.new(name)
+        bone.tail = (0, 0, 1)
+        bone.use_deform = name != "Control"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    source.modifiers.new("Armature", "ARMATURE").object = armature
+    keep_true_match(target)
+    set_weights(source, "Left", 1 - ramp(source))
+    set_weights(source, "Right", ramp(source))
+    set_weights(source, "Control", np.full(len(source.data.vertices), 0.9))
+    set_weights(source, "Mask", np.full(len(source.data.vertices), 0.4))
+    set_weights(target, "Locked mask", np.ones(len(target.data.vertices))).lock_weight = True  # takes no share
+    transfer(source, target, "vertex_groups")
+    np.testing.assert_allclose(weight_array(target, "Left") + weight_array(target, "Right"), 1, atol=1e-6)
+    np.testing.assert_allclose(weight_array(target, "Control"), 0.9, atol=1e-5)
+    np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
+
+
+@pytest.mark.parametrize("domain", ["POINT", "CORNER"])
+@pytest.mark.parametrize("data_type", ["BYTE_COLOR", "FLOAT_COLOR"])
+def test_colors_keep_domain_and_type_and_are_mixed_scene_linear(source, target, data_type, domain):
+    linear = np.stack([ramp(source), 1 - ramp(source), 0 * ramp(source), 0 * ramp(source) + 1], axis=1)
+    at = corner_vertices(source.data) if domain == "CORNER" else np.arange(len(linear))
+    for name in ("Under", "Paint"):
+        add_attribute(source.data, name, data_type, domain, linear[at])
+    source.data.attributes.active_color_name = "Paint"
+    source.data.attributes.default_color_name = "Under"
+    target.data.color_attributes.new("Own", "FLOAT_COLOR", "POINT")
+
+    transfer(source, target, "color_attributes")
+    written = target.data.color_attributes["Paint"]
+    assert (written.data_type, written.domain) == (data_type, domain)
+    assert set(target.data.color_attributes.keys()) == {"Own", "Under", "Paint"}
+    assert target.data.attributes.active_color_name == "Paint"
+    assert target.data.attributes.default_color_name == "Under"
+    at = corner_vertices(target.data) if domain == "CORNER" else np.arange(len(target.data.vertices))
+    assert np.abs(values(target.data, "Paint")[:, 0] - ramp(target)[at]).max() < 0.03
+
+
+def test_attributes_of_points_faces_and_corners_arrive(source, target):
+    points, centres = positions(source.data), face_centres(source.data)
+    add_attribute(source.data, "height", "FLOAT", "POINT", points[:, 2])
+    add_attribute(source.data, "place", "FLOAT_VECTOR", "CORNER", points[corner_vertices(source.data)])
+    add_attribute(source.data, "density", "FLOAT", "FACE", centres[:, 0])
+    add_attribute(source.data, "zone", "INT", "FACE", np.where(centres[:, 0] > 0, 700, -3))
+    add_attribute(source.data, "mask", "BOOLEAN", "POINT", points[:, 1] > 0)
+    add_attribute(source.data, "level", "INT8", "POINT", np.where(points[:, 1] > 0, 5, -5))
+    add_attribute(target.data, "own", "FLOAT", "POINT", np.arange(len(target.data.vertices)))
+    transfer(source, target, "attributes")
+
+    points, centres = positions(target.data), face_centres(target.data)
+    assert np.abs(values(target.data, "height") - points[:, 2]).max() < 0.01
+    assert np.abs(values(target.data, "place") - points[corner_vertices(target.data)]).max() < 0.01
+    assert np.abs(values(target.data, "density") - centres[:, 0]).max() < 0.05
+    assert set(values(target.data, "zone")) == {700, -3}
+    assert ((values(target.data, "zone") == 700) == (centres[:, 0] > 0)).mean() > 0.98
+    assert (values(target.data, "mask") == (points[:, 1] > 0)).mean() > 0.98
+    assert target.data.attributes["level"].data_type == "INT8"
+    assert set(values(target.data, "level")) == {5, -5}
+    np.testing.assert_array_equal(values(target.data, "own"), np.arange(len(points)))
+
+
+def test_materials_are_remapped_by_identity_and_missing_slots_appended(source, target):
+    red, green, blue = (new_material(name) for name in ("red", "green", "blue"))
+    for material in (red, green, blue):
+        source.data.materials.append(material)
+    for material in (blue, green):
+        target.data.materials.append(material)
+    east = face_centres(source.data)[:, 0] > 0
+    source.data.polygons.foreach_set("material_index", np.where(east, 0, 2).astype(np.int32))
+    report = transfer(source, target, "materials")
+
+    assert target.data.materials.keys() == ["blue", "green", "red"]
+    shown = np.array([target.data.materials[polygon.material_index].name for polygon in target.data.polygons])
+    assert set(shown) == {"red", "blue"}
+    assert ((shown == "red") == (face_centres(target.data)[:, 0] > 0)).mean() > 0.98
+    assert sorted(report["written"]["materials"]) == ["blue", "red"]
+
+
+def dress(source):
+    """Give the source some of everything."""
+    for name in ("UV A", "UV B"):
+        add_uv_map(source.data, name)
+    set_weights(source, "Left", 1 - ramp(source))
+    set_weights(source, "Right", ramp(source))
+    source.data.color_attributes.new("Paint", "BYTE_COLOR", "CORNER")
+    add_attribute(source.data, "height", "FLOAT", "POINT", positions(source.data)[:, 2])
+    source.data.materials.append(new_material("red"))
+
+
+def test_a_transfer_that_fails_on_the_last_of_many_leaves_the_scene_untouched(source, target):
+    dress(source)
+    values_with_a_hole = values(source.data, "UV B")
+    values_with_a_hole[1234] = np.nan
+    source.data.attributes["UV B"].data.foreach_set("vector", values_with_a_hole.ravel())
+    activate(target, source)
+    before = snapshot_file()
+    with pytest.raises(RuntimeError, match=r"Error: 'UV B' has values that are not finite"):
+        bpy.ops.zoomout.transfer()
+    assert snapshot_file() == before
+
+
+def test_a_transfer_writes_nothing_before_its_last_step(source, target):
+    dress(source)
+    for name in list(target.data.attributes.keys()):
+        if name.startswith("zoomout_"):  # so that it has to match first
+            target.data.attributes.remove(target.data.attributes[name])
+    before = snapshot_file()
+    steps = transfer_steps(bpy.context, "Source", "Target", ("uv_maps", "materials"), k_final=30)
+    for _ in range(5):
+        next(steps)
+    steps.close()
+    assert snapshot_file() == before
+
+    fractions = []
+    for progress in transfer_steps(bpy.context, "Source", "Target", ("uv_maps", "vertex_groups"), k_final=30):
+        fractions.append(progress.fraction)
+        assert snapshot_file() == before
+    assert fractions == sorted(fractions)
+    assert snapshot_file() != before
+
+
+def test_one_transfer_is_one_undo_step(source, target):
+    dress(source)
+    activate(target, source)
+    bpy.ops.ed.undo_push(message="before")
+    before = snapshot_file()
+    assert bpy.ops.zoomout.transfer("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert snapshot_file() != before
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+
+
+def test_a_group_that_bears_the_name_of_an_attribute_is_noted(source, target):
+    dress(source)
+    add_attribute(target.data, "Left", "FLOAT", "POINT", np.zeros(len(target.data.vertices)))
+    report = transfer(source, target, "vertex_groups")
+    assert any("(Left)" in note for note in report["notes"])
+    assert np.abs(weight_array(target, "Left") - (1 - ramp(target))).max() < 0.02
+
+
+def test_an_attribute_that_bears_the_name_of_a_vertex_group_is_refused(source, target):
+    dress(source)
+    set_weights(target, "height", ramp(target))
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match="'height'"):
+        transfer(source, target, "attributes")
+    assert snapshot_file() == before
+
+
+def test_only_what_is_chosen_is_transferred(source, target):
+    dress(source)
+    activate(target, source)
+    before = snapshot(target)
+    bpy.context.scene.zoomout.color_attributes = False
+    nothing = dict.fromkeys(("uv_maps", "attributes", "materials"), False)
+    assert bpy.ops.zoomout.transfer(**nothing) == {"FINISHED"}
+    after = snapshot(target)
+    assert list(after["weights"]) == ["Left", "Right"]
+    assert after["attributes"] == before["attributes"]
+    assert after["materials"] == before["materials"]
+
+
+def test_an_unknown_kind_of_data_is_an_error(source, target):
+    with pytest.raises(ValueError, match="uvs"):
+        transfer(source, target, "uvs")
+
+
+def test_nothing_to_transfer_is_an_error(source, target):
+    with pytest.raises(zo.MeshError, match="'Source' has none of the data"):
+        transfer(source, target, "uv_maps", "materials")
+
+
+def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypatch):
+    dress(source)
+    target_without = linked("Without", target.data.copy())
+    for name in ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"):
+        target_without.data.attributes.remove(target_without.data.attributes[name])
+    report = transfer_objects(bpy.context, source, target_without, ["attributes"], initial="proximity")
+    assert report["written"]["attributes"] == ["height"]
+    assert np.abs(values(target_without.data, "height") - positions(target_without.data)[:, 2]).mean() < 0.02
+    assert stored_match.description(target_without.data)["source"] == "Source"
+
+    monkeypatch.setattr("zoomout_core.match_steps", None)
+    transfer(source, target, "attributes")
+    assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
+
+
+def test_without_a_choice_the_source_is_the_one_that_was_matched(source, target):
+    dress(source)
+    activate(target)
+    assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+    with pytest.raises(RuntimeError, match="There is no source"):
+        bpy.ops.zoomout.match()
+
+
+def test_a_match_that_is_out_of_date_is_refused(source, target):
+    dress(source)
+    source.data.vertices[100].co.x += 1
+    bpy.context.view_layer.update()
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match="match again"):
+        transfer(source, target, "uv_maps")
+    assert snapshot_file() == before
+    match_objects(bpy.context, source, target, initial="proximity", k_final=30)
+    transfer(source, target, "uv_maps")
+
+
+def test_a_second_transfer_changes_nothing_but_what_changed_on_the_source(source, target):
+    dress(source)
+    transfer_objects(bpy.context, source, target)
+    first = snapshot(target)
+    transfer_objects(bpy.context, source, target)
+    assert snapshot(target) == first
+    source.data.attributes["height"].data.foreach_set("value", np.ones(len(source.data.vertices), np.float32))
+    source.data.update()
+    transfer_objects(bpy.context, source, target)
+    second = snapshot(target)
+    assert {name for name in first["attributes"] if first["attributes"][name] != second["attributes"][name]} == {
+        "height"
+    }
+
+
+def test_the_report_says_what_was_written_and_what_was_not(source, target):
+    dress(source)
+    source.data.edge_creases_ensure()
+    add_attribute(target.data, "height", "INT", "FACE", np.zeros(len(target.data.polygons)))
+    activate(target, source)
+    assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+    report = transfer_report(target)
+    assert json.loads(json.dumps(report)) == report
+    assert (report["source"], report["target"]) == ("Source", "Target")
+    assert report["written"] == {
+        "uv_maps": ["UV A", "UV B"],
+        "color_attributes": ["Paint"],
+        "attributes": ["height"],
+        "vertex_groups": ["Left", "Right"],
+        "materials": ["red"],
+    }
+    assert list(report["skipped"]) == ["crease_edge"]
+    assert (report["vertices"], report["low_confidence"]) == (len(target.data.vertices), 10)
+    assert report["notes"][0] == "A note."
+    assert any(note.startswith("height: replaced") for note in report["notes"])
+    assert transfer_report(source) is None
+
+
+def test_a_mesh_that_several_objects_share_is_written_once_and_the_report_says_so(source, target):
+    dress(source)
+    other = linked("Twin", target.data)
+    report = transfer_objects(bpy.context, source, target)
+    assert any("shared by 2 objects" in note for note in report["notes"])
+    assert [group.name for group in other.vertex_groups] == ["Left", "Right"]
+    assert other.material_slots[0].material.name == "red"
+
+
+def test_a_source_with_modifiers_gives_the_data_that_they_leave(source, target):
+    dress(source)
+    finer = source.modifiers.new("Finer", "SUBSURF")
+    finer.levels, finer.subdivision_type = 1, "SIMPLE"
+    keep_true_match(target)
+    transfer_objects(bpy.context, source, target)
+    assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
+    assert np.abs(weight_array(target, "Right") - ramp(target)).max() < 0.02
