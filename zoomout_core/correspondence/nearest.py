@@ -29,3 +29,17 @@ def nearest(queries: Floats, points: Floats) -> Integers:
     for start in range(0, len(queries), rows):
         found[start : start + rows] = np.argmax(extended[start : start + rows] @ table, axis=1)
     return found
+
+
+def nearest_among(queries: Floats, points: Floats, candidates: Integers) -> Integers:
+    """(q,) for each row of `queries` (q, k) the nearest of a few rows of `points`, given by number (q, c)."""
+    points = points.astype(np.float32)
+    half_norm = np.einsum("nk,nk->n", points, points) / 2
+    found = np.empty(len(queries), dtype=np.int64)
+    rows = max(1, BLOCK // (4 * candidates.shape[1] * points.shape[1]))
+    for start in range(0, len(queries), rows):
+        near = candidates[start : start + rows]
+        block = queries[start : start + rows].astype(np.float32)
+        score = (points[near] @ block[:, :, None])[:, :, 0] - half_norm[near]
+        found[start : start + rows] = near[np.arange(len(near)), np.argmax(score, axis=1)]
+    return found
