@@ -2,6 +2,8 @@
 # ARGS is handed on:  make test ARGS="-k laplacian"   make demo ARGS="--help"
 # PYTHON names the interpreter to build .venv with:  make setup PYTHON=/path/to/python3.13
 
+# Tests multiply small matrices: more threads gain nothing, and one that waits for a taken core costs thirtyfold.
+
 BIN := .venv/bin
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 
@@ -20,7 +22,7 @@ setup:  ## create or update .venv (done by the targets that need it, too)
 	exit 1
 
 test: setup  ## run the tests (ARGS for pytest)
-	$(BIN)/python -m pytest $(ARGS)
+	OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest $(ARGS)
 
 demo: setup  ## match two characters, transfer between them, and say where the results are
 	$(BIN)/zoomout demo $(ARGS)
