@@ -2,8 +2,6 @@
 # ARGS is handed on:  make test ARGS="-k laplacian"   make demo ARGS="--help"
 # PYTHON names the interpreter to build .venv with:  make setup PYTHON=/path/to/python3.13
 
-# Tests multiply small matrices: more threads gain nothing, and one that waits for a taken core costs thirtyfold.
-
 BIN := .venv/bin
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 
@@ -21,6 +19,7 @@ setup:  ## create or update .venv (done by the targets that need it, too)
 		"install one, or name it with 'make setup PYTHON=/path/to/python3.13'." >&2; \
 	exit 1
 
+# One BLAS thread: the matrices are small, and threads that wait for a taken core cost thirtyfold.
 test: setup  ## run the tests (ARGS for pytest)
 	OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest $(ARGS)
 

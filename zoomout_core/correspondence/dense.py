@@ -9,13 +9,14 @@ import numpy as np
 from zoomout_core.correspondence.anchors import Anchors, beside
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.parts import map_parts
 from zoomout_core.correspondence.proxy import lifted
 from zoomout_core.correspondence.ranking import SCREENING_SIZE
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import upsample
 from zoomout_core.projection import closest_points, project_to_embedding
-from zoomout_core.surface import Floats, Surface
+from zoomout_core.surface import Booleans, Floats
 
 # Rounds on all vertices, each near the last one's images: they take back most of what sampling has cost.
 FINISHING = 3
@@ -81,31 +82,30 @@ def on_surfaces(pair: Pair, between: SurfaceMap, confidence: Floats) -> tuple[Su
     triangle[inside] = source.full.triangle_of[between_parts.triangle[vertex_of[inside]]]
     barycentric[inside] = between_parts.barycentric[vertex_of[inside]]
     trust[inside] = confidence[vertex_of[inside]]
-    outside = ~inside & np.isfinite(pair.target.vertices).all(axis=1)
+    body = SurfaceMap(triangle, barycentric, pair.source.triangles)
+    return _with_loose_parts(pair, body, trust, inside)
+
+
+def _with_loose_parts(
+    pair: Pair, body: SurfaceMap, trust: Floats, on_body: Booleans
+) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
+    """The map of the largest part, extended to the others: to their partners, or along with the body."""
+    source, target = pair.source, pair.target
+    triangle, barycentric = body.triangle.copy(), body.barycentric.copy()
+    outside = ~on_body & np.isfinite(target.vertices).all(axis=1)
     if outside.any():
-        main = np.flatnonzero(inside[pair.target.triangles[:, 0]])
-        place, weights = closest_points(
-            pair.target.vertices[outside], pair.target.vertices, pair.target.triangles[main]
-        )
-        known = SurfaceMap(triangle, barycentric, pair.source.triangles)
-        carried = known.at(pair.source, pair.target, main[place], weights)
+        main = np.flatnonzero(on_body[target.triangles[:, 0]])
+        place, weights = closest_points(target.vertices[outside], target.vertices, target.triangles[main])
+        carried = body.at(source, target, main[place], weights)
         triangle[outside], barycentric[outside] = carried.triangle, carried.barycentric
-    notes = _notes_on_parts(pair, int(outside.sum()))
-    return SurfaceMap(triangle, barycentric, pair.source.triangles), trust, notes
-
-
-def _notes_on_parts(pair: Pair, outside: int) -> tuple[str, ...]:
-    notes = []
-    if outside:
-        notes.append(
-            f"{outside} vertices of the target lie off its largest part ({_loose(pair.target)}): they follow the "
-            "nearest place of that part, with no confidence."
-        )
-    if pair.source.components.max() > 0:
-        notes.append(f"The source has {_loose(pair.source)} beside its largest: nothing was matched to them.")
-    return tuple(notes)
-
-
-def _loose(surface: Surface) -> str:
-    count = int(surface.components.max())
-    return f"{count} loose part" + "s" * (count != 1)
+    mapped, alone_target, alone_source = map_parts(source, target, body, np.flatnonzero(on_body))
+    for part, onto, confidence in mapped:
+        triangle[part.vertices], barycentric[part.vertices] = onto.triangle, onto.barycentric
+        trust[part.vertices] = confidence
+    notes = (
+        (len(mapped), "{} paired with parts of the source by place and size."),
+        (len(alone_target), "{} of the target without a partner: the nearest place of the body, with no confidence."),
+        (len(alone_source), "{} of the source without a partner: nothing was matched to them."),
+    )
+    worded = tuple(text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in notes if count)
+    return SurfaceMap(triangle, barycentric, source.triangles), trust, worded

@@ -185,19 +185,44 @@ def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creat
     assert len(result.surface_map.triangle) == len(soup.vertices)
 
 
-def test_loose_parts_follow_the_body_and_are_reported(resting: Creature, bent: Creature) -> None:
-    eye = creature(60, seed=5).surface
-    tip = int(np.argmax(bent.surface.vertices[:, 2]))
-    loose = eye.vertices * 0.02 + bent.surface.vertices[tip] * 1.05
-    n = len(bent.surface.vertices)
-    both = Surface(np.vstack([bent.surface.vertices, loose]), np.vstack([bent.surface.triangles, eye.triangles + n]))
-    result = zo.match(resting.surface, both)
+def with_parts(body: Creature, places: np.ndarray, sizes: list[float]) -> tuple[Surface, list[np.ndarray]]:
+    """A creature with small copies of itself floating above some of its vertices, and their vertex numbers."""
+    eye = creature(80, seed=5).surface
+    vertices, triangles, parts = [body.surface.vertices], [body.surface.triangles], []
+    for place, size in zip(places, sizes, strict=True):
+        count = sum(len(points) for points in vertices)
+        normal = body.surface.working.vertex_normals[place]
+        vertices.append(eye.vertices * size + body.surface.vertices[place] + 3 * size * normal)
+        triangles.append(eye.triangles + count)
+        parts.append(np.arange(count, count + len(eye.vertices)))
+    return Surface(np.vstack(vertices), np.vstack(triangles)), parts
+
+
+def test_loose_parts_are_paired_by_place_and_size(resting: Creature, bent: Creature) -> None:
+    where = np.array([[0.3, -0.5, 1], [-0.3, -0.5, 1], [0, -1, 0.2]])  # two eyes and a button
+    places = [(found.directions @ where.T).argmax(axis=0) for found in (resting, bent)]
+    source, source_parts = with_parts(resting, places[0], [0.05, 0.05, 0.08])
+    target, target_parts = with_parts(bent, places[1], [0.05, 0.05, 0.08])
+    result = zo.match(source, target)
+    assert mean_error(result, source, true_vertex(resting, bent)) < RIGHT
+    for ours, theirs in zip(target_parts, source_parts, strict=True):
+        image = result.surface_map.vertex[ours]
+        assert set(image) <= set(theirs)
+        assert (result.confidence[ours] > 0.3).all()
+        distance = np.linalg.norm(source.vertices[image] - source.vertices[theirs], axis=1)
+        assert np.median(distance) < 0.05
+    assert any(note.startswith("3 loose parts paired") for note in result.notes)
+
+
+def test_loose_parts_without_a_partner_follow_the_body_and_are_reported(resting: Creature, bent: Creature) -> None:
+    tip = np.array([int(np.argmax(bent.surface.vertices[:, 2]))])
+    target, (loose,) = with_parts(bent, tip, [0.02])
+    result = zo.match(resting.surface, target)
     assert mean_error(result, resting.surface, true_vertex(resting, bent)) < RIGHT
-    body = result.surface_map.interpolate(resting.surface.vertices)[tip]
-    carried = result.surface_map.interpolate(resting.surface.vertices)[n:]
-    assert np.linalg.norm(carried - body, axis=1).max() < 0.6
-    assert (result.confidence[n:] == 0).all()
-    assert any("1 loose part" in note for note in result.notes)
+    images = result.surface_map.interpolate(resting.surface.vertices)
+    assert np.linalg.norm(images[loose] - images[tip], axis=1).max() < 0.6
+    assert (result.confidence[loose] == 0).all()
+    assert any("1 loose part of the target without a partner" in note for note in result.notes)
 
 
 def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: Creature) -> None:
