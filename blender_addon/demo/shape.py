@@ -225,7 +225,7 @@ def _settled(vertices: Floats, faces: Integers, rounds: int = 6) -> Floats:
     n = len(vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     adjacent = coo_array((np.ones(len(start)), (start, end)), shape=(n, n)).tocsr()
-    count = adjacent.sum(axis=1)[:, None]
+    count: Floats = adjacent.sum(axis=1)[:, None]
     for _ in range(rounds):
         vertices = _on_surface(adjacent @ vertices / count)
     return _on_surface(vertices)
