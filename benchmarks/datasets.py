@@ -11,6 +11,9 @@ import numpy as np
 from zoomout_core.files import read_surface
 from zoomout_core.surface import Integers, Surface
 
+# A set with this file tells for each vertex the nearest vertex of a common template.
+TEMPLATE = "template_vertex.npz"
+
 
 @dataclass(frozen=True)
 class PairOfMeshes:
@@ -34,13 +37,17 @@ class PairOfMeshes:
 
 
 def sets_in(folder: Path) -> list[Path]:
-    """The sets with a list of pairs in a folder, or the folder itself if it is one."""
-    return [path.parent for path in sorted([*folder.glob("pairs.txt"), *folder.glob("*/pairs.txt")])]
+    """The sets with known correspondences in a folder, or the folder itself if it is one."""
+    marks = ("pairs.txt", TEMPLATE, "*/pairs.txt", f"*/{TEMPLATE}")
+    return sorted({path.parent for mark in marks for path in folder.glob(mark)})
 
 
 def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
     """The pairs of a set, or `most` of them evenly spread over the list."""
-    lines = [line.split() for line in (folder / "pairs.txt").read_text().splitlines() if line.strip()]
+    if (folder / TEMPLATE).is_file():
+        lines = _every_kind_against_every_kind(folder)
+    else:
+        lines = [line.split() for line in (folder / "pairs.txt").read_text().splitlines() if line.strip()]
     if most is not None and most < len(lines):
         lines = [lines[i] for i in np.linspace(0, len(lines) - 1, most).round().astype(int)]
     return [(first, second) for first, second in lines]
@@ -48,14 +55,34 @@ def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
 
 def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     """A pair with its true correspondence."""
-    truth = _truth(folder)
-    target, source = (_surface(folder / f"{name}.off") for name in (target_name, source_name))
-    return PairOfMeshes(target_name, source_name, target, source, truth[target_name], truth[source_name])
+    by_template = (folder / TEMPLATE).is_file()
+    truth = _truth(folder / (TEMPLATE if by_template else "correspondence.npz"))
+    ending = "ply" if by_template else "off"
+    target, source = (_surface(folder / f"{name}.{ending}") for name in (target_name, source_name))
+    target_vertex, source_vertex = truth[target_name], truth[source_name]
+    if by_template:
+        target_vertex, source_vertex = _through_template(target_vertex, source_vertex, source)
+    return PairOfMeshes(target_name, source_name, target, source, target_vertex, source_vertex)
+
+
+def _every_kind_against_every_kind(folder: Path) -> list[list[str]]:
+    """All ordered pairs of meshes KIND_SUBJECT of different subjects."""
+    names = [name for name in sorted(_truth(folder / TEMPLATE)) if not name.startswith("cloud")]
+    return [[a, b] for a in names for b in names if a.split("_")[1] != b.split("_")[1]]
+
+
+def _through_template(of_target: Integers, of_source: Integers, source: Surface) -> tuple[Integers, Integers]:
+    """Pairs of vertices with the same template vertex, given the template vertex of each; on the largest part."""
+    first = np.full(max(of_target.max(), of_source.max()) + 1, -1)
+    on_body = np.flatnonzero(source.components == 0)
+    first[of_source[on_body]] = on_body
+    known = np.flatnonzero(first[of_target] >= 0)
+    return known, first[of_target[known]]
 
 
 @lru_cache(maxsize=8)
-def _truth(folder: Path) -> dict[str, Integers]:
-    with np.load(folder / "correspondence.npz") as file:
+def _truth(path: Path) -> dict[str, Integers]:
+    with np.load(path) as file:
         return dict(file)
 
 
