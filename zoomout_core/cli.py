@@ -139,6 +139,7 @@ def summary(result: MatchResult) -> list[str]:
     """What a user should know about a match, a sentence a line."""
     low = float((result.confidence < 0.5).mean())
     lines = [
+        f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.",
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below 0.5.",
         f"Found by {result.candidates[result.chosen].origin}, the best of {len(result.candidates)} candidates.",
     ]

@@ -18,7 +18,7 @@ from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
-from zoomout_core.correspondence.ranking import Candidate, rank_steps
+from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps
 from zoomout_core.correspondence.shape import shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
@@ -29,6 +29,8 @@ Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 
 SMALLEST_PART = 12
 PROXY_VERTICES = 6000
+# A map of less certainty than this comes with a note.
+SURE = 0.9
 # Eigenfunctions that ranking needs, however small the final map.
 FEWEST_FUNCTIONS = 120
 # Weight of the landmarks' mean distance, at unit area, in the ranking: a flip costs about one.
@@ -56,6 +58,11 @@ class MatchResult:
     chosen: int
     notes: tuple[str, ...]
     pair: Pair
+
+    @property
+    def certainty(self) -> float:
+        """Probability that the map as a whole is right: no side swapped, nothing turned front to back."""
+        return self.candidates[self.chosen].certainty
 
     def use(self, candidate: int) -> MatchResult:
         """The result of another candidate, by its number."""
@@ -176,6 +183,12 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     confidence = confidence_of(cycle_error(there, back, target.mesh.vertices))
     yield Progress(0.95, "Carrying over to all vertices")
     surface_map, confidence, notes = on_surfaces(pair, there, confidence)
+    if candidate.certainty < SURE:
+        notes = (
+            f"This map is right with a probability of {candidate.certainty:.0%} only: check that no sides are swapped, "
+            "and try another candidate or add landmarks if they are.",
+            *notes,
+        )
     return MatchResult(surface_map, confidence, functional_map, candidates, chosen, notes, pair)
 
 
@@ -207,4 +220,4 @@ def _ranked_by_landmarks(candidates: list[Candidate], pair: Pair, landmarks: Lan
         image = nearest(queries[target_ids], embedded)
         candidate.scores["landmarks"] = float(distances[np.arange(len(image)), image].mean())
         candidate.scores["total"] += LANDMARK_WEIGHT * candidate.scores["landmarks"]
-    return sorted(candidates, key=lambda candidate: (candidate.reverses_orientation, candidate.scores["total"]))
+    return in_order(candidates, source)

@@ -8,7 +8,7 @@ cannot see a human turned front to back, pseudo-scalars are noise on shapes that
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,10 @@ KEPT_ANCHORED, KEPT_FREE = 8, 6
 CLEAR_ORIENTATION = 0.2
 # Maps closer than this part of the variance of biharmonic coordinates are the same map.
 SAME_MAP = 0.05
+# Maps whose images are farther apart than this, on average and at unit area, rival each other; a lead in score
+# above the other constant makes a map no surer.
+ANOTHER_MAP = 0.1
+LARGEST_LEAD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,10 @@ class Candidate:
         reverses_orientation: whether it turns the target inside out, as a mirror image does.
         functional_map: (k_target, k_source).
         reverse_functional_map: (k_source, k_target), of the map found in the other direction.
+        sample_map: (s_t,) for each search sample of the target the number of its source sample.
         anchors: what holds the map in place, at all vertices.
+        certainty: probability, in [0, 1], that this is the right one of the maps that treat the orientation
+            as it does.
         scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`) and their total,
             of which the smallest is the most likely map.
     """
@@ -50,7 +57,9 @@ class Candidate:
     reverses_orientation: bool
     functional_map: Floats
     reverse_functional_map: Floats
+    sample_map: Integers
     anchors: Anchors | None
+    certainty: float
     scores: dict[str, float]
 
 
@@ -90,7 +99,33 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
     for i, entry in enumerate(kept):
         candidates.append(_candidate(entry, source, target))
         yield 0.6 + 0.4 * (i + 1) / len(kept)
-    return sorted(candidates, key=lambda candidate: (candidate.reverses_orientation, candidate.scores["total"]))
+    return in_order(candidates, source)
+
+
+def in_order(candidates: list[Candidate], source: Shape) -> list[Candidate]:
+    """Candidates with their certainty, the most likely first; those that reverse the orientation come last."""
+    ranked = sorted(candidates, key=lambda candidate: (candidate.reverses_orientation, candidate.scores["total"]))
+    return [replace(candidate, certainty=_certainty(candidate, ranked, source)) for candidate in ranked]
+
+
+def _certainty(candidate: Candidate, candidates: list[Candidate], source: Shape) -> float:
+    """Probability that a candidate is right, from its lead over other maps and its agreement with the shape.
+
+    A logistic model of human, animal and gorilla-to-man pairs, with all hypotheses and with some left out so
+    that right maps were missed. Fitted to two of the three sets, of the maps it called 90 % sure on the third
+    96 % were right.
+    """
+    images = source.nearest_distance_sample[candidate.sample_map]
+    lead = LARGEST_LEAD
+    for other in candidates:
+        if other is candidate or other.reverses_orientation != candidate.reverses_orientation:
+            continue
+        apart = source.distances[images, source.search.samples[other.sample_map]].mean()
+        if apart > ANOTHER_MAP:
+            lead = min(lead, other.scores["total"] - candidate.scores["total"])
+    disagreement = np.log(max(1 - candidate.scores["curvature"], 1e-9))
+    logit = 1.72 * lead - 2.35 * disagreement + 1.98 * candidate.scores["handedness"] - 4.61
+    return float(1 / (1 + np.exp(-logit)))
 
 
 def orientation_agreement(sample_map: Integers, source: Shape, target: Shape) -> float:
@@ -198,7 +233,9 @@ def _candidate(entry: _Screened, source: Shape, target: Shape) -> Candidate:
     back_again = scores_of(reverse, reverse_map, target, source, reverses)
     scores = {name: (there[name] + back_again[name]) / 2 for name in there}
     scores["total"] = total_score(scores)
-    return Candidate(entry.hypothesis.origin, reverses, functional_map, reverse, entry.hypothesis.anchors, scores)
+    return Candidate(
+        entry.hypothesis.origin, reverses, functional_map, reverse, sample_map, entry.hypothesis.anchors, 0.0, scores
+    )
 
 
 def _at_search_samples(anchors: Anchors | None, source: Shape, target: Shape) -> Anchors | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from creatures import Creature, creature, mirrored_vertex, true_vertex
+from creatures import Creature, creature, directions, mirrored_vertex, true_vertex
+from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.surface import MeshError, Surface
@@ -47,6 +48,29 @@ def test_the_mirrored_map_is_kept_as_a_candidate_and_can_be_used(resting, bent, 
     assert not result.candidates[0].reverses_orientation
     with pytest.raises(ValueError, match="no candidate 99"):
         result.use(99)
+
+
+def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
+    again = creature(2500, seed=1, bend=0.4)
+    sure = zo.match(resting.surface, again.surface)
+    assert sure.certainty > 0.9
+    assert not sure.notes
+    rivals = [other for other in sure.candidates if not other.reverses_orientation][1:]
+    truth = true_vertex(resting, again)
+    wrong = [
+        other.certainty
+        for i, other in enumerate(rivals, start=1)
+        if mean_error(sure.use(i), resting.surface, truth) > 5 * RIGHT
+    ]
+    assert wrong
+    assert max(wrong) < sure.certainty
+
+
+def test_a_round_shape_is_called_uncertain() -> None:
+    spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
+    result = zo.match(*spheres)
+    assert result.certainty < 0.5
+    assert any("probability" in note for note in result.notes)
 
 
 def test_confidence_is_lower_where_the_map_is_wrong(resting: Creature) -> None:
