@@ -32,7 +32,7 @@ def main(name: str, data: Path, pairs: int | None, json_file: Path | None) -> No
 
 def show(rows: list[dict[str, Any]]) -> None:
     """Print rows under a line of column names."""
-    columns = list(rows[0])
+    columns = list(dict.fromkeys(column for row in rows for column in row))
     cells = [columns, *([_cell(row.get(column)) for column in columns] for row in rows)]
     widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
     for line in cells:
