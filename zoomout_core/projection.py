@@ -16,6 +16,7 @@ from zoomout_core.surface import Floats, Integers
 BLOCK = 1 << 19
 # A query that still has rivals after this many triangles is as far off the surface as these are wide.
 MOST_CANDIDATES = 256
+FIRST_GUESSES = 3
 
 
 def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tuple[Integers, Floats]:
@@ -34,53 +35,68 @@ def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tup
     corners = vertices[triangles]
     centre = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    found = _Closest(points, corners)
+    # A triangle that is near is a good first guess, and rules out most others.
+    tree, count = cKDTree(centre), min(FIRST_GUESSES, len(triangles))
+    for block in np.array_split(np.arange(len(points)), 1 + len(points) * count // BLOCK):
+        near = np.reshape(tree.query(points[block], count)[1], (len(block), count))
+        found.improve(np.repeat(block, count), near.ravel())
     # Triangles by size, so that a few large ones do not widen the search among the small ones.
-    size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius)) / 2), -1, 4)
-
-    triangle = np.zeros(len(points), dtype=np.int64)
-    barycentric = np.zeros((len(points), 3))
-    best = np.full(len(points), np.inf)
-    for group in np.unique(size):
-        members = np.flatnonzero(size == group)
-        tree = cKDTree(centre[members])
-        reach = radius[members].max()
-        open_queries = np.arange(len(points))
-        count = min(8, len(members))
-        while len(open_queries):
-            unresolved = []
-            for block in np.array_split(open_queries, max(1, len(open_queries) * count // BLOCK)):
-                distance, near = (np.reshape(found, (len(block), count)) for found in tree.query(points[block], count))
-                _improve(points, corners, block, members[near], triangle, barycentric, best)
-                unresolved.append(block[distance[:, -1] - reach < best[block]])
-            open_queries = np.concatenate(unresolved)
-            if count == min(len(members), MOST_CANDIDATES):
-                break
-            count = min(4 * count, len(members), MOST_CANDIDATES)
-    return triangle, barycentric
+    size = np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius)))
+    for group in np.unique(np.clip(size, -2, 6)):
+        members = np.flatnonzero(np.clip(size, -2, 6) == group)
+        _search(found, cKDTree(centre[members]), members, radius[members])
+    return found.triangle, found.barycentric
 
 
-def _improve(
-    points: Floats,
-    corners: Floats,
-    queries: Integers,
-    candidates: Integers,
-    triangle: Integers,
-    barycentric: Floats,
-    best: Floats,
-) -> None:
-    """Take over the best of the candidate triangles (q, c) of each query where it beats what is known."""
-    p = points[queries][:, None, :]
-    a, b, c = (corners[candidates, i] for i in range(3))
-    weights = barycentric_of_closest(_dots(p - a, b - a, c - a))
-    foot = np.einsum("qci,qcix->qcx", weights, corners[candidates])
-    distance = np.linalg.norm(foot - p, axis=2)
-    pick = np.argmin(distance, axis=1)
-    rows = np.arange(len(queries))
-    better = distance[rows, pick] < best[queries]
-    chosen = queries[better]
-    triangle[chosen] = candidates[rows, pick][better]
-    barycentric[chosen] = weights[rows, pick][better]
-    best[chosen] = distance[rows, pick][better]
+class _Closest:
+    """The closest points found so far, as `closest_points` returns them, and their distances (q,)."""
+
+    def __init__(self, points: Floats, corners: Floats) -> None:
+        self.points, self.corners = points, corners
+        self.triangle = np.zeros(len(points), dtype=np.int64)
+        self.barycentric = np.zeros((len(points), 3))
+        self.distance = np.full(len(points), np.inf)
+
+    def improve(self, queries: Integers, candidates: Integers) -> None:
+        """Look at pairs (p,) of a query, in ascending order, and a triangle."""
+        if len(queries) == 0:
+            return
+        a, b, c = (self.corners[candidates, i] for i in range(3))
+        weights = barycentric_of_closest(_dots(self.points[queries] - a, b - a, c - a))
+        foot = np.einsum("pi,pix->px", weights, self.corners[candidates])
+        distance = np.linalg.norm(foot - self.points[queries], axis=1)
+        pick = _first_least(distance, queries)
+        pick = pick[distance[pick] < self.distance[queries[pick]]]
+        chosen = queries[pick]
+        self.triangle[chosen], self.barycentric[chosen] = candidates[pick], weights[pick]
+        self.distance[chosen] = distance[pick]
+
+
+def _search(found: _Closest, tree: cKDTree, members: Integers, radius: Floats) -> None:
+    """Look among triangles of about one size, more and more of them, until none can be closer."""
+    reach = float(radius.max())
+    queries = np.arange(len(found.points))
+    count = min(4, len(members))
+    while len(queries):
+        unresolved = []
+        for block in np.array_split(queries, 1 + len(queries) * count // BLOCK):
+            distance, near = (np.reshape(part, (len(block), count)) for part in tree.query(found.points[block], count))
+            row, column = np.nonzero(distance - radius[near] < found.distance[block, None])
+            found.improve(block[row], members[near[row, column]])
+            unresolved.append(block[distance[:, -1] - reach < found.distance[block]])
+        queries = np.concatenate(unresolved)
+        if count == min(len(members), MOST_CANDIDATES):
+            break
+        count = min(4 * count, len(members), MOST_CANDIDATES)
+
+
+def _first_least(values: Floats, group: Integers) -> Integers:
+    """The position of the least value (p,) of each group, given by ascending numbers (p,)."""
+    begin = np.flatnonzero(np.diff(group, prepend=-1))
+    least = np.repeat(np.minimum.reduceat(values, begin), np.diff(begin, append=len(group)))
+    hit = np.flatnonzero(values <= least)
+    return hit[np.flatnonzero(np.diff(group[hit], prepend=-1))]
 
 
 def project_to_embedding(
@@ -133,9 +149,7 @@ def project_to_embedding(
         # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
         offset = -2 * product[:, 0] + np.einsum("mk,mk->m", embedding, embedding)[triangles[candidate, 0]]
         distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
-        lowest = np.minimum.reduceat(distance, first)
-        hit = np.flatnonzero(distance <= lowest[query])
-        hit = hit[np.unique(query[hit], return_index=True)[1]]
+        hit = _first_least(distance, query)
         triangle[block] = candidate[hit]
         barycentric[block] = weights[hit]
     return triangle, barycentric

@@ -24,6 +24,8 @@ Booleans: TypeAlias = NDArray[Any]
 
 # Borders closer than this part of the bounding box are the same border: exporters split vertices at UV seams.
 WELD_TOLERANCE = 2.0**-20
+# Larger coordinates overflow where areas are squared.
+LARGEST_COORDINATE = 1e75
 # A signed volume below this part of a sphere's of the same area says nothing about inside and outside.
 FLAT_VOLUME = 0.02
 
@@ -110,7 +112,7 @@ class Surface:
         triangle_corners: (m, 3) the corners that each triangle of the triangulation connects.
 
     Raises:
-        MeshError: no faces, numbers out of range, coordinates that are not finite, or no area.
+        MeshError: no faces, numbers that are not whole or out of range, coordinates that are not finite, or no area.
     """
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]) -> None:
@@ -132,12 +134,15 @@ class Surface:
             corner_vertex: (c,) the vertex of each corner.
             face_start: (f + 1,) first corner of each face; the last entry is c.
             triangle_corners: (m, 3) a triangulation by corner numbers; worked out when not given.
+
+        Raises:
+            MeshError: as for the constructor, or the arrays do not fit each other.
         """
         surface = cls.__new__(cls)
         surface._set(
             vertices,
-            np.asarray(corner_vertex, dtype=np.int64),
-            np.asarray(face_start, dtype=np.int64),
+            _whole_numbers(corner_vertex),
+            _whole_numbers(face_start),
             triangle_corners,
         )
         return surface
@@ -156,7 +161,7 @@ class Surface:
         self.triangle_corners: Integers = (
             _triangulate(self.vertices, corner_vertex, face_start)
             if triangle_corners is None
-            else np.asarray(triangle_corners, dtype=np.int64).reshape(-1, 3)
+            else _checked_triangles(triangle_corners, len(corner_vertex))
         )
         if not self.area > 0:
             raise MeshError("The mesh has no area: all of its faces are degenerate; give it faces with an extent.")
@@ -201,7 +206,7 @@ class PointCloud:
         normals: (n, 3) unit normals, or None.
 
     Raises:
-        MeshError: fewer than 12 points, or coordinates that are not finite.
+        MeshError: fewer than 12 points, coordinates that are not finite, or not a normal for each point.
     """
 
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None) -> None:
@@ -209,6 +214,8 @@ class PointCloud:
         self.normals = None if normals is None else _checked_points(normals)
         if not np.isfinite(self.points).all():
             raise MeshError("Some points have coordinates that are not finite: remove them.")
+        if self.normals is not None and not (len(self.normals) == len(self.points) and np.isfinite(self.normals).all()):
+            raise MeshError(f"{len(self.points)} points need as many finite normals: correct them, or leave them out.")
         if len(self.points) < 12:
             raise MeshError(f"A point cloud of {len(self.points)} points is too small: at least 12 are needed.")
 
@@ -267,7 +274,10 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _checked_points(points: ArrayLike) -> Floats:
-    array = np.array(points, dtype=np.float64)
+    try:
+        array = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MeshError("Positions must be numbers, three for each vertex.") from None
     if array.ndim != 2 or array.shape[1] != 3:
         raise MeshError(f"Positions must be an array of shape (n, 3), not {array.shape}.")
     return array
@@ -276,11 +286,32 @@ def _checked_points(points: ArrayLike) -> Floats:
 def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Integers]:
     """Flat corners and face starts of an array of faces or a list of polygons."""
     if isinstance(faces, np.ndarray) and faces.ndim == 2:
-        return faces.astype(np.int64).ravel(), np.arange(len(faces) + 1) * faces.shape[1]
-    polygons: list[Any] = list(cast(Sequence[Any], faces))
-    sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+        return _whole_numbers(faces.ravel()), np.arange(len(faces) + 1) * faces.shape[1]
+    try:
+        polygons: list[Any] = list(cast(Sequence[Any], faces))
+        sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+    except TypeError:
+        raise MeshError("Faces must be an array of shape (f, k), or a sequence of polygons.") from None
     corners = [vertex for polygon in polygons for vertex in polygon]
-    return np.array(corners, dtype=np.int64), np.concatenate([[0], np.cumsum(sizes)])
+    return _whole_numbers(corners), np.concatenate([[0], np.cumsum(sizes)])
+
+
+def _whole_numbers(numbers: ArrayLike) -> Integers:
+    """Numbers of elements as integers; whole floats, as some files and programs give them, will do."""
+    array = np.asarray(numbers)
+    whole = array.dtype.kind in "iu" or (
+        array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
+    )
+    if array.size and not whole:
+        raise MeshError("Faces must name their vertices by whole numbers, counted from 0.")
+    return array.astype(np.int64)
+
+
+def _checked_triangles(triangle_corners: ArrayLike, corner_count: int) -> Integers:
+    triangles = _whole_numbers(triangle_corners).reshape(-1, 3)
+    if triangles.size and not (triangles.min() >= 0 and triangles.max() < corner_count):
+        raise MeshError(f"The triangulation names corner {triangles.max()}, but there are {corner_count}: correct it.")
+    return triangles
 
 
 def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers) -> None:
@@ -290,16 +321,22 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
     if sizes.min() < 3:
         face = int(np.argmin(sizes))
         raise MeshError(f"Face {face} has {sizes[face]} corners: remove faces with fewer than three.")
+    if face_start[0] != 0 or face_start[-1] != len(corner_vertex):
+        raise MeshError(
+            f"Faces that take up the corners {face_start[0]} to {face_start[-1]} were given {len(corner_vertex)} "
+            "corners: the first face must start at 0, and the last entry be their number."
+        )
     if corner_vertex.min() < 0 or corner_vertex.max() >= len(vertices):
         wrong = int(np.flatnonzero((corner_vertex < 0) | (corner_vertex >= len(vertices)))[0])
         raise MeshError(
             f"A face names vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered from 0."
         )
-    broken = np.unique(corner_vertex[~np.isfinite(vertices[corner_vertex]).all(axis=1)])
+    usable = np.abs(vertices[corner_vertex]) <= LARGEST_COORDINATE  # and so no NaN
+    broken = np.unique(corner_vertex[~usable.all(axis=1)])
     if len(broken):
         raise MeshError(
-            f"{len(broken)} vertices have coordinates that are not finite (the first is vertex {broken[0]}): "
-            "remove or repair them."
+            f"{len(broken)} vertices have coordinates that are not finite or beyond all measure "
+            f"(the first is vertex {broken[0]}): remove or repair them."
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import robust_laplacian
 from scipy.sparse import csc_array
 
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.surface import Floats, Integers, MeshError
 
 # Masses below this part of the mean only amplify rounding in the eigenvectors.
 SMALLEST_AREA = 1e-6
@@ -27,8 +27,15 @@ def mesh_laplacian(vertices: Floats, triangles: Integers) -> tuple[csc_array, Fl
 
 
 def point_cloud_laplacian(points: Floats) -> tuple[csc_array, Floats]:
-    """Stiffness matrix and point areas of a point cloud; shapes and scaling as for `mesh_laplacian`."""
-    stiffness, mass = robust_laplacian.point_cloud_laplacian(np.ascontiguousarray(points))
+    """Stiffness matrix and point areas of a point cloud; shapes and scaling as for `mesh_laplacian`.
+
+    Raises:
+        MeshError: no surface can be laid through the points, as where they lie on a line.
+    """
+    try:
+        stiffness, mass = robust_laplacian.point_cloud_laplacian(np.ascontiguousarray(points))
+    except RuntimeError as error:
+        raise MeshError("No surface can be laid through the points: do they lie on a line, or in one place?") from error
     return csc_array(stiffness), _unit_areas(mass.diagonal())
 
 

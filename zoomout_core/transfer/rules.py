@@ -110,7 +110,9 @@ def _rule(attribute: Attribute) -> Rule:
     kind, domain = attribute.kind.name.lower(), attribute.domain.name.lower()
     if attribute.kind not in RULES:
         able = ", ".join(known.name.lower() for known in RULES)
-        raise MeshError(f"'{attribute.name}' is a {kind}, which cannot be transferred yet; these can: {able}.")
+        raise MeshError(
+            f"'{attribute.name}' is of the kind {kind}, which cannot be transferred yet; these can: {able}."
+        )
     rule = RULES[attribute.kind]
     if attribute.domain not in rule.domains:
         able = " or ".join(known.name.lower() for known in rule.domains)

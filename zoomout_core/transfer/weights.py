@@ -114,6 +114,6 @@ def _rescale(weights: Any, shared: Booleans, sums: Floats, total: ArrayLike | No
     counts = shared[weights.indices]
     kept = np.bincount(rows[counts], weights.data[counts], minlength=weights.shape[0])
     wanted = np.where(np.abs(sums - 1) < SUM_TOLERANCE, 1.0, kept) if total is None else total
-    factor = np.divide(wanted, kept, out=np.ones_like(kept), where=kept > 0)
+    factor = np.divide(wanted, kept, out=np.ones(len(kept)), where=kept > 0)
     weights.data[counts] *= factor[rows[counts]]
     weights.eliminate_zeros()
