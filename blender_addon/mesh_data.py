@@ -137,11 +137,14 @@ def evaluated_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, 
 def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
     """The surface of an object as the modifiers leave it, in world space.
 
+    Where they leave the faces as they are, these are divided into triangles like those of the object's own
+    mesh: Blender divides a quad another way when a pose folds it, and a match would not outlive that.
+
     Raises:
         MeshError: there is no surface, or it is not evaluated.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        return _surface(evaluated, mesh, read_positions(mesh))
+        return _surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh))
 
 
 def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
@@ -181,6 +184,14 @@ def _surface(obj: Object, mesh: Mesh, positions: np.ndarray) -> zo.Surface:
         )
     except zo.MeshError as error:
         raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error
+
+
+def _same_faces(mesh: Mesh, other: Mesh) -> bool:
+    return (
+        len(mesh.vertices) == len(other.vertices)
+        and np.array_equal(_read(mesh.polygons, "loop_start", np.int32), _read(other.polygons, "loop_start", np.int32))
+        and np.array_equal(_read(mesh.loops, "vertex_index", np.int32), _read(other.loops, "vertex_index", np.int32))
+    )
 
 
 def _change_of_vertices(obj: Object) -> str:

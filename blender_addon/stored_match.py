@@ -1,7 +1,8 @@
 """A match, kept on the target's mesh: three attributes, and a custom property that says what they belong to.
 
-Triangles are numbered like Blender's `loop_triangles` of the evaluated source, and barycentric coordinates
-follow their corners; those of a mirrored object count in the opposite order, see `mesh_data`.
+Triangles are numbered like Blender's `loop_triangles` of the source, its own where the modifiers keep its faces,
+else those that they leave, and barycentric coordinates follow their corners; those of a mirrored object count in
+the opposite order, see `mesh_data`.
 """
 
 from __future__ import annotations

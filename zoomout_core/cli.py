@@ -29,7 +29,7 @@ def main() -> None:
 def match_options(command: Any) -> Any:
     """The options of every command that matches two meshes."""
     for option in (
-        click.option("--seed", default=0, show_default=True, help="Of the eigensolver."),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the eigensolver."),
         click.option(
             "--detail",
             type=click.Choice(list(DETAIL)),
@@ -57,6 +57,8 @@ def start_arguments(initial: str, landmarks: str | None, detail: str, seed: int)
     """What the options of `match_options` mean to `match`."""
     k_final, samples = DETAIL[detail]
     arguments: dict[str, Any] = {"k_final": k_final, "samples": samples, "seed": seed, "initial": initial}
+    if initial == "landmarks" and landmarks is None:
+        raise MeshError("A start from landmarks needs --landmarks FILE, which names pairs of vertices.")
     if landmarks is not None:
         arguments["landmarks"] = read_landmarks(landmarks)
         if initial == "auto":
@@ -90,10 +92,11 @@ def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
         MeshError: a line is not a pair of vertex numbers.
     """
     try:
-        pairs = np.loadtxt(path, dtype=np.int64, ndmin=2)
-    except ValueError as error:
-        raise MeshError(f"{path} is no list of landmarks ({error}): give two vertex numbers a line.") from None
-    if pairs.size == 0 or pairs.shape[1] != 2:
+        rows = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]
+        pairs = np.array([(int(source), int(target)) for source, target in filter(None, rows)], dtype=np.int64)
+    except (ValueError, OverflowError):
+        pairs = np.zeros((0, 2), dtype=np.int64)
+    if len(pairs) == 0:
         raise MeshError(f"{path} is no list of landmarks: give two vertex numbers a line, source and target.")
     return pairs[:, 0], pairs[:, 1]
 
@@ -124,11 +127,13 @@ def match(source: str, target: str, output: str, initial: str, landmarks: str | 
     try:
         if not Path(output).parent.is_dir():
             raise MeshError(f"There is no folder {Path(output).parent}: create it, or write elsewhere.")
+        if Path(output).suffix != ".npz":
+            raise MeshError(f"{output} does not end in .npz: a map is written to such a file only.")
         surfaces = read_surface(source), read_surface(target)
         arguments = start_arguments(initial, landmarks, detail, seed)
         result = with_progress_bar(match_steps(*surfaces, **arguments))
         result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
-    except (MeshError, ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     for line in summary(result):
         click.echo(line)

@@ -165,6 +165,8 @@ def _plan_weights(plan: Plan, source: Object, target: Object) -> None:
     plan.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
     if not open_columns:
         return
+    if weights.values.nnz == 0:
+        plan.notes.append(f"As its modifiers leave it, '{source.name}' has no weights: its vertex groups arrive empty.")
     labels = tuple(weights.labels[i] for i in open_columns)
     hidden = [name for name in labels if name in target.data.attributes]
     if hidden:

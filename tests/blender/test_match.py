@@ -207,6 +207,27 @@ def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target
     assert stored_match.read(target.data, read_pair(bpy.context, "Hero", "Target")) is not None
 
 
+def test_a_match_outlives_a_pose_that_folds_quads(source, target):
+    activate(source)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.tris_convert_to_quads(face_threshold=3.2, shape_threshold=3.2)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    quad = next(polygon for polygon in source.data.polygons if len(polygon.vertices) == 4)
+    a, _, c, d = (source.data.vertices[i].co for i in quad.vertices)
+    folded = 0.5 * d + 0.25 * (a + c)  # the second corner, moved over the diagonal of the first
+    source.shape_key_add(name="Basis")
+    pose = source.shape_key_add(name="Pose")
+    pose.data[quad.vertices[1]].co = folded
+    pose.value = 0
+    match_objects(bpy.context, source, target, k_final=30)
+    pose.value = 1
+    bpy.context.view_layer.update()
+    evaluated = source.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    assert not np.array_equal(triangles(evaluated), triangles(source.data))
+    assert stored_match.read(target.data, read_pair(bpy.context, "Source", "Target")) is not None
+
+
 @pytest.mark.parametrize("edited", ["Source", "Target"])
 @pytest.mark.parametrize("edit", ["moved", "deleted", "flipped", "mirrored"])
 def test_a_match_of_meshes_that_were_edited_since_is_refused(source, target, edited, edit):

@@ -122,6 +122,14 @@ def test_weights_follow_the_map_sum_to_one_and_keep_the_order_of_the_groups(sour
     np.testing.assert_allclose(weight_array(target, "Own"), 0.3, atol=1e-7)
 
 
+def test_groups_without_weights_arrive_empty_and_the_report_says_so(source, target):
+    source.vertex_groups.new(name="Empty")
+    source.update_tag()
+    report = transfer(source, target, "vertex_groups")
+    assert weights(target) == {"Empty": {}}
+    assert any("no weights" in note for note in report["notes"])
+
+
 def test_locked_groups_are_left_alone_and_the_others_share_what_they_leave(source, target):
     set_weights(source, "Left", 1 - ramp(source))
     set_weights(source, "Right", ramp(source))

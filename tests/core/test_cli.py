@@ -63,12 +63,24 @@ def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Cr
         (("source.ply", "broken.ply"), "broken.ply"),
         (("source.ply", "target.ply", "--initial", "broken.ply"), "holds no map"),
         (("source.ply", "target.ply", "--landmarks", "broken.ply"), "vertex numbers"),
+        (("source.ply", "target.ply", "--landmarks", "empty.ply"), "vertex numbers"),
+        (("source.ply", "target.ply", "--landmarks", "fractions.ply"), "vertex numbers"),
+        (("source.ply", "target.ply", "--landmarks", "triples.ply"), "vertex numbers"),
+        (("source.ply", "target.ply", "--initial", "landmarks"), "--landmarks FILE"),
+        (("source.ply", "target.ply", "-o", "map"), "does not end in .npz"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_what_cannot_be_done_is_said_in_one_sentence(files: Path, arguments: tuple[str, ...], sentence: str) -> None:
-    (files / "broken.ply").write_text("ply\nthis is no mesh\n")
+    for name, text in {
+        "broken": "ply\nthis is no mesh\n",
+        "empty": "",
+        "fractions": "0.5 1\n",
+        "triples": "0 1 2\n",
+    }.items():
+        (files / f"{name}.ply").write_text(text)
     named = [files / name if name.endswith(".ply") else name for name in arguments]
-    outcome = run("match", *named, "-o", files / "none.npz")
+    outcome = run("match", "-o", files / "none.npz", *named)
     assert outcome.exit_code != 0
     assert outcome.output.startswith("Error: ")
     assert outcome.output.strip().count("\n") == 0

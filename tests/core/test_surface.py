@@ -56,6 +56,16 @@ def test_corners_keep_their_faces_and_order() -> None:
         (np.array([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]), [[0, 1, 2]], "vertex 1"),
         (SQUARE * [1, 0, 0], [[0, 1, 2]], "no area"),
         (SQUARE[:, :2], [[0, 1, 2]], "(n, 3)"),
+        ([["a", "b", "c"]] * 3, [[0, 1, 2]], "must be numbers"),
+        ([[0, 0, 0], [1, 0], [0, 1, 0]], [[0, 1, 2]], "three for each vertex"),
+        (SQUARE * 1e200, [[0, 1, 2]], "beyond all measure"),
+        (SQUARE, np.array([[0.5, 1, 2]]), "whole numbers"),
+        (SQUARE, [[0.5, 1, 2]], "whole numbers"),
+        (SQUARE, np.array([[0, 1, np.nan]]), "whole numbers"),
+        (SQUARE, np.array([[0, 1, np.inf]]), "whole numbers"),
+        (SQUARE, [["0", "1", "2"]], "whole numbers"),
+        (SQUARE, np.arange(3), "sequence of polygons"),
+        (SQUARE, None, "sequence of polygons"),
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_refused_in_one_sentence(vertices, faces, sentence: str) -> None:
@@ -119,6 +129,27 @@ def test_faces_without_extent_are_left_out_of_the_working_copy() -> None:
     surface = Surface(np.vstack([SQUARE, SQUARE[:1]]), [[0, 1, 2], [0, 2, 3], [0, 4, 1]])
     assert len(surface.working.triangles) == 2
     assert np.array_equal(surface.working.triangle_of, [0, 1])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int32, np.float32])
+def test_vertex_numbers_may_be_of_any_type_that_holds_them(dtype: type) -> None:
+    surface = Surface(SQUARE.astype(np.float32), np.asfortranarray([[0, 1, 2], [0, 2, 3]], dtype=dtype))
+    assert surface.corner_vertex.tolist() == [0, 1, 2, 0, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("face_start", "triangle_corners", "sentence"),
+    [([0, 3], None, "corners 0 to 3"), ([1, 4], None, "corners 1 to 4"), ([0, 4], [[0, 1, 9]], "corner 9")],
+)
+def test_corner_arrays_that_do_not_fit_each_other_are_refused(face_start, triangle_corners, sentence: str) -> None:
+    with pytest.raises(MeshError, match=sentence):
+        Surface.from_corners(SQUARE, [0, 1, 2, 3], face_start, triangle_corners)
+
+
+@pytest.mark.parametrize("normals", [np.ones((5, 3)), np.full((20, 3), np.nan)])
+def test_normals_that_do_not_fit_the_points_are_refused(normals: np.ndarray) -> None:
+    with pytest.raises(MeshError, match="20 points"):
+        PointCloud(np.random.default_rng(0).normal(size=(20, 3)), normals)
 
 
 def test_a_tiny_point_cloud_is_refused() -> None:

@@ -290,12 +290,10 @@ def _faults(chart: Chart, draped: Draped, seed: Integers, uv: Floats) -> tuple[B
     island = chart.cut.triangle_island[seed]
     signed = _signed_areas(uv[target.triangle_corners])
     covered = np.bincount(target.triangle_face, signed)
-    outwards = np.bincount(target.triangle_face, signed * _outward(target))
     area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
     expected = chart.density[island] ** 2 * area * source.area / target.area
     degenerate = np.abs(covered) < DEGENERATE * expected
-    outwards_at_seed = _signed_areas(chart.uv[source.triangle_corners[seed]]) * _outward(source)[seed]
-    flipped = (outwards * outwards_at_seed < 0) & ~degenerate
+    flipped = _flipped(chart, draped, seed, signed) & ~degenerate
 
     around_face, around_seed = face_edges(target), source.triangle_corners[seed][:, [[0, 1], [1, 2], [2, 0]]]
     in_space = edge_lengths(source.vertices[source.corner_vertex], around_seed).sum(axis=1)
@@ -306,6 +304,27 @@ def _faults(chart: Chart, draped: Draped, seed: Integers, uv: Floats) -> tuple[B
     long = found > STRETCHED * length * np.maximum(local, chart.density[island])
     short = found * STRETCHED < length * np.minimum(local, chart.density[island])
     return flipped, degenerate, (long | short) & ~degenerate
+
+
+def _flipped(chart: Chart, draped: Draped, seed: Integers, signed: Floats) -> Booleans:
+    """(f,) which faces of the target, whose triangles cover UV areas (m,), are turned against the source at the seeds.
+
+    Where the source's UVs fold without a seam, a seed may lie over the fold; then the middle of the face decides,
+    or rather of the triangle that covers most.
+    """
+    source, target = draped.source, draped.target
+    outwards = np.bincount(target.triangle_face, signed * _outward(target))
+    on_source = _signed_areas(chart.uv[source.triangle_corners]) * _outward(source)
+    flipped = outwards * on_source[seed] < 0
+    order = np.argsort(np.abs(signed), kind="stable")
+    largest = np.empty(len(flipped), dtype=np.int64)
+    largest[target.triangle_face[order]] = order
+    suspects = np.flatnonzero(flipped)
+    middle, _ = draped.locate(largest[suspects], np.full((len(suspects), 3), 1 / 3))
+    island = chart.cut.triangle_island
+    over_fold = (island[middle] == island[seed[suspects]]) & (outwards[suspects] * on_source[middle] > 0)
+    flipped[suspects[over_fold]] = False
+    return flipped
 
 
 def _signed_areas(uv: Floats) -> Floats:

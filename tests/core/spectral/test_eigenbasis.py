@@ -86,6 +86,12 @@ def test_a_point_cloud_has_nearly_the_spectrum_of_its_sphere() -> None:
     np.testing.assert_allclose(eigenvalues[1:], 4 * np.pi * np.repeat([2.0, 6.0], [3, 5]), rtol=0.05)
 
 
+@pytest.mark.parametrize("places", [[0, 0, 0], [1, 2, 3]])
+def test_points_that_span_no_surface_are_refused(places: list[int]) -> None:
+    with pytest.raises(MeshError, match="No surface"):
+        eigenbasis(PointCloud(np.arange(50.0)[:, None] * places), 10)
+
+
 @pytest.mark.parametrize("k", [0, 4000, 5000])
 def test_more_eigenfunctions_than_vertices_are_refused(resting: Creature, k: int) -> None:
     with pytest.raises(MeshError, match="ask for fewer"):

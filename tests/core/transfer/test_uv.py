@@ -312,6 +312,14 @@ def test_winding_alone_is_no_flip(source: Sheet) -> None:
     assert not transferred(of.uv, true_map(source, *GRID, target.parameters), source.surface, inverted).notes
 
 
+@pytest.mark.parametrize("sides", [3, 4])
+def test_folds_that_the_source_has_are_no_flips(sides: int) -> None:
+    mesh = sheet(torus, 97, 61, jitter=0.2, sides=sides)
+    projected = mesh.surface.vertices[mesh.surface.corner_vertex, :2]  # upper and lower half overlap
+    notes = transferred(projected, identity(mesh.surface), mesh.surface, mesh.surface).notes
+    assert not [note for note in notes if "flipped" in note]
+
+
 def test_collapsed_and_stretched_faces_and_lost_islands_are_reported(source: Sheet) -> None:
     target = sheet(torus, 97, 61, sides=3)
     patch = target.parameters[:, 0] < 0.4

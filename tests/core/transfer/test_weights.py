@@ -120,6 +120,13 @@ def test_vertices_without_weights_stay_without_and_partial_sums_stay_partial(sou
     assert result[target.parameters[:, 1] > 0.5] == pytest.approx(1, abs=1e-12)
 
 
+@pytest.mark.parametrize("value", [0.0, 1e-6])
+def test_groups_without_any_weight_arrive_without_any(source: Sheet, target: Sheet, value: float) -> None:
+    weights = csr_array(np.full((len(source.parameters), 2), value))
+    assert skinned(weights, source, target).nnz == 0
+    assert skinned(weights, source, target, total=1.0).nnz == 0
+
+
 def test_the_identity_returns_the_weights(source: Sheet) -> None:
     for dtype, rounding in ((np.float64, 1e-12), (np.float32, 1e-6)):
         weights = scattered(len(source.parameters), 60, 4)
