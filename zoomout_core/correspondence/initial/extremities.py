@@ -26,7 +26,6 @@ PERSISTENCE = 0.09
 FEWEST, MOST = 3, 7
 # How many pairings of all extremities are tried, and how many that leave one out.
 COMPLETE, PARTIAL = 10, 4
-LEFT_OUT_COST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
