@@ -8,40 +8,71 @@ from typing import Any
 
 import click
 
-from benchmarks import correspondence, refinement
+from benchmarks import correspondence as correspondence_tables
+from benchmarks import refinement as refinement_table
 
-TABLES = {"correspondence": correspondence.run, "refinement": refinement.run}
+
+@click.group()
+def main() -> None:
+    """Make tables from the meshes in a folder that is laid out like the benchmark data."""
 
 
-@click.command()
-@click.argument("name", type=click.Choice(sorted(TABLES)))
+def common_options(command: Any) -> Any:
+    """The options of every table."""
+    for option in (
+        click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too."),
+        click.option("--pairs", type=click.IntRange(min=1), help="Use this many pairs of each set, evenly spread."),
+        click.option(
+            "--data",
+            required=True,
+            type=click.Path(exists=True, file_okay=False, path_type=Path),
+            help="Folder of meshes.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+@main.command()
+@common_options
+@click.option("--ablate", is_flag=True, help="Leave out each stage of the match in turn, too.")
 @click.option(
-    "--data", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of meshes."
+    "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst pairs of each set here."
 )
-@click.option("--pairs", type=int, help="Use this many pairs of each set, evenly spread over its list.")
-@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows here too.")
-def main(name: str, data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """Make the table NAME from the meshes in a folder laid out like the benchmark data."""
-    rows = TABLES[name](data, pairs)
-    if not rows:
+def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate: bool, pictures: Path | None) -> None:
+    """How often `match` is right with no hint, how exact it is, and whether it knows; published maps beside it."""
+    report(correspondence_tables.run(data, pairs, ablate, pictures), data, json_file)
+
+
+@main.command()
+@common_options
+def refinement(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """ZoomOut alone, with all given, beside another implementation of it."""
+    report({"rows": refinement_table.run(data, pairs)}, data, json_file)
+
+
+def report(tables: dict[str, list[dict[str, Any]]], data: Path, json_file: Path | None) -> None:
+    """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
+    if not tables["rows"]:
         raise click.ClickException(f"{data} holds nothing that this table is made from: give the folder of the sets.")
-    show(rows)
+    shown = [show(rows) for name, rows in tables.items() if rows and name != "pairs"]
+    click.echo("\n\n".join(shown))
     if json_file is not None:
-        json_file.write_text(json.dumps(rows, indent=2))
+        json_file.write_text(json.dumps(tables, indent=2))
 
 
-def show(rows: list[dict[str, Any]]) -> None:
-    """Print rows under a line of column names."""
-    columns = list(dict.fromkeys(column for row in rows for column in row))
-    cells = [columns, *([_cell(row.get(column)) for column in columns] for row in rows)]
+def show(rows: list[dict[str, Any]]) -> str:
+    """Rows under a line of column names; columns that are empty throughout are left out."""
+    columns = [name for name in rows[0] if any(row[name] is not None for row in rows)]
+    cells = [columns, *([_cell(row[column]) for column in columns] for row in rows)]
     widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
-    for line in cells:
-        click.echo(
-            "  ".join(
-                cell.rjust(width) if i else cell.ljust(width)
-                for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-            )
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if i else cell.ljust(width)
+            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
         )
+        for line in cells
+    )
 
 
 def _cell(value: Any) -> str:

@@ -1,80 +1,226 @@
-"""How often `match` is right with no hint, how exact it is, and how long it takes; published maps beside it."""
+"""How often `match` is right with no hint, how exact it is, and how long it takes; published maps beside it.
+
+Every figure is worked out from records, one a pair and method, so that a failure can be looked up.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.stats import spearmanr
 from tqdm import tqdm
 
 import zoomout_core as zo
+from benchmarks.ablation import maps_without
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
+from benchmarks.pictures import Picture, draw
 from zoomout_core.correspondence.matching import SURE
+from zoomout_core.evaluation import coverage, flipped_share
+from zoomout_core.surface import Floats, Integers
 
+Record: TypeAlias = dict[str, Any]
+
+OURS = "zo.match"
+# Published maps that others refine: their names end so.
+INITIAL = ("ini", "ini_direct")
 # Mean error times 1000 above which a pair counts as failed.
 ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
+# A vertex of this confidence is trusted, and rightly so if its error times 1000 is below the other.
+TRUSTED, CLOSE = 0.5, 50
+# Classes of certainty in the table of calibration.
+CERTAINTIES = (0.0, 0.5, 0.8, SURE, 1.0)
+WORST = 10
 
 
-def run(data: Path, pairs: int | None) -> list[dict[str, Any]]:
-    """A row for each set and method: success, mean and median over the pairs, median seconds of a cold pair.
+@dataclass(frozen=True, eq=False)
+class Map:
+    """A map to be measured.
 
-    Calibration: the share of maps that are announced as sure, and how many of these are right.
+    Attributes:
+        method: what made it.
+        vertex: (n_t,) the source vertex of each target vertex, -1 where there is none.
+        figures: what else there is to record.
+        confidence: (n_t,) of the vertices, if it is known.
     """
-    rows = []
+
+    method: str
+    vertex: Integers
+    figures: Record = field(default_factory=dict)
+    confidence: Floats | None = None
+
+
+def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None) -> dict[str, list[Record]]:
+    """All tables of the sets in a folder.
+
+    `rows`, for each set and method: success, mean and median error over the pairs, median seconds of a cold pair.
+    Of our maps also the mean share of the target's area that is turned over and of the source's that is covered
+    (`zoomout_core.evaluation`); the median over the pairs of the rank correlation between 1 - confidence and error;
+    and, of the pairs that succeeded, the median share of trusted vertices that are right and of vertices that are
+    not trusted. Vertices are those whose place is known.
+
+    `calibration`, for all sets and each: the maps announced with a certainty of some class, the mean of it, how many
+    are right, and how many have left and right exchanged.
+
+    `ablation`: `rows` with a stage left out each, measured as `benchmarks.ablation` says.
+
+    Args:
+        data: the folder of the sets.
+        pairs: use so many pairs of each set, evenly spread over its list.
+        ablate: make the last table, too.
+        picture_folder: where to draw the worst pairs of each set.
+
+    Returns:
+        The tables by name, and all records under `pairs`; nothing but empty tables where there is no set.
+    """
+    records: list[Record] = []
+    ablated: list[Record] = []
     for folder in sets_in(data):
-        names = pair_names(folder, pairs)
-        limit = NON_ISOMETRIC_LIMIT if "nonisometric" in folder.name else ISOMETRIC_LIMIT
-        errors, seconds, certainties = [], [], []
-        for target_name, source_name in tqdm(names, desc=folder.name, leave=False):
-            pair = load_pair(folder, target_name, source_name)
-            start = perf_counter()
-            result = zo.match(pair.source, pair.target)
-            seconds.append(perf_counter() - start)
-            errors.append(1000 * _error(result.surface_map.vertex, pair))
-            certainties.append(result.certainty)
-        sure = np.array(certainties) >= SURE
-        right = np.array(errors)[sure] < limit
-        calibration = {
-            "sure %": float(100 * sure.mean()),
-            "sure and right %": float(100 * right.mean()) if sure.any() else None,
-        }
-        rows.append(_row(folder.name, "zo.match", errors, limit, seconds) | calibration)
-        rows += [
-            _row(folder.name, path.stem.removeprefix("map_"), _published(path, folder, names), limit, None)
-            for path in sorted(folder.glob("map_*.npz"))
-        ]
+        worst: list[tuple[float, Picture]] = []
+        for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
+            pair = load_pair(folder, *names)
+            result, ours = _matched(OURS, pair)
+            of_pair = _records(folder.name, pair, [ours, *_published(folder, pair)])
+            records += of_pair
+            if ablate:
+                without = [Map(name, vertex) for name, vertex in maps_without(result).items()]
+                ablated += _records(folder.name, pair, without)
+            if picture_folder is not None:
+                worst.append((of_pair[0]["error"], _picture(of_pair[0], pair, result)))
+                worst = sorted(worst, key=lambda entry: -entry[0])[:WORST]
+        if worst and picture_folder is not None:
+            draw(picture_folder / f"{folder.name}.png", [picture for _, picture in worst])
+    tables = {"rows": _rows(records), "calibration": _calibration(records), "ablation": _rows(ablated)}
+    return tables | {"pairs": records + ablated}
+
+
+# --- maps ---------------------------------------------------------------------------------------------------
+
+
+def _matched(method: str, pair: PairOfMeshes, **start: Any) -> tuple[zo.MatchResult, Map]:
+    begin = perf_counter()
+    result = zo.match(pair.source, pair.target, **start)
+    figures = {
+        "seconds": perf_counter() - begin,
+        "certainty": result.certainty,
+        "origin": result.candidates[result.chosen].origin,
+        "turned over %": 100 * flipped_share(result.surface_map, pair.source, pair.target),
+        "covered %": 100 * coverage(result.surface_map, pair.source),
+    }
+    return result, Map(method, result.surface_map.vertex, figures, result.confidence)
+
+
+def _published(folder: Path, pair: PairOfMeshes) -> Iterator[Map]:
+    """The published maps of a pair, and ours that start from the complete ones among those that others refine."""
+    for path in sorted(folder.glob("map_*.npz")):
+        with np.load(path) as maps:
+            vertex = maps.get(f"{pair.target_name}__{pair.source_name}")
+        if vertex is None:
+            continue
+        method = path.stem.removeprefix("map_")
+        yield Map(method, vertex)
+        if method.endswith(INITIAL) and vertex.min() >= 0:
+            yield _matched(f"{method} + zoomout", pair, initial="given", initial_map=vertex)[1]
+
+
+def _picture(record: Record, pair: PairOfMeshes, result: zo.MatchResult) -> Picture:
+    caption = (
+        f"{record['target']} from {record['source']}: error {record['error']:.0f}, certainty {record['certainty']:.0%}"
+    )
+    return Picture(caption, pair.source, pair.target, result.surface_map)
+
+
+# --- records ------------------------------------------------------------------------------------------------
+
+
+def _records(name: str, pair: PairOfMeshes, maps: list[Map]) -> list[Record]:
+    """What is known about maps of one pair."""
+    limit = NON_ISOMETRIC_LIMIT if "nonisometric" in name else ISOMETRIC_LIMIT
+    errors = pair.errors(np.column_stack([entry.vertex for entry in maps]))
+    records = []
+    for entry, error in zip(maps, errors.T, strict=True):
+        mean = float(np.nanmean(error))
+        record: Record = {"set": name, "method": entry.method, "target": pair.target_name, "source": pair.source_name}
+        record |= {"error": mean, "right": mean < limit} | entry.figures
+        if entry.confidence is not None:
+            record |= _trust(entry.confidence[pair.target_vertex], error)
+            mirrored = pair.mirrored_error(entry.vertex)
+            flip = None if mirrored is None else mirrored < limit <= mean
+            record |= {"symmetric error": mirrored, "flip": flip}
+        records.append(record)
+    return records
+
+
+def _trust(confidence: Floats, error: Floats) -> Record:
+    """How well the confidence (c,) foretells the error (c,)."""
+    known = np.isfinite(error)
+    confidence, error = confidence[known], error[known]
+    trusted = confidence >= TRUSTED
+    varied = np.ptp(confidence) > 0 and np.ptp(error) > 0  # else there is no rank
+    return {
+        "rank correlation": float(spearmanr(1 - confidence, error).statistic) if varied else None,
+        "trusted and right %": float(100 * (error[trusted] < CLOSE).mean()) if trusted.any() else None,
+        "not trusted %": float(100 * (~trusted).mean()),
+    }
+
+
+# --- tables -------------------------------------------------------------------------------------------------
+
+
+def _rows(records: list[Record]) -> list[Record]:
+    rows = []
+    for name, method in dict.fromkeys((record["set"], record["method"]) for record in records):
+        chosen = [record for record in records if (record["set"], record["method"]) == (name, method)]
+        right = [record for record in chosen if record["right"]]
+        rows.append(
+            {
+                "set": name,
+                "method": method,
+                "pairs": len(chosen),
+                "success %": 100 * len(right) / len(chosen),
+                "mean": _over(np.mean, chosen, "error"),
+                "median": _over(np.median, chosen, "error"),
+                "seconds": _over(np.median, chosen, "seconds"),
+                "turned over %": _over(np.mean, chosen, "turned over %"),
+                "covered %": _over(np.mean, chosen, "covered %"),
+                "rank correlation": _over(np.median, chosen, "rank correlation"),
+                "trusted and right %": _over(np.median, right, "trusted and right %"),
+                "not trusted %": _over(np.median, right, "not trusted %"),
+            }
+        )
     return rows
 
 
-def _published(path: Path, folder: Path, names: list[tuple[str, str]]) -> list[float]:
-    errors = []
-    with np.load(path) as maps:
-        for target_name, source_name in names:
-            if f"{target_name}__{source_name}" in maps:
-                vertex = maps[f"{target_name}__{source_name}"]
-                errors.append(1000 * _error(vertex, load_pair(folder, target_name, source_name)))
-    return errors
+def _calibration(records: list[Record]) -> list[Record]:
+    ours = [record for record in records if record["method"] == OURS]
+    rows = []
+    for name in ("all", *dict.fromkeys(record["set"] for record in ours)):
+        for low, high in pairwise(CERTAINTIES):
+            chosen = [
+                record
+                for record in ours
+                if name in ("all", record["set"]) and low <= record["certainty"] < (high if high < 1 else np.inf)
+            ]
+            flips = [record["flip"] for record in chosen if record["flip"] is not None]
+            rows.append(
+                {
+                    "set": name,
+                    "certainty %": f"{100 * low:.0f} to {100 * high:.0f}",
+                    "maps": len(chosen),
+                    "announced %": _over(lambda values: 100 * np.mean(values), chosen, "certainty"),
+                    "right %": _over(lambda values: 100 * np.mean(values), chosen, "right"),
+                    "flips": sum(flips) if flips else None,
+                }
+            )
+    return rows
 
 
-def _error(vertex: np.ndarray, pair: PairOfMeshes) -> float:
-    mapped = vertex[pair.target_vertex] >= 0
-    errors = zo.geodesic_error(vertex, pair.source, pair.target_vertex[mapped], pair.source_vertex[mapped])
-    return float(errors[np.isfinite(errors)].mean())  # an image on a loose part has no distance to the body
-
-
-def _row(name: str, method: str, errors: list[float], limit: float, seconds: list[float] | None) -> dict[str, Any]:
-    def over(statistic: Callable[[list[float]], Any], values: list[float] | None) -> float | None:
-        return float(statistic(values)) if values else None
-
-    return {
-        "set": name,
-        "method": method,
-        "pairs": len(errors),
-        "success %": over(lambda values: 100 * np.mean(np.array(values) < limit), errors),
-        "mean": over(np.mean, errors),
-        "median": over(np.median, errors),
-        "seconds": over(np.median, seconds),
-    }
+def _over(statistic: Callable[[list[float]], Any], records: list[Record], column: str) -> float | None:
+    """A statistic of a column over the records that have it."""
+    values = [record[column] for record in records if record.get(column) is not None]
+    return float(statistic(values)) if values else None

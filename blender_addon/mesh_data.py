@@ -24,12 +24,15 @@ from zoomout_core.transfer import RULES, Attribute, Domain, Kind
 
 # Blender refuses more UV maps in its panels, and draws no more than these.
 MOST_UV_MAPS = 8
-# Attributes of this project's own, which describe the mesh that they are on and no other.
-OWN_PREFIX = "zoomout_"
-# What every mesh has, and what is read and written by other ways than as an attribute.
-EVERY_MESH = frozenset({"position", "material_index", "sharp_face"})
+# What a match that is kept on a mesh consists of: for each vertex a triangle of the source, a point in it, and trust.
+MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
 # Attributes that Blender itself gives a meaning which is bound to the edges and corners of one mesh.
-BOUND_TO_MESH = frozenset({"crease_vert", "bevel_weight_vert", "custom_normal", "freestyle_face"})
+CUSTOM_NORMAL = "custom_normal"
+BOUND_TO_MESH = frozenset({"crease_vert", "bevel_weight_vert", CUSTOM_NORMAL, "freestyle_face"})
+# Internal attributes that hold what was made on a mesh, and those that hold how it was being edited.
+SCULPTED = frozenset({".sculpt_mask", ".sculpt_face_set"})
+EDITING_STATES = (".select_", ".hide_", ".uv_select_", ".vs.", ".es.")
+PINS = ".pn."
 # Modifiers that move vertices or change data, but neither add nor remove vertices.
 KEEPING_VERTICES = frozenset(
     {
@@ -172,7 +175,7 @@ def _surface(obj: Object, mesh: Mesh, positions: np.ndarray) -> zo.Surface:
     matrix = np.array(obj.matrix_world)
     mesh.calc_loop_triangles()
     triangle_corners = _read(mesh.loop_triangles, "loops", np.int32, 3)
-    if np.linalg.det(matrix[:3, :3]) < 0:
+    if is_mirrored(obj):
         triangle_corners = triangle_corners[:, ::-1]
     face_start = np.append(_read(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
     try:
@@ -184,6 +187,11 @@ def _surface(obj: Object, mesh: Mesh, positions: np.ndarray) -> zo.Surface:
         )
     except zo.MeshError as error:
         raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error
+
+
+def is_mirrored(obj: Object) -> bool:
+    """Whether an object's matrix turns its mesh into its mirror image."""
+    return obj.matrix_world.is_negative
 
 
 def _same_faces(mesh: Mesh, other: Mesh) -> bool:
@@ -224,15 +232,42 @@ def read_layers(mesh: Mesh) -> tuple[list[Layer], dict[str, str]]:
     layers, skipped = [], {}
     for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
         attribute = mesh.attributes[name]
-        if attribute.is_internal or attribute.is_required or name in EVERY_MESH or name.startswith(OWN_PREFIX):
-            continue
+        if attribute.is_required or name == "material_index":
+            continue  # the mesh itself, and what goes with its materials
         role = roles.get(name, Role.GENERIC)
         reason = _obstacle(attribute, role)
         if reason is None:
             layers.append(read_layer(mesh, name, role))
+        elif name.startswith(EDITING_STATES):
+            skipped["selection and hiding"] = reason  # of all kinds of elements
         else:
             skipped[name] = reason
     return layers, skipped
+
+
+def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
+    """What else an object carries, besides attributes, that cannot be transferred, each with the reason.
+
+    Args:
+        obj: the object as it is in the file.
+        mesh: its mesh as the modifiers leave it.
+    """
+    keys = [] if obj.data.shape_keys is None else obj.data.shape_keys.key_blocks[1:]
+    found = (
+        ("shape keys", bool(keys), f"{len(keys)} of them, which cannot be transferred yet"),
+        (
+            "custom normals",
+            mesh.has_custom_normals and CUSTOM_NORMAL not in mesh.attributes,
+            "they are bound to the shape of the source's own mesh",
+        ),
+        ("skin radii", bool(mesh.skin_vertices), "they belong to the edges that the Skin modifier grows a mesh from"),
+        (
+            "multires displacement",
+            any(modifier.type == "MULTIRES" for modifier in obj.modifiers),
+            "it is bound to the faces of the source's own mesh",
+        ),
+    )
+    return {name: reason for name, present, reason in found if present}
 
 
 def _kind(attribute: bpy.types.Attribute, role: Role) -> Kind:
@@ -240,9 +275,18 @@ def _kind(attribute: bpy.types.Attribute, role: Role) -> Kind:
 
 
 def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
+    name = attribute.name
+    if name.startswith(EDITING_STATES):
+        return "they belong to the editing of the source's own mesh"
+    if name in MATCH_ATTRIBUTES:
+        return "it belongs to a match that the source itself is the target of"
+    if name.startswith(PINS):
+        return "pins of UVs are set for one unwrapping of one mesh"
+    if attribute.is_internal and name not in SCULPTED:
+        return "it is internal to Blender"
     if attribute.domain == "EDGE":
         return "values of edges have no counterpart on another mesh"
-    if attribute.name in BOUND_TO_MESH:
+    if name in BOUND_TO_MESH:
         return "it is bound to the shape of the source's own mesh"
     if attribute.data_type not in STORAGE:
         return f"values of the type {attribute.data_type} cannot be transferred"
@@ -345,18 +389,11 @@ def locked_groups(obj: Object) -> set[str]:
     return {group.name for group in obj.vertex_groups if group.lock_weight}
 
 
-def deform_groups(objects: Sequence[Object], names: Sequence[str]) -> set[str]:
-    """Those of the groups that deform: named like a deforming bone of an armature, or all without one."""
-    armatures = [
-        modifier.object.data
-        for obj in objects
-        for modifier in obj.modifiers
-        if modifier.type == "ARMATURE" and modifier.object is not None
-    ]
-    if not armatures:
-        return set(names)
-    bones = {bone.name for armature in armatures for bone in armature.bones if bone.use_deform}
-    return bones.intersection(names)
+def deforming_bones(obj: Object) -> set[str]:
+    """Names of the deforming bones of the armatures that deform an object, as its modifiers or as its parent."""
+    armatures = [modifier.object for modifier in obj.modifiers if modifier.type == "ARMATURE"]
+    armatures.append(obj.find_armature())
+    return {bone.name for armature in armatures if armature for bone in armature.data.bones if bone.use_deform}
 
 
 # --- materials ----------------------------------------------------------------------------------------------
@@ -398,6 +435,7 @@ class SourceData:
     Attributes:
         layers: UV maps, colour attributes and other attributes, in the order of Blender's lists.
         skipped: why other attributes cannot be transferred, by their names.
+        without_a_way: the same of what is no attribute, see `data_without_a_way`.
         active: which layers are shown and rendered.
         weights: all vertex groups, see `read_weights`.
         materials: names of the materials in the slots, see `read_materials`.
@@ -406,6 +444,7 @@ class SourceData:
 
     layers: list[Layer]
     skipped: dict[str, str]
+    without_a_way: dict[str, str]
     active: ActiveLayers
     weights: Attribute
     materials: list[str | None]
@@ -421,6 +460,7 @@ def read_source_data(obj: Object, depsgraph: Depsgraph) -> SourceData:
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         return SourceData(
             *read_layers(mesh),
+            data_without_a_way(obj, mesh),
             read_active_layers(mesh),
             read_weights(evaluated, mesh),
             *read_materials(evaluated, mesh),

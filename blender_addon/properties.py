@@ -43,6 +43,12 @@ class MatchOptions:
         return {"initial": self.initial.lower(), "k_final": self.k_final}
 
 
+def option_label(name: str) -> str:
+    """What an argument of `zoomout_core.match` is called in the interface, or its name if it is not there."""
+    option = MatchOptions.__annotations__.get(name)
+    return option.keywords["name"] if option else name
+
+
 class TransferOptions:
     """What to transfer."""
 

@@ -2,13 +2,15 @@
 
 Triangles are numbered like Blender's `loop_triangles` of the source, its own where the modifiers keep its faces,
 else those that they leave, and barycentric coordinates follow their corners; those of a mirrored object count in
-the opposite order, see `mesh_data`.
+the opposite order, see `mesh_data`. Where the modifiers make faces of their own, and a later pose folds one of
+these so that Blender divides it another way, points move within that face.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,12 +19,10 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .mesh_data import Layer, Role, read_layer, write_layer
+from .mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
 from .pair import ObjectPair
 
-TRIANGLE = "zoomout_triangle"
-BARYCENTRIC = "zoomout_barycentric"
-CONFIDENCE = "zoomout_confidence"
+TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
 # Vertices below this confidence are counted in reports.
 LOW_CONFIDENCE = 0.5
@@ -36,18 +36,27 @@ class StoredMatch:
         surface_map: for each vertex of the target a point on the source.
         confidence: (n_t,) how far to trust it, in [0, 1].
         notes: sentences for the user.
+        settings: what it was made with, by the names of the arguments of `zoomout_core.match`, as far as known.
     """
 
     surface_map: zo.SurfaceMap
     confidence: np.ndarray
     notes: tuple[str, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
 
 
 Match: TypeAlias = zo.MatchResult | StoredMatch
 
 
-def write(mesh: Mesh, match: Match, pair: ObjectPair) -> None:
-    """Keep a match on the target's mesh, in place of an earlier one."""
+def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
+    """Keep a match on the target's mesh, in place of an earlier one.
+
+    Args:
+        mesh: the target's.
+        match: the match.
+        pair: its two objects.
+        settings: what it was made with; of these, those that are a number or a word are kept.
+    """
     surface_map = match.surface_map
     for name, kind, data_type, values in (
         (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
@@ -63,6 +72,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair) -> None:
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "notes": match.notes,
+            "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
     )
     mesh.update()
@@ -83,21 +93,20 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         raise zo.MeshError(f"The source '{pair.source_name}' was edited since it was matched: match again.")
     if kept["target_fingerprint"] != pair.target_fingerprint:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
-    triangle, barycentric, confidence = (
-        read_layer(mesh, name).attribute.values for name in (TRIANGLE, BARYCENTRIC, CONFIDENCE)
-    )
+    triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
     # Stored in single precision: brought back to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(
         zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
         confidence.astype(np.float64),
         tuple(kept["notes"]),
+        kept.get("settings", {}),
     )
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:
     """What is known about the match on a mesh, or None without one or if a part of it was removed."""
-    if PROPERTY not in mesh or any(name not in mesh.attributes for name in (TRIANGLE, BARYCENTRIC, CONFIDENCE)):
+    if PROPERTY not in mesh or any(name not in mesh.attributes for name in MATCH_ATTRIBUTES):
         return None
     return json.loads(mesh[PROPERTY])
 

@@ -41,27 +41,34 @@ class Component:
         domain: vertices or faces.
         kind: what the values mean.
         getter: the method of a mesh that returns the values.
-        blank: the value that MeshLab gives where nothing is known.
+        blanks: the values that MeshLab gives where nothing is known.
     """
 
     name: str
     domain: Domain
     kind: Kind
     getter: str
-    blank: float
+    blanks: tuple[float | tuple[float, ...], ...]
 
     def is_in(self, mesh: Mesh) -> bool:
         """Whether a mesh has it; selections are in every mesh."""
         return self.kind is Kind.BOOLEAN or getattr(mesh, f"has_{self.name}")()
 
+    def is_blank(self, values: Floats | Booleans) -> bool:
+        """Whether MeshLab may have filled in the values by itself: they all are the same blank."""
+        return any(bool((values == np.asarray(blank)).all()) for blank in self.blanks)
+
+
+# White, and the light grey of faces in OBJ files that have texture coordinates but no material.
+BLANK_COLORS = ((1, 1, 1, 1), (192 / 255, 192 / 255, 192 / 255, 1))
 
 COMPONENTS = (
-    Component("vertex_color", Domain.POINT, Kind.COLOR, "vertex_color_matrix", 1),
-    Component("face_color", Domain.FACE, Kind.COLOR, "face_color_matrix", 1),
-    Component("vertex_scalar", Domain.POINT, Kind.SCALAR, "vertex_scalar_array", 0),
-    Component("face_scalar", Domain.FACE, Kind.SCALAR, "face_scalar_array", 0),
-    Component("vertex_selection", Domain.POINT, Kind.BOOLEAN, "vertex_selection_array", 0),
-    Component("face_selection", Domain.FACE, Kind.BOOLEAN, "face_selection_array", 0),
+    Component("vertex_color", Domain.POINT, Kind.COLOR, "vertex_color_matrix", BLANK_COLORS),
+    Component("face_color", Domain.FACE, Kind.COLOR, "face_color_matrix", BLANK_COLORS),
+    Component("vertex_scalar", Domain.POINT, Kind.SCALAR, "vertex_scalar_array", (0,)),
+    Component("face_scalar", Domain.FACE, Kind.SCALAR, "face_scalar_array", (0,)),
+    Component("vertex_selection", Domain.POINT, Kind.BOOLEAN, "vertex_selection_array", (0,)),
+    Component("face_selection", Domain.FACE, Kind.BOOLEAN, "face_selection_array", (0,)),
 )
 
 # The methods that read and that add custom attributes. pymeshlab cannot list their names.
@@ -182,7 +189,7 @@ def _components(mesh: Mesh) -> dict[str, Attribute]:
         if not component.is_in(mesh):
             continue
         values = getattr(mesh, component.getter)()
-        if (values != component.blank).any():
+        if not component.is_blank(values):
             if component.kind is Kind.COLOR:
                 values = _linear(values)
             found[component.name] = Attribute(component.name, component.domain, component.kind, values)

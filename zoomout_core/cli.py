@@ -10,10 +10,13 @@ import click
 import numpy as np
 from tqdm import tqdm
 
+from zoomout_core.correspondence.confidence import cycle_error
 from zoomout_core.correspondence.matching import MatchResult, match_steps
+from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
+from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.files import read_surface
 from zoomout_core.progress import Result, Steps
-from zoomout_core.surface import MeshError
+from zoomout_core.surface import MeshError, Surface
 
 # Final size of the functional map and number of samples of each preset.
 DETAIL = {"fast": (60, 500), "balanced": (120, 1000), "fine": (200, 1500)}
@@ -85,6 +88,21 @@ def read_vertex_map(path: str) -> np.ndarray:
         raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
 
 
+def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
+    """The map from `target` to `source` in a file that `match` wrote.
+
+    Raises:
+        MeshError: the file is not one of `match`, or the map is one between other surfaces.
+    """
+    surface_map = SurfaceMap.load(path, source)
+    if len(surface_map.triangle) != len(target.vertices):
+        raise MeshError(
+            f"{path} maps {len(surface_map.triangle)} vertices, but the surface that it should start from has "
+            f"{len(target.vertices)}: give the two meshes of the map, in its order."
+        )
+    return surface_map
+
+
 def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
     """Source and target vertices (m,) from a text file with a pair a line.
 
@@ -149,6 +167,65 @@ def summary(result: MatchResult) -> list[str]:
         f"Found by {result.candidates[result.chosen].origin}, the best of {len(result.candidates)} candidates.",
     ]
     return [*lines, *result.notes]
+
+
+@main.command()
+@click.argument("map_file", metavar="MAP", type=click.Path(exists=True, dir_okay=False))
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option(
+    "--truth",
+    type=click.Path(exists=True, dir_okay=False),
+    help="Text file of pairs that truly correspond: a source vertex and a target vertex a line, numbered from 0.",
+)
+@click.option(
+    "--reverse",
+    type=click.Path(exists=True, dir_okay=False),
+    help="A map from SOURCE to TARGET, as of `zoomout match TARGET SOURCE`: does going there and back lead home?",
+)
+def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse: str | None) -> None:
+    """Say how good MAP is, which `zoomout match SOURCE TARGET` wrote: what it folds, misses and stretches.
+
+    With --truth also how far its images are off their true places. Distances are in thousandths of the square root
+    of the surface's area.
+    """
+    try:
+        surfaces = read_surface(source), read_surface(target)
+        surface_map = read_surface_map(map_file, *surfaces)
+        lines = [] if truth is None else _error_lines(surface_map, *surfaces, truth)
+        lines += [
+            f"Turned over: {flipped_share(surface_map, *surfaces):.1%} of the target's area.",
+            f"Covered: {coverage(surface_map, surfaces[0]):.1%} of the source's area.",
+            f"Edge distortion: {edge_distortion(surface_map, *surfaces):.3f} (0 for an isometry).",
+        ]
+        if reverse is not None:
+            back = read_surface_map(reverse, *surfaces[::-1])
+            missed = 1000 * cycle_error(surface_map, back, surfaces[1].vertices) / np.sqrt(surfaces[1].area)
+            missed = missed[np.isfinite(missed)]  # vertices that no face uses may be nowhere
+            lines.append(f"Distance from a target vertex to where going there and back leads: {_spread_of(missed)}.")
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    for line in lines:
+        click.echo(line)
+
+
+def _error_lines(surface_map: SurfaceMap, source: Surface, target: Surface, truth: str) -> list[str]:
+    source_vertex, target_vertex = read_landmarks(truth)
+    known = (
+        vertex_numbers(target_vertex, len(target.vertices), f"What {truth} names of the target"),
+        vertex_numbers(source_vertex, len(source.vertices), f"What {truth} names of the source"),
+    )
+    error = 1000 * geodesic_error(surface_map, source, *known)
+    reached = error[np.isfinite(error)]  # an image on a loose part has no distance to the body
+    lines = [f"Error at {len(reached)} true places: {_spread_of(reached)}."] if len(reached) else []
+    if len(reached) < len(error):
+        lines.append(f"{len(error) - len(reached)} images lie on another part of the source than their true places.")
+    return lines
+
+
+def _spread_of(values: np.ndarray) -> str:
+    high = np.percentile(values, 95)
+    return f"mean {values.mean():.1f}, median {np.median(values):.1f}, 95th percentile {high:.1f}"
 
 
 @main.command()

@@ -1,4 +1,10 @@
-"""How good a map is: the field's usual figures."""
+"""How good a map is: the field's usual figures.
+
+Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after
+Ren, Poulenard, Wonka and Ovsjanikov (Continuous and orientation-preserving correspondences via functional maps,
+2018), in forms that depend little on how the surfaces are meshed. What a map does there and back is
+`zoomout_core.correspondence.confidence.cycle_error`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,15 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Floats, Integers, Surface, edge_graph
+from zoomout_core.surface import (
+    Floats,
+    Integers,
+    Surface,
+    edge_graph,
+    triangle_areas,
+    triangle_normals,
+    unique_edges,
+)
 
 # Distances are sought from at most this many places at once: bounds the memory.
 BLOCK = 256
@@ -24,22 +38,74 @@ def geodesic_error(
     Distances run along edges (Dijkstra), and an image counts as its nearest vertex.
 
     Args:
-        surface_map: the map, or (n_t,) the source vertex of each target vertex.
+        surface_map: the map, or (n_t,) the source vertex of each target vertex; (n_t, m) for m maps at once.
         source: the surface that the map lands on.
         target_vertex: (c,) target vertices whose place on the source is known.
         source_vertex: (c,) that place.
         most: measure at most this many of the pairs, evenly spread over the list.
 
     Returns:
-        (min(c, most),) errors; their mean times 1000 is what papers quote.
+        (min(c, most),) errors, or (min(c, most), m); their mean times 1000 is what papers quote.
     """
     vertex = surface_map.vertex if isinstance(surface_map, SurfaceMap) else np.asarray(surface_map)
     picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(most, len(target_vertex))).astype(int))
     image, truth = vertex[np.asarray(target_vertex)[picked]], np.asarray(source_vertex)[picked]
     graph = edge_graph(source.vertices, source.triangles)
-    error = np.empty(len(picked))
+    error = np.empty(image.shape)
     for start in range(0, len(picked), BLOCK):
         block = slice(start, start + BLOCK)
         distance = dijkstra(graph, directed=False, indices=truth[block])
-        error[block] = distance[np.arange(distance.shape[0]), image[block]]
+        error[block] = distance[np.arange(len(distance)), image[block].T].T
     return error / np.sqrt(source.area)
+
+
+def flipped_share(surface_map: SurfaceMap, source: Surface, target: Surface) -> float:
+    """The share of the target's area, in [0, 1], whose triangles the map turns over.
+
+    A triangle is turned over when its image, the triangle between its corners' images, faces against the source's
+    normals there. Both surfaces count as wound outwards, however their faces are wound. A map that reverses
+    everything, as a mirror image does, has 1; a triangle that collapses to a line is not turned over.
+    """
+    normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the last one answers for vertex_of = -1
+    at_images = surface_map.interpolate(normals[source.working.vertex_of])
+    triangles = _outward_triangles(target)
+    image_normals = triangle_normals(surface_map.interpolate(source.vertices), triangles)
+    agreement = np.einsum("mx,mcx->m", image_normals, at_images[triangles])
+    area = triangle_areas(target.vertices, triangles)
+    return float(area[agreement < 0].sum() / area.sum())
+
+
+def coverage(surface_map: SurfaceMap, source: Surface) -> float:
+    """The share of the source's area, in [0, 1], that images reach.
+
+    A face is reached when an image lies in it, or in a face that shares a corner with it; of an image on an edge or
+    at a corner, this holds for the faces around that edge's ends or that corner. A target much coarser than the
+    source cannot reach all of it.
+    """
+    working = source.working
+    corners = source.triangles[surface_map.triangle][surface_map.barycentric > 0]
+    reached = np.zeros(len(working.vertices) + 1, dtype=bool)  # the extra last entry answers for vertex_of = -1
+    reached[working.vertex_of[corners]] = True
+    area = triangle_areas(working.vertices, working.triangles)
+    return float(area[reached[working.triangles].any(axis=1)].sum() / area.sum())
+
+
+def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -> float:
+    """Mean of (image length / length - 1)^2 over the target's edges, both surfaces at unit area; 0 for an isometry.
+
+    The image's length is the straight distance between the ends' images. Edges weigh as their squared length, so
+    that slivers, whose ratios have no bound, do not decide the mean.
+    """
+    edges, _ = unique_edges(target.triangles)
+    images = surface_map.interpolate(source.vertices) / np.sqrt(source.area)
+    length, image_length = (
+        np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+        for points in (target.vertices / np.sqrt(target.area), images)
+    )
+    return float(((image_length - length) ** 2).sum() / (length**2).sum())
+
+
+def _outward_triangles(surface: Surface) -> Integers:
+    """(m, 3) vertices of the surface's triangles that have an extent, wound so that their normals point out."""
+    triangles = surface.triangles[surface.working.triangle_of]
+    return np.where(surface.working.flipped[:, None], triangles[:, [0, 2, 1]], triangles)

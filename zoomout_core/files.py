@@ -31,6 +31,7 @@ def read_surface(path: str | PathLike[str]) -> Surface:
 
     Raises:
         MeshError: the file is missing, cannot be read, holds no faces, or holds faces that cannot be used.
+        TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
     vertices, corner_vertex, face_start = _read(_existing(path))
@@ -50,6 +51,7 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
 
     Raises:
         MeshError: the file is missing, cannot be read, or holds points that cannot be used.
+        TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
     vertices = _read(_existing(path))[0]
@@ -60,6 +62,8 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
 
 
 def _existing(path: str | PathLike[str]) -> Path:
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"A file is named by a string or a path, not by a {type(path).__name__}.")
     path = Path(path)
     if not path.is_file():
         raise MeshError(f"There is no file {path}: check the path.")

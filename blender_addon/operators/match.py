@@ -55,5 +55,5 @@ def match_steps(context: Context, source_name: str, target_name: str, **options:
     pair = read_pair(context, source_name, target_name)
     result = yield from zo.match_steps(pair.source, pair.target, **options)
     _, target = check_unedited(context, pair)
-    stored_match.write(target.data, result, pair)
+    stored_match.write(target.data, result, pair, options)
     return result

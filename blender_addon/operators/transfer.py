@@ -13,11 +13,12 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.progress import Progress, Steps, drain, within
 from zoomout_core.transfer import Attribute, transfer
+from zoomout_core.transfer.weights import sum_to_one
 
 from .. import mesh_data, stored_match
 from ..mesh_data import Layer, Role, SourceData
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
-from ..properties import MatchOptions, SourceName, TransferOptions, take_settings
+from ..properties import MatchOptions, SourceName, TransferOptions, option_label, take_settings
 from .stepped import SteppedOperator
 
 # The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
@@ -101,13 +102,23 @@ def transfer_steps(
         match = yield from within(zo.match_steps(pair.source, pair.target, **match_options), 0, MATCHING)
     else:
         match = kept
+        plan.notes.extend(_unused_settings(kept, match_options))
     yield from within(_compute(plan, match, pair), MATCHING if kept is None else 0, 1)
 
     _, target = check_unedited(context, pair)
     if kept is None:
-        stored_match.write(target.data, match, pair)
+        stored_match.write(target.data, match, pair, match_options)
     _write(target, plan)
     return _write_report(target, plan, match, pair, users_of_mesh(context, target))
+
+
+def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
+    """A sentence about settings that the kept match was not made with, as far as is known."""
+    unused = [name for name, value in settings.items() if name not in kept.settings or kept.settings[name] != value]
+    if not unused:
+        return []
+    labels = ", ".join(option_label(name) for name in unused)
+    return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
 
 
 # --- what is to be done -------------------------------------------------------------------------------------
@@ -121,8 +132,7 @@ class Plan:
         source: what the source has.
         layers: those of its layers that were chosen.
         weights: the chosen vertex groups, if there are any.
-        deforming: (groups,) which of these share a vertex among them.
-        room: (n_t,) what locked groups leave of each vertex's weight, or None where there are none.
+        sharing: how these share a vertex among them and with locked groups, see `weights.mix_weights`.
         face_slots: each face's slot among the source's materials, if materials were chosen.
         skipped: a reason for each name that is not transferred.
         notes: sentences for the user.
@@ -131,8 +141,7 @@ class Plan:
     source: SourceData
     layers: list[Layer]
     weights: Attribute | None = None
-    deforming: np.ndarray | None = None
-    room: np.ndarray | None = None
+    sharing: dict[str, Any] = field(default_factory=dict)
     face_slots: Attribute | None = None
     skipped: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -145,6 +154,7 @@ def _plan(context: Context, pair: ObjectPair, data: Collection[str]) -> Plan:
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
     found = mesh_data.read_source_data(source, context.evaluated_depsgraph_get())
     plan = Plan(found, [layer for layer in found.layers if layer.role.value in data])
+    plan.skipped |= found.without_a_way
     if Role.GENERIC.value in data:
         plan.skipped |= found.skipped
     if "vertex_groups" in data and found.weights.labels:
@@ -174,14 +184,33 @@ def _plan_weights(plan: Plan, source: Object, target: Object) -> None:
             f"'{target.name}' has attributes with the names of vertex groups ({', '.join(hidden)}): rename them, "
             "or modifiers may confuse the two."
         )
-    deforming = mesh_data.deform_groups((source, target), labels)
     plan.weights = replace(weights, values=weights.values[:, open_columns], labels=labels)
-    plan.deforming = np.array([name in deforming for name in labels])
-    held = mesh_data.deform_groups((source, target), sorted(locked))
+    deforming = _deforming_groups(plan, source, target)
+    columns = [i for i, name in enumerate(weights.labels) if name in deforming]
+    plan.sharing["normalised"] = np.array([name in deforming for name in labels])
+    plan.sharing["sums"] = weights.values[:, columns].sum(axis=1)
+    held = locked & deforming
     if held:
         present = mesh_data.read_weights(target, target.data)
         columns = [i for i, name in enumerate(present.labels) if name in held]
-        plan.room = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
+        plan.sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
+
+
+def _deforming_groups(plan: Plan, source: Object, target: Object) -> set[str]:
+    """The groups that share a vertex among them: those of bones, or of a skin without bones.
+
+    What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
+    """
+    weights = plan.source.weights
+    bones = mesh_data.deforming_bones(source) | mesh_data.deforming_bones(target)
+    if bones.intersection(weights.labels) or weights.values.nnz == 0:
+        return bones
+    skin = sum_to_one(weights.values)
+    plan.notes.append(
+        f"No armature has bones with the names of the vertex groups of '{source.name}', which "
+        + ("sum to one on every vertex: they were taken for skin weights." if skin else "were taken for masks.")
+    )
+    return set(weights.labels) if skin else set()
 
 
 def _check_uv_maps(plan: Plan, target: Object) -> None:
@@ -219,7 +248,7 @@ def _compute(plan: Plan, match: stored_match.Match, pair: ObjectPair) -> Steps[N
         plan.notes.extend(plan.layers[i].attribute.notes)
     if plan.weights is not None:
         yield Progress((count - 2) / count, "Transferring vertex groups")
-        plan.weights = transfer(plan.weights, *surfaces, normalised=plan.deforming, total=plan.room)
+        plan.weights = transfer(plan.weights, *surfaces, **plan.sharing)
         plan.notes.extend(plan.weights.notes)
     if plan.face_slots is not None:
         yield Progress((count - 1) / count, "Transferring materials")

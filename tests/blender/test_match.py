@@ -207,7 +207,8 @@ def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target
     assert stored_match.read(target.data, read_pair(bpy.context, "Hero", "Target")) is not None
 
 
-def test_a_match_outlives_a_pose_that_folds_quads(source, target):
+def folding_pose(source):
+    """A shape key, of value 0, that folds a quad of a mesh which gets quads for it."""
     activate(source)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
@@ -220,6 +221,28 @@ def test_a_match_outlives_a_pose_that_folds_quads(source, target):
     pose = source.shape_key_add(name="Pose")
     pose.data[quad.vertices[1]].co = folded
     pose.value = 0
+    return pose
+
+
+def test_a_match_with_a_subdivided_source_outlives_a_pose_that_folds_quads(source, target):
+    pose = folding_pose(source)
+    subdivision = source.modifiers.new("Finer", "SUBSURF")
+    subdivision.levels, subdivision.subdivision_type = 1, "SIMPLE"
+    before = match_objects(bpy.context, source, target, k_final=30).surface_map
+    pose.value = 1
+    bpy.context.view_layer.update()
+    pair = read_pair(bpy.context, "Source", "Target")
+    assert not np.array_equal(pair.source.triangles, before.source_triangles)
+    after = stored_match.read(target.data, pair).surface_map
+    moved = np.linalg.norm(after.interpolate(pair.source.vertices) - before.interpolate(pair.source.vertices), axis=1)
+    assert (moved > 1e-5).mean() < 0.01
+    corners = pair.source.vertices[pair.source.triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    assert moved.max() < longest
+
+
+def test_a_match_outlives_a_pose_that_folds_quads(source, target):
+    pose = folding_pose(source)
     match_objects(bpy.context, source, target, k_final=30)
     pose.value = 1
     bpy.context.view_layer.update()

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scenes import (
     ELEMENTS,
+    activate,
     add_attribute,
     add_uv_map,
     ellipsoid,
@@ -106,24 +107,76 @@ def test_layers_are_told_apart_by_what_blender_uses_them_for():
         ("mass", "attributes", Kind.SCALAR),
         ("face color", "attributes", Kind.COLOR),
         ("flow", "attributes", Kind.VECTOR),
+        ("sharp_face", "attributes", Kind.BOOLEAN),
     }
     assert [layer.attribute.name for layer in layers[:2]] == ["UV A", "UV B"]
     assert skipped == {}
 
 
-def test_what_belongs_to_the_mesh_itself_is_not_read_and_what_cannot_be_transferred_has_a_reason():
-    mesh = ellipsoid("Source", 2).data
+def test_what_a_mesh_has_is_read_or_has_a_reason_why_not():
+    source = ellipsoid("Source", 2)
+    mesh = source.data
     mesh.materials.append(new_material("red"))
     mesh.polygons[0].material_index = 0
-    mesh.polygons[0].use_smooth = False
     mesh.edges[0].use_seam = True
     mesh.edge_creases_ensure()
+    add_uv_map(mesh, "UVMap")
     add_attribute(mesh, "zoomout_confidence", "FLOAT", "POINT", np.ones(len(mesh.vertices)))
+    add_attribute(mesh, "zoomout_speed", "FLOAT", "POINT", np.ones(len(mesh.vertices)))
+    add_attribute(mesh, ".sculpt_mask", "FLOAT", "POINT", np.ones(len(mesh.vertices)))
+    add_attribute(mesh, ".sculpt_face_set", "INT", "FACE", np.ones(len(mesh.polygons)))
     mesh.attributes.new("label", "STRING", "POINT")
+    mesh.normals_split_custom_set([(0, 0, 1)] * len(mesh.loops))
+    activate(source)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.uv.select_all(action="SELECT")
+    bpy.ops.uv.pin()
+    bpy.ops.mesh.select_all(action="DESELECT")
+    bpy.ops.mesh.select_random()
+    bpy.ops.mesh.hide()
+    bpy.ops.object.mode_set(mode="OBJECT")
     layers, skipped = mesh_data.read_layers(mesh)
-    assert layers == []
-    assert {"crease_edge", "label"} <= set(skipped)
-    assert not {"position", "sharp_face", "material_index", "zoomout_confidence", ".corner_vert"} & set(skipped)
+    read = {layer.attribute.name for layer in layers}
+    assert read == {"UVMap", "sharp_face", "zoomout_speed", ".sculpt_mask", ".sculpt_face_set"}
+    assert {"crease_edge", "label", "zoomout_confidence", ".pn.UVMap", "selection and hiding"} <= set(skipped)
+    skipped |= mesh_data.data_without_a_way(source, mesh)
+    assert {"custom_normal", "custom normals"} & set(skipped)
+    left = {attribute.name for attribute in mesh.attributes if not attribute.is_required}.difference(read, skipped)
+    assert {name for name in left if not name.startswith((".select_", ".hide_", ".uv_select_"))} <= {"material_index"}
+
+
+def test_shape_keys_and_what_else_is_no_attribute_have_a_reason():
+    source = ellipsoid("Source", 2)
+    assert mesh_data.read_source_data(source, depsgraph()).without_a_way == {}
+    source.shape_key_add(name="Basis")
+    assert mesh_data.read_source_data(source, depsgraph()).without_a_way == {}
+    source.shape_key_add(name="Smile")
+    source.modifiers.new("Multires", "MULTIRES")
+    source.update_tag()
+    assert set(mesh_data.read_source_data(source, depsgraph()).without_a_way) == {
+        "shape keys",
+        "multires displacement",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "data_type", "domain"),
+    [(".sculpt_face_set", "INT", "FACE"), ("sharp_face", "BOOLEAN", "FACE"), (".sculpt_mask", "FLOAT", "POINT")],
+)
+def test_what_was_sculpted_and_shaded_survives_the_round_trip(name, data_type, domain):
+    source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
+    count = len(source.data.polygons) if domain == "FACE" else len(source.data.vertices)
+    expected = random_values(data_type, count)
+    for mesh in (source.data, target.data):
+        if name in mesh.attributes:
+            mesh.attributes.remove(mesh.attributes[name])
+    add_attribute(source.data, name, data_type, domain, expected)
+    (layer,) = [layer for layer in mesh_data.read_layers(source.data)[0] if layer.attribute.name == name]
+    mesh_data.write_layer(target.data, layer)
+    np.testing.assert_allclose(values(target.data, name), expected)
+    if name == "sharp_face":
+        assert [polygon.use_smooth for polygon in target.data.polygons] == [not sharp for sharp in expected]
 
 
 def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
@@ -145,6 +198,7 @@ def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
     assert data.weights.labels == ("Bone",)
     assert data.weights.values.nnz > 3 * vertices
     assert {layer.attribute.name: len(layer.attribute.values) for layer in data.layers} == {
+        "sharp_face": 3 * faces,
         "UVMap": len(surface.corner_vertex),
         "mass": len(surface.vertices),
         "zone": 3 * faces,

@@ -52,7 +52,7 @@ def keep_true_match(target):
     )
     confidence = np.ones(len(pair.target.vertices))
     confidence[:10] = 0.1
-    stored_match.write(target.data, stored_match.StoredMatch(surface_map, confidence, ("A note.",)), pair)
+    stored_match.write(target.data, stored_match.StoredMatch(surface_map, confidence, ("A note.",)), pair, {})
 
 
 def ramp(obj, axis=0):
@@ -131,9 +131,9 @@ def test_groups_without_weights_arrive_empty_and_the_report_says_so(source, targ
 
 
 def test_locked_groups_are_left_alone_and_the_others_share_what_they_leave(source, target):
-    set_weights(source, "Left", 1 - ramp(source))
-    set_weights(source, "Right", ramp(source))
-    set_weights(source, "Held", np.full(len(source.data.vertices), 0.01))
+    set_weights(source, "Left", 0.9 * (1 - ramp(source)))
+    set_weights(source, "Right", 0.9 * ramp(source))
+    set_weights(source, "Held", np.full(len(source.data.vertices), 0.1))
     held = 0.8 * ramp(target, axis=1)
     set_weights(target, "Held", held).lock_weight = True
     before = weights(target)["Held"]
@@ -144,19 +144,62 @@ def test_locked_groups_are_left_alone_and_the_others_share_what_they_leave(sourc
     np.testing.assert_allclose(total, 1, atol=1e-6)
     assert "locked" in report["skipped"]["Held"]
     assert report["written"]["vertex_groups"] == ["Left", "Right"]
+    assert any("taken for skin weights" in note for note in report["notes"])
 
 
-def test_only_groups_of_deforming_bones_are_normalised(source, target):
+def test_without_an_armature_groups_are_masks_unless_they_sum_to_one(source, target):
+    set_weights(source, "Mask", np.full(len(source.data.vertices), 0.4))
+    set_weights(source, "Other", ramp(source))
+    for name in ("Unrelated", "Other"):
+        set_weights(target, name, np.full(len(target.data.vertices), 0.7)).lock_weight = True
+    report = transfer(source, target, "vertex_groups")
+    np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
+    np.testing.assert_allclose(weight_array(target, "Other"), 0.7, atol=1e-6)
+    assert any("taken for masks" in note for note in report["notes"])
+
+
+def test_vertices_that_locked_groups_take_up_are_counted_in_the_report(source, target):
+    set_weights(source, "Left", 1 - ramp(source))
+    set_weights(source, "Right", ramp(source))
+    full = ramp(target, axis=1) > 0.5
+    set_weights(target, "Right", full.astype(float)).lock_weight = True
+    report = transfer(source, target, "vertex_groups")
+    assert (weight_array(target, "Left")[full] == 0).all()
+    np.testing.assert_allclose(weight_array(target, "Left")[~full & (ramp(target) < 0.9)], 1, atol=1e-6)
+    (note,) = [note for note in report["notes"] if "leave no room" in note]
+    without = full & (ramp(target) < 0.999)
+    assert int(note.split(" on ")[1].split()[0]) == pytest.approx(without.sum(), abs=5)
+
+
+def test_an_armature_that_is_the_parent_deforms_too(source, target):
+    armature = rig(("Left", "Right"))
+    source.parent, source.parent_type = armature, "ARMATURE"
+    keep_true_match(target)
+    set_weights(source, "Left", 1 - ramp(source))
+    set_weights(source, "Right", ramp(source))
+    set_weights(source, "Mask", np.full(len(source.data.vertices), 0.4))
+    report = transfer(source, target, "vertex_groups")
+    np.testing.assert_allclose(weight_array(target, "Left") + weight_array(target, "Right"), 1, atol=1e-6)
+    np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
+    assert not any("No armature" in note for note in report["notes"])
+
+
+def rig(bones, controls=()):
+    """An armature with deforming and other bones."""
     armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     bpy.context.scene.collection.objects.link(armature)
     activate(armature)
     bpy.ops.object.mode_set(mode="EDIT")
-    for name in ("Left", "Right", "Control"):
+    for name in (*bones, *controls):
         bone = armature.data.edit_bones.new(name)
         bone.tail = (0, 0, 1)
-        bone.use_deform = name != "Control"
+        bone.use_deform = name not in controls
     bpy.ops.object.mode_set(mode="OBJECT")
-    source.modifiers.new("Armature", "ARMATURE").object = armature
+    return armature
+
+
+def test_only_groups_of_deforming_bones_are_normalised(source, target):
+    source.modifiers.new("Armature", "ARMATURE").object = rig(("Left", "Right"), ("Control",))
     keep_true_match(target)
     set_weights(source, "Left", 1 - ramp(source))
     set_weights(source, "Right", ramp(source))
@@ -330,13 +373,32 @@ def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypa
     for name in ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"):
         target_without.data.attributes.remove(target_without.data.attributes[name])
     report = transfer_objects(bpy.context, source, target_without, ["attributes"], initial="proximity")
-    assert report["written"]["attributes"] == ["height"]
+    assert report["written"]["attributes"] == ["height", "sharp_face"]
     assert np.abs(values(target_without.data, "height") - positions(target_without.data)[:, 2]).mean() < 0.02
     assert stored_match.description(target_without.data)["source"] == "Source"
 
     monkeypatch.setattr("zoomout_core.match_steps", None)
     transfer(source, target, "attributes")
     assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
+
+
+def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without_effect(source, target):
+    dress(source)
+    activate(target, source)
+
+    def unused(**options):
+        assert bpy.ops.zoomout.transfer(attributes=True, **options) == {"FINISHED"}
+        return [note for note in transfer_report(target)["notes"] if "made before" in note]
+
+    assert bpy.ops.zoomout.match(initial="PROXIMITY", k_final=30) == {"FINISHED"}
+    assert unused(initial="PROXIMITY", k_final=30) == []
+    (note,) = unused(initial="PROXIMITY", k_final=60)
+    assert "(Detail)" in note
+    (note,) = unused()
+    assert "(Start, Detail)" in note
+    target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
+    assert unused(initial="PROXIMITY", k_final=40) == []
+    assert unused(initial="PROXIMITY", k_final=40) == []
 
 
 def test_without_a_choice_the_source_is_the_one_that_was_matched(source, target):
@@ -377,6 +439,8 @@ def test_a_second_transfer_changes_nothing_but_what_changed_on_the_source(source
 def test_the_report_says_what_was_written_and_what_was_not(source, target):
     dress(source)
     source.data.edge_creases_ensure()
+    for name in ("Basis", "Smile"):
+        source.shape_key_add(name=name)
     add_attribute(target.data, "height", "INT", "FACE", np.zeros(len(target.data.polygons)))
     activate(target, source)
     assert bpy.ops.zoomout.transfer() == {"FINISHED"}
@@ -386,11 +450,12 @@ def test_the_report_says_what_was_written_and_what_was_not(source, target):
     assert report["written"] == {
         "uv_maps": ["UV A", "UV B"],
         "color_attributes": ["Paint"],
-        "attributes": ["height"],
+        "attributes": ["height", "sharp_face"],
         "vertex_groups": ["Left", "Right"],
         "materials": ["red"],
     }
-    assert list(report["skipped"]) == ["crease_edge"]
+    assert list(report["skipped"]) == ["shape keys", "crease_edge"]
+    assert report["skipped"]["shape keys"].startswith("1 of them")
     assert (report["vertices"], report["low_confidence"]) == (len(target.data.vertices), 10)
     assert report["notes"][0] == "A note."
     assert any(note.startswith("height: replaced") for note in report["notes"])

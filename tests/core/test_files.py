@@ -216,6 +216,13 @@ def test_a_missing_file_is_named(tmp_path):
             reader(tmp_path)
 
 
+@pytest.mark.parametrize("path", [None, 7, np.zeros((4, 3)), ["a.off"], b"a.off"])
+def test_what_is_no_path_is_refused_by_saying_what_is_wanted(path):
+    for reader in (read_surface, read_point_cloud):
+        with pytest.raises(TypeError, match=r"a string or a path, not by a \w+\.$"):
+            reader(path)
+
+
 def test_without_trimesh_the_message_says_how_to_get_it(tmp_path, monkeypatch, shuffled_sphere):
     vertices, faces = shuffled_sphere
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "a.stl")

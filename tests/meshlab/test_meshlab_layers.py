@@ -100,6 +100,19 @@ def test_what_meshlab_fills_in_by_itself_is_not_there():
     assert read_layer(ms, 0).components == {}
 
 
+def test_the_grey_that_meshlab_gives_to_faces_without_a_material_is_not_there(tmp_path):
+    lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "vt 0 0", "vt 1 0", "vt 0 1"]
+    (tmp_path / "plain.obj").write_text("\n".join([*lines, "f 1/1 2/2 3/3"]))
+    (tmp_path / "blue.mtl").write_text("newmtl blue\nKd 0.2 0.4 0.8\n")
+    (tmp_path / "blue.obj").write_text("\n".join(["mtllib blue.mtl", *lines, "usemtl blue", "f 1/1 2/2 3/3"]))
+    ms = pymeshlab.MeshSet()
+    for name in ("plain.obj", "blue.obj"):
+        ms.load_new_mesh(str(tmp_path / name))
+        assert ms.current_mesh().has_face_color()
+    assert set(read_layer(ms, 0).components) == {TEXCOORD}
+    assert set(read_layer(ms, 1).components) == {TEXCOORD, "face_color"}
+
+
 def test_texture_coordinates_of_vertices_become_those_of_corners():
     faces = np.array([[0, 1, 2], [2, 1, 3]])
     coordinates = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1]])

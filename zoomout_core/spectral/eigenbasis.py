@@ -70,7 +70,15 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
 
     Raises:
         MeshError: k is out of range.
+        TypeError: the shape is none, or k no whole number.
     """
+    if not isinstance(shape, Surface | PointCloud):
+        raise TypeError(
+            f"An eigenbasis is of a Surface or a PointCloud, not of a {type(shape).__name__}: make one, such as "
+            "Surface(vertices, faces)."
+        )
+    if not isinstance(k, int | np.integer):
+        raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
     if isinstance(shape, PointCloud):
         stiffness, areas = point_cloud_laplacian(shape.points)
         eigenvalues, eigenvectors = drain(eigenpairs_steps(stiffness, areas, k, seed))

@@ -25,13 +25,14 @@ def mix_weights(
     *,
     normalised: ArrayLike | None = None,
     limit: int | None = None,
-    total: ArrayLike | None = None,
+    sums: ArrayLike | None = None,
+    room: ArrayLike = np.inf,
 ) -> Attribute:
     """Weights (n, groups) at vertices, sparse throughout.
 
-    Weights below 1e-4 are dropped. Of the `normalised` groups each vertex keeps the `limit` largest, scaled
-    to sum to one where the source's do, or to `total`; other groups are mixed only. Vertices without any
-    weight stay without.
+    Weights below 1e-4 are dropped. Of the `normalised` groups each vertex keeps the `limit` largest, scaled to
+    sum to one where the source's do, and elsewhere to keep their sum, as far as there is `room`. Other groups are
+    mixed only. Vertices without any weight stay without.
 
     Args:
         attribute: values are a sparse (n_s, groups) array.
@@ -39,11 +40,12 @@ def mix_weights(
         normalised: (groups,) mask, or column numbers, of the groups that share a vertex among them: those
             that deform and are not locked. All, when not given.
         limit: how many of these a vertex may have; the most that one has on the source, when not given.
-        total: (n_t,) or a number: what these sum to on each vertex that has any. Vertices of locked groups
-            have less than one to give away.
+        sums: (n_s,) what the groups that share a vertex sum to on the source, with those that are locked on the
+            target; that of the `normalised` ones, when not given.
+        room: (n_t,) or a number: what locked groups leave of each vertex of the target.
 
     Raises:
-        MeshError: the limit is below one, or `normalised` does not fit the groups.
+        MeshError: the limit is below one, or `normalised`, `sums` or `room` does not fit the groups or vertices.
     """
     weights = csr_array(attribute.values)
     weights = weights.astype(np.promote_types(weights.dtype, np.float64))
@@ -56,13 +58,35 @@ def mix_weights(
 
     mixing = _mixing_matrix(draped)
     mixed = csr_array(mixing @ weights)
-    sums = mixing @ (weights @ shared.astype(float))
+    own_sums = weights @ shared.astype(float)
+    source_sums = own_sums if sums is None else _each(sums, len(draped.source.vertices), "sums")
     mixed.data[mixed.data < CLIP] = 0
     mixed.eliminate_zeros()
     _keep_largest(mixed, shared, limit)
-    _rescale(mixed, shared, sums, total)
+    full = np.abs(mixing @ source_sums - 1) < SUM_TOLERANCE
+    wanted = np.where(full, 1.0, mixing @ own_sums)
+    without = _rescale(mixed, shared, np.minimum(wanted, _each(room, len(wanted), "room")))
     mixed.sort_indices()
-    return replace(attribute, values=mixed.astype(attribute.values.dtype))
+    notes = attribute.notes
+    if without:
+        notes += (
+            f"{attribute.name}: locked groups leave no room on {without} of {len(wanted)} vertices, where others "
+            "would have weights: lower or unlock them.",
+        )
+    return replace(attribute, values=mixed.astype(attribute.values.dtype), notes=notes)
+
+
+def sum_to_one(weights: Any) -> bool:
+    """Whether weights (n, groups) sum to one on every vertex, as those that deform a whole mesh do."""
+    return bool((np.abs(weights.sum(axis=1) - 1) < SUM_TOLERANCE).all())
+
+
+def _each(values: ArrayLike, count: int, name: str) -> Floats:
+    """(count,) values of vertices, of an array or a single number."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape not in ((), (count,)):
+        raise MeshError(f"`{name}` has the shape {array.shape}: give one number for each of {count} vertices.")
+    return np.broadcast_to(array, count)
 
 
 def _column_mask(columns: ArrayLike | None, count: int) -> Booleans:
@@ -108,12 +132,17 @@ def _keep_largest(weights: Any, shared: Booleans, limit: int) -> None:
     weights.eliminate_zeros()
 
 
-def _rescale(weights: Any, shared: Booleans, sums: Floats, total: ArrayLike | None) -> None:
-    """Scale the shared columns in place, to `total`, or to one in rows that summed to one before the cuts."""
+def _rescale(weights: Any, shared: Booleans, wanted: Floats) -> int:
+    """Scale the shared columns in place, so that each row sums to what is wanted; nothing is less than `CLIP`.
+
+    Returns:
+        How many rows lose their weights because nothing is wanted.
+    """
     rows = _rows(weights)
     counts = shared[weights.indices]
     kept = np.bincount(rows[counts], weights.data[counts], minlength=weights.shape[0])
-    wanted = np.where(np.abs(sums - 1) < SUM_TOLERANCE, 1.0, kept) if total is None else total
+    wanted = np.where(wanted < CLIP, 0, wanted)
     factor = np.divide(wanted, kept, out=np.ones(len(kept)), where=kept > 0)
     weights.data[counts] *= factor[rows[counts]]
     weights.eliminate_zeros()
+    return int(((kept > 0) & (wanted == 0)).sum())

@@ -98,6 +98,15 @@ def test_more_eigenfunctions_than_vertices_are_refused(resting: Creature, k: int
         eigenbasis(resting.surface, k)
 
 
+def test_what_is_no_shape_or_no_number_is_refused_by_saying_what_is_wanted(resting: Creature) -> None:
+    for shape in (resting.surface.vertices, [], None, resting):
+        with pytest.raises(TypeError, match=r"a Surface or a PointCloud, not of a \w+: make one"):
+            eigenbasis(shape, 10)
+    for k in (10.0, "10", None):
+        with pytest.raises(TypeError, match=r"is .*: give a whole number\.$"):
+            eigenbasis(resting.surface, k)
+
+
 def test_a_mesh_with_slivers_and_non_manifold_edges_has_a_basis(resting: Creature) -> None:
     surface, n = resting.surface, len(resting.surface.vertices)
     a, b, c = surface.triangles[0]

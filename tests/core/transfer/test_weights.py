@@ -11,6 +11,7 @@ from transfer_meshes import Sheet, identity, permuted, sheet, true_map, tube
 
 from zoomout_core.surface import MeshError
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.weights import sum_to_one
 
 GRID = (120, 80)
 
@@ -46,13 +47,18 @@ def scattered(count: int, groups: int, each: int, seed: int = 0) -> csr_array:
 
 
 def skinned(weights: csr_array, source: Sheet, target: Sheet, **options: object) -> csr_array:
+    return noted(weights, source, target, **options)[0]
+
+
+def noted(weights: csr_array, source: Sheet, target: Sheet, **options: object) -> tuple[csr_array, tuple[str, ...]]:
+    """The weights, and what is said about them."""
     names = tuple(f"bone {i}" for i in range(weights.shape[1]))
     attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights, names)
     surface_map = true_map(source, *GRID, target.parameters)
     result = transfer(attribute, surface_map, source.surface, target.surface, **options)
     assert result.labels == names
     assert result.values.dtype == weights.dtype
-    return result.values
+    return result.values, result.notes
 
 
 def test_weights_that_are_linear_on_the_source_arrive_as_the_same_formula(source: Sheet, target: Sheet) -> None:
@@ -105,8 +111,37 @@ def test_groups_that_share_nothing_are_mixed_only(source: Sheet, target: Sheet) 
 def test_unlocked_groups_share_what_locked_ones_leave(source: Sheet, target: Sheet) -> None:
     rest = np.random.default_rng(0).uniform(0, 1, len(target.parameters))
     rest[:10] = 0
-    result = skinned(scattered(len(source.parameters), 20, 4), source, target, total=rest)
-    assert np.abs(result.sum(axis=1) - rest).max() < 1e-12
+    result, (note,) = noted(scattered(len(source.parameters), 20, 4), source, target, room=rest)
+    assert np.abs(result.sum(axis=1) - np.where(rest < 1e-4, 0, rest)).max() < 1e-12
+    assert f"no room on {(rest < 1e-4).sum()} of {len(rest)} vertices" in note
+
+
+def test_what_locked_groups_had_on_the_source_is_shared_anew(source: Sheet, target: Sheet) -> None:
+    # Of 20 groups that sum to one, three are locked on the target, where they leave half of each vertex.
+    weights = scattered(len(source.parameters), 20, 4)
+    result = skinned(csr_array(weights[:, 3:]), source, target, sums=weights.sum(axis=1), room=0.5).sum(axis=1)
+    assert np.abs(result[result > 0] - 0.5).max() < 1e-12
+    assert (result > 0).mean() > 0.9
+
+
+def test_groups_that_do_not_fill_a_vertex_keep_their_sum_where_there_is_room(source: Sheet, target: Sheet) -> None:
+    weights = csr_array(scattered(len(source.parameters), 20, 4) * 0.4)
+    room = np.where(target.parameters[:, 1] < 0.5, 0.1, 0.7)
+    result, notes = noted(weights, source, target, room=room)
+    np.testing.assert_allclose(result.sum(axis=1), np.minimum(room, 0.4), atol=1e-12)
+    assert notes == ()
+
+
+def test_sums_above_one_are_kept(source: Sheet, target: Sheet) -> None:
+    masks = csr_array(scattered(len(source.parameters), 20, 4) * 2.5)
+    assert np.abs(skinned(masks, source, target).sum(axis=1) - 2.5).max() < 1e-12
+
+
+def test_a_skin_is_told_from_masks_by_its_sums(source: Sheet) -> None:
+    skin = scattered(len(source.parameters), 20, 4).astype(np.float32)
+    assert sum_to_one(skin)
+    skin.data[:4] = 0
+    assert not sum_to_one(skin)
 
 
 def test_vertices_without_weights_stay_without_and_partial_sums_stay_partial(source: Sheet, target: Sheet) -> None:
@@ -116,7 +151,7 @@ def test_vertices_without_weights_stay_without_and_partial_sums_stay_partial(sou
     row = 1 / 80
     assert (result[target.parameters[:, 1] < 0.25 - row] == 0).all()
     partial = (target.parameters[:, 1] > 0.25) & (target.parameters[:, 1] < 0.5 - row)
-    assert result[partial] == pytest.approx(0.4, abs=1e-3)  # less what is clipped
+    assert result[partial] == pytest.approx(0.4, abs=1e-12)
     assert result[target.parameters[:, 1] > 0.5] == pytest.approx(1, abs=1e-12)
 
 
@@ -124,7 +159,7 @@ def test_vertices_without_weights_stay_without_and_partial_sums_stay_partial(sou
 def test_groups_without_any_weight_arrive_without_any(source: Sheet, target: Sheet, value: float) -> None:
     weights = csr_array(np.full((len(source.parameters), 2), value))
     assert skinned(weights, source, target).nnz == 0
-    assert skinned(weights, source, target, total=1.0).nnz == 0
+    assert skinned(weights, source, target, room=0.5).nnz == 0
 
 
 def test_the_identity_returns_the_weights(source: Sheet) -> None:
@@ -165,3 +200,6 @@ def test_wrong_options_are_refused_in_one_sentence(source: Sheet, target: Sheet)
     for wrong in ([8], [-1], np.ones(7, dtype=bool)):
         with pytest.raises(MeshError, match="8 groups"):
             skinned(weights, source, target, normalised=wrong)
+    for name in ("sums", "room"):
+        with pytest.raises(MeshError, match=f"`{name}`.*one number for each"):
+            skinned(weights, source, target, **{name: [1.0, 1.0]})

@@ -1,0 +1,87 @@
+"""What each stage of the automatic match is worth: the map that comes out without it.
+
+The dense refinement is the same whatever went before it, and is left out: a candidate counts by the nearest
+neighbours that its own functional map gives. Without a source of hypotheses, or without anchors, hypotheses are
+refined and ranked anew; without a criterion the candidates of the match are ranked anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from zoomout_core.correspondence.dense import embeddings
+from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.initial.signs import sign_hypotheses
+from zoomout_core.correspondence.matching import MatchResult
+from zoomout_core.correspondence.nearest import nearest
+from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps, scores_of, total_score
+from zoomout_core.progress import drain
+from zoomout_core.surface import Integers
+
+SOURCES = {"extremities": extremity_hypotheses, "signs": sign_hypotheses}
+# A criterion with this score adds nothing to the total.
+NEUTRAL = {"commutativity": 1.0, "frequency": 1.0, "distance": 1.0, "curvature": 0.0, "handedness": 0.0}
+
+
+def maps_without(result: MatchResult) -> dict[str, Integers]:
+    """The vertex map (n_t,), -1 for no image, that a match leads to without each of its stages.
+
+    Args:
+        result: of a match that began automatically, and without landmarks.
+    """
+    best = {"all": result.candidates[0], **_with_other_hypotheses(result.pair), **_with_other_scores(result)}
+    maps: dict[int, Integers] = {}  # mostly it is the same candidate: one map for each
+    for candidate in best.values():
+        if id(candidate.functional_map) not in maps:
+            maps[id(candidate.functional_map)] = _vertex_map(candidate, result.pair)
+    return {name: maps[id(candidate.functional_map)] for name, candidate in best.items()}
+
+
+def _with_other_hypotheses(pair: Pair) -> dict[str, Candidate]:
+    """The best candidate without each source of hypotheses that leaves any, and without anchors."""
+    shapes = pair.source_shape, pair.target_shape
+    by_source = {name: guess(*shapes) for name, guess in SOURCES.items()}
+    pools: dict[str, list[Hypothesis]] = {
+        f"without {left_out}": [guess for name, guesses in by_source.items() if name != left_out for guess in guesses]
+        for left_out in SOURCES
+    }
+    pools["without anchors"] = [replace(guess, anchors=None) for guesses in by_source.values() for guess in guesses]
+    return {name: drain(rank_steps(guesses, *shapes))[0] for name, guesses in pools.items() if guesses}
+
+
+def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
+    """The best of the match's candidates without each criterion, and by the scores of one direction alone."""
+    source, target = result.pair.source_shape, result.pair.target_shape
+    scores = {
+        f"without {name}": [candidate.scores | {name: neutral} for candidate in result.candidates]
+        for name, neutral in NEUTRAL.items()
+    }
+    scores["without the reverse map"] = [
+        scores_of(candidate.functional_map, candidate.sample_map, source, target, candidate.reverses_orientation)
+        for candidate in result.candidates
+    ]
+    return {
+        name: in_order(
+            [
+                replace(candidate, scores=other | {"total": total_score(other)})
+                for candidate, other in zip(result.candidates, others, strict=True)
+            ],
+            source,
+        )[0]
+        for name, others in scores.items()
+    }
+
+
+def _vertex_map(candidate: Candidate, pair: Pair) -> Integers:
+    """(n_t,) source vertex of each target vertex, by the candidate's functional map; -1 off the largest part."""
+    source, target = pair.source_shape, pair.target_shape
+    image = nearest(*embeddings(source, target, candidate.functional_map, candidate.anchors))
+    inside = source.proxy.full.vertex_of >= 0
+    on_surface = np.empty(len(source.proxy.full.vertices), dtype=np.int64)
+    on_surface[source.proxy.full.vertex_of[inside]] = np.flatnonzero(inside)
+    of_part = on_surface[source.proxy.full_vertex[image]][target.proxy.place.vertex]
+    return np.where(target.proxy.full.vertex_of >= 0, of_part[target.proxy.full.vertex_of], -1)

@@ -1,0 +1,85 @@
+"""Contact sheets of maps: the source coloured by position, and the target by the colours that the map brings it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Floats, Surface, triangle_normals
+
+COLUMNS = 2
+CELL = 7.0, 2.0  # inches
+# Brightness of a face seen edge-on; one that faces the viewer has 1.
+DARKEST = 0.35
+GAP = 1.15
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A map to draw.
+
+    Attributes:
+        caption: a line above it.
+        source: the surface that the map lands on.
+        target: the surface that it starts from.
+        surface_map: the map.
+    """
+
+    caption: str
+    source: Surface
+    target: Surface
+    surface_map: SurfaceMap
+
+
+def draw(path: Path, pictures: list[Picture]) -> None:
+    """Write pictures to one PNG file: source and target, each from the front and from behind."""
+    rows = -(-len(pictures) // COLUMNS)
+    figure = Figure(figsize=(COLUMNS * CELL[0], rows * CELL[1]), layout="constrained")
+    FigureCanvasAgg(figure)
+    for number, picture in enumerate(pictures, start=1):
+        axes = figure.add_subplot(rows, COLUMNS, number)
+        axes.set_title(picture.caption, fontsize=9)
+        axes.set_axis_off()
+        colour = _by_position(picture.source.vertices)
+        _add(axes, picture.source, colour, 0)
+        _add(axes, picture.target, picture.surface_map.interpolate(colour), 2)
+        axes.set_xlim(-0.5, 3 * GAP + 0.5)
+        axes.set_ylim(-0.5, 0.5)
+        axes.set_aspect("equal")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+
+
+def _by_position(points: Floats) -> Floats:
+    """(n, 3) red, green and blue by the place in the bounding box."""
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    return (points - low) / np.where(extent > 0, extent, 1)
+
+
+def _add(axes: Axes, surface: Surface, colour: Floats, place: int) -> None:
+    """Draw a surface at a place and, from behind, at the next, the far faces first (painter's algorithm).
+
+    It is seen along the axis of its least extent; of the others the first points to the right, the second up.
+    """
+    depth = int(np.argmin(np.ptp(surface.vertices, axis=0)))
+    right, up = (axis for axis in range(3) if axis != depth)
+    towards = -1.0 if depth == 1 else 1.0  # so that the picture is no mirror image
+    points = surface.vertices[:, [right, up, depth]] * [1, 1, towards]
+    points = points - (points.max(axis=0) + points.min(axis=0)) / 2
+    points /= max(float(np.ptp(points, axis=0).max()), 1e-300)
+    triangles = surface.triangles
+    face_colour = colour[triangles].mean(axis=1)
+    for seen in (points, points * [-1, 1, -1]):
+        order = np.argsort(seen[triangles, 2].mean(axis=1))
+        shade = DARKEST + (1 - DARKEST) * np.abs(triangle_normals(seen, triangles)[:, 2])
+        shaded = (face_colour * shade[:, None])[order]
+        corners = (seen[:, :2] + [place * GAP, 0])[triangles[order]]
+        axes.add_collection(PolyCollection(list(corners), facecolors=shaded, edgecolors=shaded, linewidths=0.2))
+        place += 1

@@ -1,0 +1,41 @@
+"""A set of generated creatures, laid out like the benchmark data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature, directions, mirrored_vertex, true_vertex
+from scipy.spatial import cKDTree
+
+from zoomout_core.surface import Surface
+
+BENDS = {"a": 0.0, "b": 0.9}
+VERTICES, PLACES = 900, 300
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one set of two shapes and two published maps: the truth, and its mirror image."""
+    folder = tmp_path_factory.mktemp("data") / "creatures"
+    folder.mkdir()
+    shapes = {name: creature(VERTICES, seed, bend) for seed, (name, bend) in enumerate(BENDS.items())}
+    places = directions(PLACES, seed=2)
+    known = {}
+    for name, shape in shapes.items():
+        write_off(folder / f"{name}.off", shape.surface)
+        tree = cKDTree(shape.directions)
+        known[name], known[f"{name}.sym"] = tree.query(places)[1], tree.query(places * [-1, 1, 1])[1]
+    np.savez(folder / "correspondence.npz", **known)
+    (folder / "pairs.txt").write_text("a b\n")
+    for method, found in (("direct", true_vertex), ("symm", mirrored_vertex)):
+        np.savez(folder / f"map_ini_{method}.npz", a__b=found(shapes["b"], shapes["a"]))
+    return folder.parent
+
+
+def write_off(path: Path, surface: Surface) -> None:
+    lines = [f"OFF\n{len(surface.vertices)} {len(surface.triangles)} 0"]
+    lines += [f"{x!r} {y!r} {z!r}" for x, y, z in surface.vertices.tolist()]
+    lines += [f"3 {a} {b} {c}" for a, b, c in surface.triangles.tolist()]
+    path.write_text("\n".join(lines))

@@ -1,0 +1,148 @@
+"""The table of correspondences takes every pair, tells flips from other failures, and keeps what it was made from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.__main__ import main
+from benchmarks.ablation import NEUTRAL
+from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
+from benchmarks.datasets import load_pair, pair_names
+from zoomout_core.correspondence.ranking import total_score
+
+Tables = dict[str, list[dict]]
+
+
+@pytest.fixture(scope="module")
+def outcome(data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What the command prints with all its options, and the folder that it writes to."""
+    folder = tmp_path_factory.mktemp("outcome")
+    arguments = ["correspondence", "--data", data, "--json", folder / "tables.json", "--ablate", "--pictures", folder]
+    outcome = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert outcome.exit_code == 0, outcome.output
+    return outcome.output, folder
+
+
+@pytest.fixture(scope="module")
+def tables(outcome: tuple[str, Path]) -> Tables:
+    return json.loads((outcome[1] / "tables.json").read_text())
+
+
+def test_pairs_are_taken_in_both_directions_and_spread_evenly(tmp_path: Path) -> None:
+    (tmp_path / "pairs.txt").write_text("a b\nc d\n\ne f\nf e\n")
+    assert pair_names(tmp_path, None) == [("a", "b"), ("c", "d"), ("e", "f"), ("f", "e"), ("b", "a"), ("d", "c")]
+    assert pair_names(tmp_path, 2) == [("a", "b"), ("d", "c")]
+    assert len(pair_names(tmp_path, 100)) == 6
+
+
+def test_each_method_has_a_row_over_the_pairs_that_it_knows(tables: Tables) -> None:
+    rows = {row["method"]: row for row in tables["rows"]}
+    assert {name: row["pairs"] for name, row in rows.items()} == {
+        OURS: 2,
+        "ini_direct": 1,
+        "ini_direct + zoomout": 1,
+        "ini_symm": 1,
+    }
+    assert [rows[name]["success %"] for name in rows] == [100, 100, 100, 0]
+    assert rows["ini_direct"]["mean"] < 20
+    assert rows["ini_direct"]["seconds"] is None
+    assert rows["ini_direct + zoomout"]["seconds"] > 0
+    assert 0 <= rows[OURS]["turned over %"] < 30
+    assert 60 < rows[OURS]["covered %"] <= 100
+    assert -1 <= rows[OURS]["rank correlation"] <= 1
+
+
+def test_a_record_tells_of_every_map_how_it_fared(tables: Tables) -> None:
+    ours = [record for record in tables["pairs"] if record["method"] == OURS]
+    assert [(record["target"], record["source"]) for record in ours] == [("a", "b"), ("b", "a")]
+    for record in ours:
+        assert record["right"]
+        assert not record["flip"]
+        assert record["symmetric error"] > 3 * record["error"]
+        assert record["origin"]
+
+
+def test_calibration_counts_every_map_once(tables: Tables) -> None:
+    for name in ("all", "creatures"):
+        rows = [row for row in tables["calibration"] if row["set"] == name]
+        assert sum(row["maps"] for row in rows) == 2
+        assert sum(row["flips"] or 0 for row in rows) == 0
+
+
+@pytest.mark.parametrize(("method", "right", "flip"), [("direct", True, False), ("symm", False, True)])
+def test_a_map_that_exchanges_left_and_right_counts_as_a_flip(data: Path, method: str, right: bool, flip: bool) -> None:
+    folder = data / "creatures"
+    pair = load_pair(folder, "a", "b")
+    with np.load(folder / f"map_ini_{method}.npz") as maps:
+        vertex = maps["a__b"]
+    entry = Map(OURS, vertex, {"certainty": 1.0}, np.linspace(0, 1, len(vertex)))
+    (record,) = _records("creatures", pair, [entry])
+    assert (record["right"], record["flip"]) == (right, flip)
+    announced = [row for row in _calibration([record]) if row["maps"]]
+    assert [(row["right %"], row["flips"]) for row in announced] == [(100 * right, flip)] * 2
+
+
+def test_confidence_is_judged_by_the_error_that_it_foretells(data: Path) -> None:
+    pair = load_pair(data / "creatures", "a", "b")
+    # Right on one half of the known places, wrong on the other, and it is known which.
+    vertex = np.full(len(pair.target.vertices), pair.source_vertex[0])
+    half = np.arange(len(pair.target_vertex)) < len(pair.target_vertex) // 2
+    vertex[pair.target_vertex[half]] = pair.source_vertex[half]
+    error = pair.errors(vertex[:, None])[:, 0]
+    confidence = np.ones(len(vertex))
+    confidence[pair.target_vertex] = 1 / (1 + error)
+    (record,) = _records("creatures", pair, [Map(OURS, vertex, {}, confidence)])
+    assert record["rank correlation"] == pytest.approx(1, abs=1e-3)  # equal errors may differ by rounding
+    assert record["trusted and right %"] == 100
+    assert record["not trusted %"] == pytest.approx(100 * (error > 1).mean())
+
+
+def test_images_that_are_missing_do_not_count(data: Path) -> None:
+    pair = load_pair(data / "creatures", "a", "b")
+    vertex = np.full(len(pair.target.vertices), -1)
+    vertex[pair.target_vertex[:10]] = pair.source_vertex[:10]
+    errors = pair.errors(vertex[:, None])
+    assert np.isnan(errors[:, 0]).sum() == len(errors) - len(np.unique(pair.target_vertex[:10]))
+    (row,) = _rows(_records("creatures", pair, [Map("sparse", vertex)]))
+    assert row["mean"] == 0
+
+
+def test_every_stage_is_left_out_in_turn(tables: Tables) -> None:
+    rows = {row["method"]: row for row in tables["ablation"]}
+    left_out = {"extremities", "signs", "anchors", "the reverse map", *NEUTRAL}
+    assert set(rows) == {"all", *(f"without {name}" for name in left_out)}
+    assert {row["pairs"] for row in rows.values()} == {2}
+    assert rows["all"]["success %"] == 100
+
+
+def test_a_neutral_score_leaves_its_criterion_out_of_the_total() -> None:
+    assert total_score(NEUTRAL) == 0
+    scores = dict.fromkeys(NEUTRAL, 0.5)
+    for name in NEUTRAL:
+        assert total_score(NEUTRAL | {name: 0.5}) == pytest.approx(
+            total_score(scores) - total_score(scores | {name: NEUTRAL[name]})
+        )
+
+
+def test_the_worst_pairs_are_drawn_in_colour(outcome: tuple[str, Path]) -> None:
+    image = matplotlib.image.imread(outcome[1] / "creatures.png")[:, :, :3]
+    assert (np.ptp(image, axis=2) > 0.3).mean() > 0.02
+
+
+def test_all_tables_but_that_of_single_pairs_are_printed(outcome: tuple[str, Path]) -> None:
+    for column in ("ini_direct + zoomout", "announced %", "without signs"):
+        assert column in outcome[0]
+    assert "origin" not in outcome[0]
+
+
+def test_a_folder_without_sets_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    outcome = CliRunner().invoke(main, ["correspondence", "--data", str(tmp_path)])
+    assert outcome.exit_code != 0
+    assert outcome.output.strip().splitlines()[-1].startswith("Error: ")
+    assert "holds nothing" in outcome.output

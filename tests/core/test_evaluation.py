@@ -1,0 +1,139 @@
+"""Figures of a map's quality have the values that follow from their definitions, and `zoomout evaluate` tells them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner, Result
+from creatures import Creature, creature, true_vertex
+
+import zoomout_core as zo
+from zoomout_core.cli import main
+from zoomout_core.evaluation import coverage, edge_distortion, flipped_share
+from zoomout_core.surface import Surface, triangle_areas
+
+
+@pytest.fixture(scope="module")
+def small() -> Creature:
+    return creature(800, seed=0)
+
+
+@pytest.fixture(scope="module")
+def other() -> Creature:
+    return creature(700, seed=1, bend=0.9)
+
+
+def identity(surface: Surface) -> zo.SurfaceMap:
+    return zo.SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface)
+
+
+def test_several_maps_are_measured_as_each_alone(small: Creature, other: Creature) -> None:
+    truth = true_vertex(small, other)
+    maps = np.column_stack([truth, np.roll(truth, 1), np.zeros_like(truth)])
+    known = np.arange(len(truth)), truth
+    together = zo.geodesic_error(maps, small.surface, *known)
+    for i in range(3):
+        np.testing.assert_array_equal(together[:, i], zo.geodesic_error(maps[:, i], small.surface, *known))
+    assert (together[:, 0] == 0).all()
+
+
+def test_the_identity_folds_misses_and_stretches_nothing(small: Creature) -> None:
+    surface = small.surface
+    assert flipped_share(identity(surface), surface, surface) < 0.01
+    assert coverage(identity(surface), surface) == pytest.approx(1)
+    assert edge_distortion(identity(surface), surface, surface) == 0
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_a_map_that_reverses_everything_is_turned_over_throughout(small: Creature, inside_out: bool) -> None:
+    surface = small.surface
+    # The mirror image, wound outwards or inwards: that makes no difference.
+    triangles = surface.triangles if inside_out else surface.triangles[:, ::-1]
+    mirror = Surface(surface.vertices * [-1, 1, 1], triangles)
+    assert flipped_share(identity(mirror), mirror, surface) > 0.99
+
+
+def test_only_the_triangles_that_are_turned_over_count_and_by_their_area(small: Creature) -> None:
+    surface = small.surface
+    triangle = np.argmax(triangle_areas(surface.vertices, surface.triangles))
+    a, b, _ = surface.triangles[triangle]
+    vertex = np.arange(len(surface.vertices))
+    vertex[[a, b]] = b, a
+    around = np.isin(surface.triangles, [a, b]).any(axis=1)
+    area = triangle_areas(surface.vertices, surface.triangles)
+    share = flipped_share(zo.SurfaceMap.from_vertices(vertex, surface), surface, surface)
+    before = flipped_share(identity(surface), surface, surface)
+    assert area[triangle] / area.sum() <= share - before <= area[around].sum() / area.sum()
+
+
+def test_coverage_is_the_area_of_the_faces_that_images_lie_in_or_adjoin(small: Creature) -> None:
+    surface = small.surface
+    area = triangle_areas(surface.vertices, surface.triangles)
+    at_corner = zo.SurfaceMap.from_vertices(np.full(5, 7), surface)
+    inside = zo.SurfaceMap(np.array([3]), np.full((1, 3), 1 / 3), surface.triangles)
+    for surface_map, corners in ((at_corner, [7]), (inside, surface.triangles[3])):
+        adjoining = np.isin(surface.triangles, corners).any(axis=1)
+        assert coverage(surface_map, surface) == pytest.approx(area[adjoining].sum() / area.sum())
+
+
+def test_edge_distortion_is_one_where_all_collapses_and_blind_to_units(small: Creature) -> None:
+    surface = small.surface
+    collapsed = zo.SurfaceMap.from_vertices(np.zeros(len(surface.vertices), dtype=int), surface)
+    assert edge_distortion(collapsed, surface, surface) == pytest.approx(1)
+    larger = Surface(1000 * surface.vertices, surface.triangles)
+    assert edge_distortion(identity(larger), larger, surface) < 1e-20
+
+
+@pytest.fixture(scope="module")
+def files(small: Creature, other: Creature, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two meshes, the true maps between them, and the true pairs."""
+    folder = tmp_path_factory.mktemp("maps")
+    for name, shape in (("source", small), ("target", other)):
+        mesh = trimesh.Trimesh(shape.surface.vertices, shape.surface.triangles, process=False)
+        mesh.export(folder / f"{name}.off", digits=12)
+    truth = true_vertex(small, other)
+    zo.SurfaceMap.from_vertices(truth, small.surface).save(folder / "map.npz")
+    zo.SurfaceMap.from_vertices(true_vertex(other, small), other.surface).save(folder / "back.npz")
+    np.savetxt(folder / "truth.txt", np.column_stack([truth, np.arange(len(truth))]), fmt="%d")
+    (folder / "beyond.txt").write_text("0 0\n800 1\n")
+    (folder / "none.npz").write_text("")
+    return folder
+
+
+def evaluate(folder: Path, map_file: str, *options: str) -> Result:
+    named = [str(folder / name) if "." in name else name for name in (map_file, "source.off", "target.off", *options)]
+    return CliRunner().invoke(main, ["evaluate", *named])
+
+
+def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
+    alone = evaluate(files, "map.npz")
+    assert alone.exit_code == 0, alone.output
+    assert [line.split(":")[0] for line in alone.output.splitlines()] == ["Turned over", "Covered", "Edge distortion"]
+    beside = evaluate(files, "map.npz", "--truth", "truth.txt", "--reverse", "back.npz")
+    assert beside.exit_code == 0, beside.output
+    assert beside.output.startswith("Error at 700 true places: mean 0.0, median 0.0, 95th percentile 0.0.")
+    assert "going there and back" in beside.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("none.npz",), "holds no map"),
+        (("truth.txt",), "holds no map"),
+        (("back.npz",), "maps 800 vertices"),
+        (("map.npz", "--reverse", "map.npz"), "map.npz"),
+        (("map.npz", "--truth", "beyond.txt"), "and 800 is none"),
+        (("map.npz", "--truth", "source.off"), "vertex numbers"),
+    ],
+)
+def test_evaluate_says_in_one_sentence_what_does_not_fit(
+    files: Path, arguments: tuple[str, ...], sentence: str
+) -> None:
+    outcome = evaluate(files, *arguments)
+    assert outcome.exit_code != 0
+    assert outcome.output.startswith("Error: ")
+    assert outcome.output.strip().count("\n") == 0
+    assert sentence in outcome.output
