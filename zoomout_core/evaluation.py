@@ -11,14 +11,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.correspondence.surface_map import SurfaceMap, turned_over
 from zoomout_core.surface import (
     Floats,
     Integers,
     Surface,
     edge_graph,
     triangle_areas,
-    triangle_normals,
     unique_edges,
 )
 
@@ -69,10 +68,9 @@ def flipped_share(surface_map: SurfaceMap, source: Surface, target: Surface) -> 
     normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the last one answers for vertex_of = -1
     at_images = surface_map.interpolate(normals[source.working.vertex_of])
     triangles = _outward_triangles(target)
-    image_normals = triangle_normals(surface_map.interpolate(source.vertices), triangles)
-    agreement = np.einsum("mx,mcx->m", image_normals, at_images[triangles])
     area = triangle_areas(target.vertices, triangles)
-    return float(area[agreement < 0].sum() / area.sum())
+    over = turned_over(surface_map.interpolate(source.vertices), at_images, triangles)
+    return float(area[over].sum() / area.sum())
 
 
 def coverage(surface_map: SurfaceMap, source: Surface) -> float:

@@ -4,11 +4,49 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Floats
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.surface_map import SurfaceMap, turned_over
+from zoomout_core.spectral.descriptors import sum_at_vertices
+from zoomout_core.surface import Floats, triangle_areas
 
-# Distance, at unit area, by which going there and back may miss the start before confidence halves.
-HALF_CONFIDENCE = 0.05
+# Expected error, at unit area, at which confidence halves: there about half of the vertices are farther off than
+# 0.05, three times as many as at half of it.
+HALF_CONFIDENCE = 0.015
+# Diffusion length, at unit area, over which evidence is pooled: an error is rarely a single vertex's.
+POOLING = 0.05
+
+
+def confidence_of(
+    there: SurfaceMap, back: SurfaceMap, functional_map: Floats, source: Shape, target: Shape, mirrored: bool
+) -> tuple[Floats, float]:
+    """Confidence from the error that two witnesses agree on, and from triangles that the map turns over.
+
+    The witnesses are the distance by which going there and back misses the start, and the disagreement of the
+    eigenfunctions at the two ends. Either alone is fooled: by a map that is wrong both ways alike, and by places
+    that look alike to the spectrum. Their geometric mean orders errors better than both.
+
+    Args:
+        there: from the target's mesh to the source's.
+        back: from the source's mesh to the target's, found on its own.
+        functional_map: (k_target, k_source) of the map there.
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        mirrored: the map reverses the orientation.
+
+    Returns:
+        (n_t,) in [0, 1], and the part of the target's area, in [0, 1], that the map turns over.
+    """
+    cycle = cycle_error(there, back, target.mesh.vertices)
+    witnesses = np.column_stack([cycle, _spectral_error(there, functional_map, source, target)])
+    pooled = np.maximum(target.basis.smoothed(witnesses, POOLING**2), 0)
+    expected = np.sqrt(pooled[:, 0] * pooled[:, 1])
+    triangles = target.mesh.oriented_triangles
+    normals = there.interpolate(source.mesh.vertex_normals) * (-1 if mirrored else 1)
+    over = turned_over(there.interpolate(source.mesh.vertices), normals, triangles)
+    area = triangle_areas(target.mesh.vertices, triangles)
+    shares = sum_at_vertices(triangles, np.column_stack([area * ~over, area]), len(expected))
+    upright = shares[:, 0] / np.maximum(shares[:, 1], 1e-300)
+    return upright / (1 + (expected / HALF_CONFIDENCE) ** 2), float(area[over].sum() / area.sum())
 
 
 def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:
@@ -23,6 +61,12 @@ def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) ->
     return np.asarray(np.linalg.norm(returned - target_vertices, axis=1))
 
 
-def confidence_of(error: Floats) -> Floats:
-    """(n,) confidence in [0, 1] from the cycle error at unit area: 1 for none, 1/2 at `HALF_CONFIDENCE`."""
-    return np.asarray(1 / (1 + (error / HALF_CONFIDENCE) ** 2))
+def _spectral_error(there: SurfaceMap, functional_map: Floats, source: Shape, target: Shape) -> Floats:
+    """(n_t,) disagreement of the eigenfunctions at the two ends, as a distance at unit area.
+
+    A step d changes the first k eigenfunctions, on average, by d times the root of half their eigenvalues' sum.
+    """
+    k_target, k_source = functional_map.shape
+    mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
+    difference = np.linalg.norm(target.basis.eigenvectors[:, :k_target] - mapped, axis=1)
+    return np.asarray(difference / np.sqrt(target.basis.eigenvalues[:k_target].sum() / 2))

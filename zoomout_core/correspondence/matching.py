@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.correspondence.confidence import confidence_of, cycle_error
-from zoomout_core.correspondence.dense import dense_steps, embeddings, on_surfaces
+from zoomout_core.correspondence.assembly import on_surfaces
+from zoomout_core.correspondence.confidence import confidence_of
+from zoomout_core.correspondence.dense import dense_steps, embeddings
 from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
 from zoomout_core.correspondence.initial.given import given_hypothesis, proximity_hypothesis
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
@@ -28,9 +30,13 @@ Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 
 SMALLEST_PART = 12
+SMALLEST_FINAL = 4
+SMALLEST_PROXY = 500
 PROXY_VERTICES = 6000
 # A map of less certainty than this comes with a note.
 SURE = 0.9
+# So comes a map that turns over a larger part of the surface.
+NOTABLE_FOLDS = 0.05
 # Eigenfunctions that ranking needs, however small the final map.
 FEWEST_FUNCTIONS = 120
 # Weight of the landmarks' mean distance, at unit area, in the ranking: a flip costs about one.
@@ -94,7 +100,8 @@ def match(
         target: the surface that the map starts from; it receives them.
         initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":
             from the nearest points, where the two lie over each other. "given": from `initial_map`.
-        landmarks: source vertices (m,) and the target vertices (m,) that correspond to them.
+        landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
+            or points (m, 3) on the surface, in its own frame and unit.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`.
         k_final: size of the final functional map; less on meshes with fewer vertices.
@@ -130,6 +137,7 @@ def match_steps(
 ) -> Steps[MatchResult]:
     """`match` as a generator that yields `Progress` and returns the result."""
     _check_start(initial, landmarks, initial_map)
+    _check_sizes(k_final, step, samples, proxy_vertices)
     yield Progress(0.0, "Reading the meshes")
     k = max(k_final, FEWEST_FUNCTIONS)
     source_part, target_part = _main_part(source, "source"), _main_part(target, "target")
@@ -157,6 +165,21 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
         raise ValueError("A start from landmarks needs `landmarks`: source vertices and target vertices.")
     if initial == "given" and initial_map is None:
         raise ValueError("A given start needs `initial_map`: a vertex map, a SurfaceMap or a functional map.")
+    if initial != "given" and initial_map is not None:
+        raise ValueError(f"`initial_map` is used by initial='given' only, not by {initial!r}: leave one of them out.")
+    if initial in ("proximity", "given") and landmarks is not None:
+        raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
+
+
+def _check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | None) -> None:
+    for name, value, least in (
+        ("k_final", k_final, SMALLEST_FINAL),
+        ("step", step, 1),
+        ("samples", samples, 1),
+        ("proxy_vertices", proxy_vertices, SMALLEST_PROXY),
+    ):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
+            raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
 
 
 def _main_part(surface: Surface, role: str) -> WorkingMesh:
@@ -173,16 +196,23 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     candidate = candidates[chosen]
     source, target = pair.source_shape, pair.target_shape
     middle = (start + 1) / 2
+    how = candidate.reverses_orientation, pair.k_final, pair.step
     swapped = None if candidate.anchors is None else candidate.anchors.swapped()
     there, functional_map = yield from spread(
-        dense_steps(source, target, candidate.functional_map, candidate.anchors, pair), start, middle, "Refining"
+        dense_steps(source, target, candidate.functional_map, candidate.anchors, *how), start, middle, "Refining"
     )
     back, _ = yield from spread(
-        dense_steps(target, source, candidate.reverse_functional_map, swapped, pair), middle, 0.95, "Checking"
+        dense_steps(target, source, candidate.reverse_functional_map, swapped, *how), middle, 0.95, "Checking"
     )
-    confidence = confidence_of(cycle_error(there, back, target.mesh.vertices))
+    confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
     yield Progress(0.95, "Carrying over to all vertices")
     surface_map, confidence, notes = on_surfaces(pair, there, confidence)
+    if over > NOTABLE_FOLDS:
+        notes = (
+            f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "
+            "confidence is low there.",
+            *notes,
+        )
     if candidate.certainty < SURE:
         notes = (
             f"This map is right with a probability of {candidate.certainty:.0%} only: check that no sides are swapped, "

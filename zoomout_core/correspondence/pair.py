@@ -6,9 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.surface_map import vertex_numbers
+from zoomout_core.projection import closest_points
 from zoomout_core.surface import Floats, Integers, MeshError, Surface
+
+# A landmark that is farther off its surface than this part of the square root of the area is a mistake.
+OFF_SURFACE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,26 +48,62 @@ def positions_of_part(surface: Surface, shape: Shape) -> Floats:
 
 
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
-    """Paired vertices of the surfaces as vertices of the shapes' meshes.
+    """Paired places of the surfaces as vertices of the shapes' meshes.
+
+    Args:
+        pair: the two surfaces.
+        landmarks: for the source and for the target either vertex numbers (m,), or points (m, 3) in the surface's
+            own frame and unit, which stand for the closest point of the surface.
 
     Raises:
-        ValueError: numbers out of range, or not as many on either side.
-        MeshError: a landmark lies off the largest part.
+        ValueError: these are no vertices and no points, or not as many on either side.
+        MeshError: a landmark lies off the largest part, or off the surface.
     """
-    ids = []
-    for role, surface, shape, given in (
-        ("source", pair.source, pair.source_shape, landmarks[0]),
-        ("target", pair.target, pair.target_shape, landmarks[1]),
-    ):
-        vertices = np.atleast_1d(np.asarray(given, dtype=np.int64))
-        if len(vertices) == 0 or vertices.min() < 0 or vertices.max() >= len(surface.vertices):
-            raise ValueError(f"Landmarks on the {role} must be numbers of its {len(surface.vertices)} vertices.")
-        on_part = shape.proxy.full.vertex_of[vertices]
-        if (on_part < 0).any():
-            raise MeshError(
-                f"Vertex {vertices[on_part < 0][0]} of the {role} is a landmark off its largest part: move it."
-            )
-        ids.append(shape.proxy.place.vertex[on_part])
-    if len(ids[0]) != len(ids[1]):
-        raise ValueError(f"{len(ids[0])} source and {len(ids[1])} target landmarks were given: they come in pairs.")
-    return ids[0], ids[1]
+    if len(landmarks) != 2 or (isinstance(landmarks, np.ndarray) and landmarks.shape[1:] == (2,)):
+        raise ValueError(
+            "Landmarks are given as two lists, those of the source and those of the target, not as a list of pairs."
+        )
+    source = _on_part("source", pair.source, pair.source_shape, landmarks[0])
+    target = _on_part("target", pair.target, pair.target_shape, landmarks[1])
+    if len(source) != len(target):
+        raise ValueError(f"{len(source)} source and {len(target)} target landmarks were given: they come in pairs.")
+    return source, target
+
+
+def _on_part(role: str, surface: Surface, shape: Shape, given: ArrayLike) -> Integers:
+    """(m,) the vertices of the shape's mesh that are nearest to landmarks on the surface."""
+    array = np.atleast_1d(np.asarray(given))
+    if array.size == 0:
+        raise ValueError(f"There are no landmarks on the {role}: give some, or leave them out on both sides.")
+    if array.ndim == 2:
+        corners, barycentric = _on_surface(role, surface, array)
+    else:
+        corners = vertex_numbers(array, len(surface.vertices), f"Landmarks on the {role}")[:, None]
+        barycentric = np.ones(corners.shape)
+    on_part = shape.proxy.full.vertex_of[corners]
+    astray = np.flatnonzero((on_part < 0).any(axis=1))
+    if len(astray):
+        raise MeshError(
+            f"Landmark {astray[0]} on the {role}, at vertex {corners[astray[0], 0]}, is off its largest part: move it."
+        )
+    places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
+    return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
+
+
+def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, Floats]:
+    """The vertices (m, 3) of the triangles closest to points (m, 3), and where the closest points lie in these."""
+    if points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
+        raise ValueError(
+            f"Landmarks on the {role} must be vertices (m,) or finite points (m, 3), not {points.dtype} of shape "
+            f"{points.shape}."
+        )
+    triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
+    corners = surface.triangles[triangle]
+    distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
+    off = np.flatnonzero(distance > OFF_SURFACE * np.sqrt(surface.area))
+    if len(off):
+        raise MeshError(
+            f"Landmark {off[0]} on the {role}, at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its "
+            "surface: give points in the mesh's own frame and unit."
+        )
+    return corners, barycentric

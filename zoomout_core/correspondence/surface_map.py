@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from os import PathLike
+from os import PathLike, fspath
+from os.path import isfile
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Floats, Integers, MeshError, Surface
+from zoomout_core.surface import Booleans, Floats, Integers, MeshError, Surface, triangle_normals
+
+# Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
+BARYCENTRIC_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,19 +32,22 @@ class SurfaceMap:
     source_triangles: Integers
 
     @classmethod
-    def from_vertices(cls, vertex: Integers, source: Surface) -> SurfaceMap:
+    def from_vertices(cls, vertex: ArrayLike, source: Surface) -> SurfaceMap:
         """The map that sends each target vertex to a source vertex (n_t,).
 
         Raises:
-            MeshError: a number is out of range, or names a vertex that no face of the source uses.
+            ValueError: these are no numbers of the source's vertices.
+            MeshError: one is of a vertex that no face of the source uses.
         """
         triangles = source.triangles
-        vertex = np.asarray(vertex, dtype=np.int64)
+        vertex = vertex_numbers(vertex, len(source.vertices), "Images on the source")
         corner_at = np.full(len(source.vertices), -1)
         corner_at[triangles.ravel()] = np.arange(triangles.size)
-        if len(vertex) and (vertex.min() < 0 or vertex.max() >= len(corner_at) or corner_at[vertex].min() < 0):
-            raise MeshError("The vertex map names source vertices that do not exist or belong to no face: correct it.")
         corner = corner_at[vertex]
+        if (corner < 0).any():
+            raise MeshError(
+                f"The map leads to vertex {vertex[corner < 0][0]} of the source, which belongs to no face: correct it."
+            )
         barycentric = np.zeros((len(vertex), 3))
         barycentric[np.arange(len(vertex)), corner % 3] = 1
         return cls(corner // 3, barycentric, triangles)
@@ -79,23 +87,87 @@ class SurfaceMap:
         return SurfaceMap(*closest_points(source.vertices, laid, target.triangles), target.triangles)
 
     def save(self, path: str | PathLike[str], **extra: Any) -> None:
-        """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file."""
-        np.savez_compressed(path, triangle=self.triangle, barycentric=self.barycentric, vertex=self.vertex, **extra)
+        """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file.
+
+        A path without that ending gets it; `load` looks there, too.
+        """
+        arrays = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
+        np.savez_compressed(_npz(path), **arrays, **extra)
 
     @classmethod
     def load(cls, path: str | PathLike[str], source: Surface) -> SurfaceMap:
         """Read a map that `save` wrote.
 
         Raises:
-            MeshError: the file holds no map, or one onto another source.
+            MeshError: the file is missing, or holds no map, or one onto another source.
         """
-        with np.load(path, allow_pickle=False) as file:
-            missing = {"triangle", "barycentric"} - set(file.files)
-            if missing:
-                raise MeshError(f"{path} holds no surface map ({' and '.join(sorted(missing))} are missing).")
-            triangle, barycentric = file["triangle"], file["barycentric"]
-        if len(triangle) and triangle.max() >= len(source.triangles):
-            raise MeshError(
-                f"{path} maps onto another source: it names triangle {triangle.max()} of {len(source.triangles)}."
-            )
-        return cls(triangle, barycentric, source.triangles)
+        path = path if isfile(path) else _npz(path)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in ("triangle", "barycentric") if name in file.files}
+        except FileNotFoundError:
+            raise MeshError(f"There is no file {path}: check the path.") from None
+        except Exception as error:  # what numpy raises on a broken file depends on where it stumbles
+            raise MeshError(f"{path} holds no map: it is no .npz file, or a broken one; give another.") from error
+        missing = {"triangle", "barycentric"}.difference(arrays)
+        if missing:
+            raise MeshError(f"{path} holds no map: it lacks {' and '.join(sorted(missing))}; give another file.")
+        fault = _fault(arrays["triangle"], arrays["barycentric"], len(source.triangles))
+        if fault:
+            raise MeshError(f"{path} cannot be used as a map onto this source: {fault}.")
+        return cls(arrays["triangle"], arrays["barycentric"], source.triangles)
+
+
+def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
+    """Numbers (m,) of vertices, checked; whole floats will do.
+
+    Args:
+        numbers: as the user gave them.
+        count: how many vertices there are.
+        what: what they are, in words, for the message.
+
+    Raises:
+        ValueError: they are no list of whole numbers from 0 to count - 1; the message names the first that is none.
+    """
+    array = np.asarray(numbers)
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise ValueError(
+            f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
+        )
+    wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # a NaN among them
+    if len(wrong):
+        raise ValueError(f"{what} must be numbers of its {count} vertices, counted from 0, and {wrong[0]} is none.")
+    return array.astype(np.int64)
+
+
+def _npz(path: str | PathLike[str]) -> str:
+    """The path as numpy completes it when it writes."""
+    name = fspath(path)
+    return name if name.endswith(".npz") else f"{name}.npz"
+
+
+def _fault(triangle: Integers, barycentric: Floats, count: int) -> str:
+    """What is wrong with the arrays of a map onto `count` triangles, or nothing."""
+    if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
+        return f"its triangles are of type {triangle.dtype} and its barycentric coordinates of {barycentric.dtype}"
+    if triangle.ndim != 1 or barycentric.shape != (len(triangle), 3):
+        return f"its triangles {triangle.shape} and barycentric coordinates {barycentric.shape} do not fit together"
+    wrong = triangle[(triangle < 0) | (triangle >= count)]
+    if len(wrong):
+        return f"it names triangle {wrong[0]} of {count}, so it was made for another source"
+    off = np.maximum(np.abs(barycentric.sum(axis=1) - 1), -barycentric.min(axis=1, initial=0))
+    if not (off <= BARYCENTRIC_TOLERANCE).all():
+        return "its barycentric coordinates are not all numbers from 0 to 1 that sum to one"
+    return ""
+
+
+def turned_over(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
+    """(m,) which triangles a map turns over: their images face against the surface that these lie on.
+
+    Args:
+        images: (n_t, 3) of the target's vertices.
+        normals: (n_t, 3) of the source at the images; not necessarily of unit length.
+        triangles: (m, 3) of the target.
+    """
+    facing = np.einsum("mx,mcx->m", triangle_normals(images, triangles), normals[triangles])
+    return np.asarray(facing < 0)

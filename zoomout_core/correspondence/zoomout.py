@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.anchors import Anchors, beside
 from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.correspondence.nearest import nearest, nearest_among
+from zoomout_core.correspondence.surface_map import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.surface import Floats, Integers
@@ -69,7 +71,7 @@ class SampledBasis:
 def zoomout(
     basis_source: SpectralBasis,
     basis_target: SpectralBasis,
-    initial: Floats | Integers,
+    initial: ArrayLike,
     k_final: int = 120,
     step: int = 5,
     samples: int | None = 500,
@@ -89,10 +91,12 @@ def zoomout(
         The functional map at k_final and the dense vertex map.
 
     Raises:
-        ValueError: the bases hold fewer than k_final eigenfunctions, or the initial map does not fit them.
+        ValueError: the bases hold fewer than k_final eigenfunctions, the initial map does not fit them, or a
+            number is below one.
     """
-    initial = np.asarray(initial)
-    _check(basis_source, basis_target, initial, k_final, step)
+    initial = checked_start(initial, len(basis_source.areas), len(basis_target.areas))
+    available = min(len(basis_source.eigenvalues), len(basis_target.eigenvalues))
+    _check_sizes(available, initial.shape, k_final, step, samples)
     if initial.ndim == 1:
         k = min(K_INITIAL, k_final)
         initial = functional_map_of(initial, basis_source, basis_target, k, k)
@@ -181,19 +185,32 @@ def _samples(basis: SpectralBasis, count: int) -> Integers:
     return used[farthest_points(basis.points[used], count)]
 
 
-def _check(basis_source: SpectralBasis, basis_target: SpectralBasis, initial: Floats, k_final: int, step: int) -> None:
-    available = min(len(basis_source.eigenvalues), len(basis_target.eigenvalues))
+def _check_sizes(available: int, shape: tuple[int, ...], k_final: int, step: int, samples: int | None) -> None:
+    for name, number in (("k_final", k_final), ("step", step), ("samples", 1 if samples is None else samples)):
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise ValueError(f"{name} is {number!r}: give a whole number that is at least one.")
     if k_final > available:
         raise ValueError(f"k_final is {k_final}, but the bases hold {available} eigenfunctions: compute more of them.")
-    if step < 1:
-        raise ValueError(f"step is {step}: the map must grow by at least one function in an iteration.")
-    if initial.ndim == 2 and max(initial.shape) > k_final:
-        raise ValueError(f"The initial functional map is {initial.shape}, larger than k_final = {k_final}.")
-    if initial.ndim == 1:
-        n_source, n_target = len(basis_source.areas), len(basis_target.areas)
-        if len(initial) != n_target or initial.min() < 0 or initial.max() >= n_source:
+    if len(shape) == 2 and max(shape) > k_final:
+        raise ValueError(f"The initial functional map is {shape}, larger than k_final = {k_final}.")
+
+
+def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> Floats | Integers:
+    """A map to begin with, as the user gave it: (k_t, k_s) functional map, or (n_t,) source vertices.
+
+    Raises:
+        ValueError: it is neither, or not between shapes of so many vertices.
+    """
+    start = np.asarray(initial)
+    if start.ndim == 1:
+        if len(start) != n_target:
             raise ValueError(
-                f"The initial map must name one of {n_source} source vertices for each of {n_target} target vertices."
+                f"The initial map must name one of {n_source} source vertices for each of {n_target} target vertices, "
+                f"not for {len(start)}."
             )
-    elif initial.ndim != 2:
-        raise ValueError(f"The initial map must be a vector or a matrix, not of shape {initial.shape}.")
+        return vertex_numbers(start, n_source, "Images on the source")
+    if start.ndim != 2 or start.size == 0:
+        raise ValueError(f"The initial map must be a vector or a matrix, not of shape {start.shape}.")
+    if start.dtype.kind not in "iuf" or not np.isfinite(start).all():
+        raise ValueError("The initial functional map must consist of finite numbers: correct it.")
+    return start

@@ -70,20 +70,77 @@ def test_a_map_survives_a_file(tmp_path: Path, resting: Creature, onto: SurfaceM
         assert np.array_equal(getattr(again, name), getattr(onto, name))
 
 
+@pytest.mark.parametrize(("saved", "loaded"), [("map", "map"), ("map", "map.npz"), ("map.npz", "map")])
+def test_a_file_is_found_by_the_name_that_it_was_saved_by(tmp_path, resting, onto, saved: str, loaded: str) -> None:
+    onto.save(tmp_path / saved)
+    assert np.array_equal(SurfaceMap.load(tmp_path / loaded, resting.surface).triangle, onto.triangle)
+
+
+def refused(path: Path, source: Surface) -> str:
+    with pytest.raises(MeshError) as refusal:
+        SurfaceMap.load(path, source)
+    message = str(refusal.value)
+    assert path.name in message
+    assert "\n" not in message
+    assert "pickle" not in message
+    return message
+
+
 def test_a_file_that_does_not_fit_is_refused(tmp_path: Path, resting: Creature, onto: SurfaceMap) -> None:
     onto.save(tmp_path / "map.npz")
     small = Surface(resting.surface.vertices, resting.surface.triangles[:50])
-    with pytest.raises(MeshError, match="another source"):
-        SurfaceMap.load(tmp_path / "map.npz", small)
+    assert "another source" in refused(tmp_path / "map.npz", small)
     np.savez(tmp_path / "other.npz", something=1)
-    with pytest.raises(MeshError, match="no surface map"):
-        SurfaceMap.load(tmp_path / "other.npz", resting.surface)
+    assert "barycentric and triangle" in refused(tmp_path / "other.npz", resting.surface)
+    assert "no file" in refused(tmp_path / "missing.npz", resting.surface)
 
 
-@pytest.mark.parametrize("vertex", [[4000], [-1]])
-def test_a_vertex_map_to_nowhere_is_refused(resting: Creature, vertex: list[int]) -> None:
-    with pytest.raises(MeshError, match="do not exist"):
+@pytest.mark.parametrize("content", [b"", b"junk", b"PK\x03\x04 junk", b"\x93NUMPY junk", b"\x80\x04junk"])
+def test_a_file_that_is_no_map_is_refused(tmp_path: Path, resting: Creature, content: bytes) -> None:
+    (tmp_path / "junk.npz").write_bytes(content)
+    assert "no .npz file" in refused(tmp_path / "junk.npz", resting.surface)
+
+
+def test_arrays_that_are_not_numbers_or_cut_off_are_refused(tmp_path, resting: Creature, onto: SurfaceMap) -> None:
+    np.savez(tmp_path / "objects.npz", triangle=np.array([None]), barycentric=np.array([None]))
+    onto.save(tmp_path / "whole.npz")
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:5000])
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    for name in ("objects.npz", "cut.npz", "array.npy"):
+        assert "no .npz file" in refused(tmp_path / name, resting.surface)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "sentence"),
+    [
+        ("triangle", lambda array: array - 1, "triangle -1"),
+        ("triangle", lambda array: array[:-1], "do not fit together"),
+        ("triangle", lambda array: array[:, None], "do not fit together"),
+        ("triangle", lambda array: array * 1.0, "type float64"),
+        ("barycentric", lambda array: array[:, :2], "do not fit together"),
+        ("barycentric", lambda array: array * np.nan, "sum to one"),
+        ("barycentric", lambda array: array * 2, "sum to one"),
+        ("barycentric", lambda array: array * [3, 3, -3] + [-1, -1, 3], "sum to one"),
+        ("barycentric", lambda array: array > 0, "bool"),
+    ],
+)
+def test_a_map_with_wrong_numbers_is_refused(tmp_path, resting, onto, name, change, sentence) -> None:
+    arrays = {"triangle": onto.triangle - onto.triangle.min(), "barycentric": onto.barycentric}
+    np.savez(tmp_path / "map.npz", **arrays | {name: change(arrays[name])})
+    assert sentence in refused(tmp_path / "map.npz", resting.surface)
+
+
+@pytest.mark.parametrize("vertex", [[4000], [-1], [0.5], [np.nan], [[0]], [True], ["a"]])
+def test_a_vertex_map_to_nowhere_is_refused(resting: Creature, vertex: list[object]) -> None:
+    with pytest.raises(ValueError, match="Images on the source must be"):
         SurfaceMap.from_vertices(np.array(vertex), resting.surface)
+
+
+def test_a_vertex_map_to_a_vertex_without_a_face_is_refused(resting: Creature) -> None:
+    partial = Surface(resting.surface.vertices, resting.surface.triangles[:50])
+    unused = np.setdiff1d(np.arange(len(partial.vertices)), partial.triangles)[0]
+    with pytest.raises(MeshError, match=f"vertex {unused} of the source, which belongs to no face"):
+        SurfaceMap.from_vertices([unused], partial)
 
 
 def test_the_true_map_of_another_pose_is_accepted(resting: Creature, bent: Creature) -> None:

@@ -137,10 +137,26 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
         (np.eye(4), {"k_final": 50, "step": 0}, "at least one"),
         (np.eye(60), {"k_final": 50}, "larger than k_final"),
         (np.zeros(7, int), {"k_final": 50}, "for each of 4000"),
-        (np.full(4000, 4000), {"k_final": 50}, "for each of 4000"),
+        (np.full(4000, 4000), {"k_final": 50}, "numbers of its 4000 vertices, counted from 0, and 4000 is none"),
+        (np.full(4000, 0.5), {"k_final": 50}, "0.5 is none"),
+        (np.full(4000, np.nan), {"k_final": 50}, "nan is none"),
         (np.zeros((2, 2, 2)), {"k_final": 50}, "vector or a matrix"),
+        (np.zeros((0, 4)), {"k_final": 50}, "vector or a matrix"),
+        (3, {"k_final": 50}, "vector or a matrix"),
+        (np.full((4, 4), np.nan), {"k_final": 50}, "finite numbers"),
+        (np.full((4, 4), "a"), {"k_final": 50}, "finite numbers"),
+        (np.eye(4), {"k_final": 0}, "k_final is 0"),
+        (np.eye(4), {"k_final": -5}, "k_final is -5"),
+        (np.eye(4), {"k_final": 50.0}, r"k_final is 50\.0"),
+        (np.eye(4), {"k_final": 50, "samples": 0}, "samples is 0"),
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, sentence) -> None:
-    with pytest.raises(ValueError, match=sentence):
+    with pytest.raises(ValueError, match=sentence) as refusal:
         zoomout(basis, basis, initial, **arguments)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
+    identity = np.arange(4000.0)
+    assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(4000))

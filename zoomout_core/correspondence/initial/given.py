@@ -10,6 +10,7 @@ from zoomout_core.correspondence.functional_map import functional_map_of, vertex
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.pair import Pair, positions_of_part
 from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.correspondence.zoomout import checked_start
 from zoomout_core.projection import closest_points
 from zoomout_core.spectral.eigenbasis import eigenbasis
 from zoomout_core.surface import Floats, Integers
@@ -37,14 +38,7 @@ def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothe
     Raises:
         ValueError: it does not fit the surfaces.
     """
-    vertex = initial_map.vertex if isinstance(initial_map, SurfaceMap) else np.asarray(initial_map)
-    if vertex.ndim == 2:
-        vertex = _vertex_map(pair, vertex)
-    n_source, n_target = len(pair.source.vertices), len(pair.target.vertices)
-    if len(vertex) != n_target or vertex.min() < 0 or vertex.max() >= n_source:
-        raise ValueError(
-            f"The given map must name one of {n_source} source vertices for each of {n_target} target vertices."
-        )
+    vertex = _given_vertices(pair, initial_map)
     # Of the target's vertices that were welded into one, any will do.
     of_part = np.empty(len(pair.target_shape.proxy.full.vertices), dtype=np.int64)
     inside = pair.target_shape.proxy.full.vertex_of >= 0
@@ -59,11 +53,21 @@ def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothe
     return _pointwise("a given map", pair.source_shape.proxy.full.vertices[on_part], pair)
 
 
-def _vertex_map(pair: Pair, functional_map: Floats) -> Integers:
-    k_target, k_source = functional_map.shape
+def _given_vertices(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Integers:
+    """(n_t,) the source vertex that the given map has for each target vertex."""
+    if isinstance(initial_map, SurfaceMap):
+        if not np.array_equal(initial_map.source_triangles, pair.source.triangles):
+            raise ValueError(
+                "The given map leads to the triangles of another surface than this source: match with that one."
+            )
+        initial_map = initial_map.vertex
+    start = checked_start(initial_map, len(pair.source.vertices), len(pair.target.vertices))
+    if start.ndim == 1:
+        return start
+    k_target, k_source = start.shape
     if k_target >= len(pair.target.vertices) or k_source >= len(pair.source.vertices):
-        raise ValueError(f"The given functional map is {functional_map.shape}, larger than the meshes allow.")
-    return vertex_map_of(functional_map, eigenbasis(pair.source, k_source), eigenbasis(pair.target, k_target))
+        raise ValueError(f"The given functional map is {start.shape}, larger than the meshes allow.")
+    return vertex_map_of(start, eigenbasis(pair.source, k_source), eigenbasis(pair.target, k_target))
 
 
 def _pointwise(origin: str, images: Floats, pair: Pair) -> Hypothesis:

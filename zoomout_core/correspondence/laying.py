@@ -1,0 +1,134 @@
+"""The target laid over the source in space, so that no limb is reflected and nothing folds without need.
+
+The Laplacian cannot tell an arm from the same arm mirrored along its own axis, and ZoomOut settles for either by
+chance: distances stay small, but the arm's inside lands outside. Space can tell. A limb that is carried over
+turned, not mirrored, onto the smoothed place that its map gives it keeps its sense; the closest points of the
+source to it, with normals that agree, start the next round. In the spirit of Smooth Shells (Eisenberger, Laehner
+and Cremers 2020), which aligns smoothed shapes and spectra in turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.surface import Booleans, Floats, Integers
+
+# Two samples of a limb turn alike when they are nearer than this, at unit area.
+REACH = 0.2
+NEIGHBOURS = 8
+# What a sample's surroundings say of its turn, against what its neighbours' turns say: limbs say nothing of the
+# turn about their own axis, and take it from the body.
+COHERENCE = 0.3
+RELAXATIONS = 10
+# Diffusion length, at unit area, that makes one field of the samples' turns.
+BLEND = 0.05
+# A normal that is off by a right angle weighs as much as a place that is off by this, at unit area.
+NORMAL_WEIGHT = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """A target laid over its source, in the source's frame, at unit area.
+
+    Attributes:
+        positions: (n_t, 3) of the target's vertices.
+        normals: (n_t, 3) their outward normals, turned along.
+    """
+
+    positions: Floats
+    normals: Floats
+
+    def at(self, vertices: Integers) -> Laid:
+        """Some of the vertices only."""
+        return Laid(self.positions[vertices], self.normals[vertices])
+
+
+def lay(images: Floats, target: Shape, width: float, mirrored: bool) -> Laid:
+    """Carry the target over to smoothed images, each of its places turned rigidly.
+
+    Args:
+        images: (k, 3) coefficients, in the target's basis, of the images of its vertices.
+        target: the shape that the map starts from.
+        width: diffusion length, at unit area, over which images are smoothed; what is thinner than it takes its
+            position across from the target itself.
+        mirrored: lay the target's mirror image, for maps that reverse the orientation.
+    """
+    basis, k = target.basis, len(images)
+    sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
+    vertices, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
+    damping = np.exp(-(width**2) * basis.eigenvalues[:k, None])
+    centres = basis.eigenvectors[:, :k] @ (damping * basis.coefficients(vertices)[:k])
+    image_centres = basis.eigenvectors[:, :k] @ (damping * images)
+    turns = _turns(centres, image_centres, target)
+    nearest_sample = np.argmin(target.distances, axis=0)
+    field = basis.smoothed(turns.reshape(-1, 9)[nearest_sample], BLEND**2)
+    rotations = _nearest_rotations(field.reshape(-1, 3, 3))
+    offsets, normals = np.einsum("nij,cnj->cni", rotations, np.stack([vertices - centres, normals]))
+    return Laid(image_centres + offsets, normals)
+
+
+def beside_places(
+    queries: Floats, embedded: Floats, laid: Laid, source: Shape, k: int, weight: float
+) -> tuple[Floats, Floats]:
+    """Spectral coordinates (n_t, d) and (n_s, d) with the places and normals in space appended, in their scale.
+
+    An error in place changes the first k eigenfunctions, at unit area, by their eigenvalues' sum / 2 times its
+    square: that makes the two comparable.
+    """
+    scale = np.sqrt(weight * source.basis.eigenvalues[:k].sum() / 2)
+    normal_scale = scale * NORMAL_WEIGHT
+    return (
+        np.hstack([queries, scale * laid.positions, normal_scale * laid.normals]),
+        np.hstack([embedded, scale * source.mesh.vertices, normal_scale * source.mesh.vertex_normals]),
+    )
+
+
+def _turns(centres: Floats, image_centres: Floats, target: Shape) -> Floats:
+    """(d, 3, 3) rotations of the target's surroundings at its distance samples.
+
+    The surroundings' best rotation onto their images (Kabsch) where these have extent in all directions; along
+    limbs, which have extent along their axis only, that and the turn of the neighbours nearer to the body.
+    """
+    samples = target.search.samples[: len(target.distances)]
+    between = target.distances[:, samples]
+    weights = np.exp(-((between / REACH) ** 2))
+    weights /= weights.sum(axis=1, keepdims=True)
+    here, there = centres[samples], image_centres[samples]
+    moments = np.einsum("pq,qi,qj->pij", weights, there, here)
+    moments -= np.einsum("pi,pj->pij", weights @ there, weights @ here)
+    extent = np.linalg.svd(moments, compute_uv=False)
+    moments /= np.maximum(extent[:, 0], 1e-300)[:, None, None]
+    near = np.zeros(between.shape, dtype=bool)
+    np.put_along_axis(near, np.argsort(between, axis=1)[:, 1 : NEIGHBOURS + 1], True, axis=1)
+    near |= near.T
+    turns = _spread_from_body(moments, extent[:, 1] / np.maximum(extent[:, 0], 1e-300), near)
+    mean = near / near.sum(axis=1, keepdims=True)
+    for _ in range(RELAXATIONS):
+        of_neighbours = (mean @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
+        turns = _nearest_rotations(moments + COHERENCE * of_neighbours)
+    return turns
+
+
+def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floats:
+    """(d, 3, 3) first rotations, from the most reliable one outwards, each continuing a neighbour's."""
+    root = int(np.argmax(np.where(np.linalg.det(moments) > 0, reliable, 0)))
+    turns = _nearest_rotations(moments)
+    done = np.zeros(len(moments), dtype=bool)
+    done[root] = True
+    while True:
+        reached = np.flatnonzero(near[:, done].any(axis=1) & ~done)
+        if not len(reached):
+            return turns
+        parent = np.argmax(np.where(near[reached] & done, reliable, -1), axis=1)
+        turns[reached] = _nearest_rotations(moments[reached] + COHERENCE * turns[parent])
+        done[reached] = True
+
+
+def _nearest_rotations(matrices: Floats) -> Floats:
+    """(..., 3, 3) the proper rotations nearest to matrices (..., 3, 3)."""
+    U, _, Vt = np.linalg.svd(matrices)
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return np.asarray(U @ Vt)
