@@ -28,6 +28,11 @@ WELD_TOLERANCE = 2.0**-20
 LARGEST_COORDINATE = 1e75
 # A signed volume below this part of a sphere's of the same area says nothing about inside and outside.
 FLAT_VOLUME = 0.02
+# The same for a closed surface, whose volume is exact up to rounding.
+NO_VOLUME = 1e-9
+# An open surface may bend the other way in another pose unless its volume, relative to a sphere's, exceeds the
+# length of its mean normal so many times.
+SHALLOW = 2.0
 
 
 class MeshError(ValueError):
@@ -70,6 +75,17 @@ class WorkingMesh:
     def vertex_normals(self) -> Floats:
         """(n, 3) outward unit normals, weighted by area."""
         return vertex_normals(self.vertices, self.oriented_triangles)
+
+    @cached_property
+    def sides_are_known(self) -> bool:
+        """Whether the volume that it encloses tells outside from inside: not of a cloth, which may bend either way.
+
+        The mean normal is zero where a surface is closed, and of unit length where it is flat.
+        """
+        corners = self.vertices[self.oriented_triangles]
+        area, volume = _area_and_volume(corners, np.zeros(len(corners), dtype=int))
+        mean_normal = np.linalg.norm(_area_normals(self.vertices, self.oriented_triangles).sum(axis=0)) / 2 / area[0]
+        return bool(volume[0] / _sphere(area[0]) > SHALLOW * mean_normal + NO_VOLUME)
 
     def part(self, component: int) -> tuple[WorkingMesh, Integers]:
         """One connected component as a mesh of its own, rescaled to unit area.
@@ -494,14 +510,33 @@ def _flipped(vertices: Floats, triangles: Integers) -> Booleans:
     turned[tie] = sheet[m:][tie] < sheet[:m][tie]
 
     patch = np.minimum(sheet[:m], sheet[m:])
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    sign = np.where(turned, -1.0, 1.0)
-    area_normal = np.cross(b - a, c - a) * sign[:, None]
-    centre = (a + b + c) / 3
-    size = np.linalg.norm(area_normal, axis=1) / 2
-    area = np.bincount(patch, size, minlength=2 * m)
-    middle = np.stack([np.bincount(patch, size * centre[:, i], minlength=2 * m) for i in range(3)], axis=1)
-    middle = middle / np.where(area > 0, area, 1)[:, None]
-    volume = np.bincount(patch, np.einsum("ij,ij->i", centre - middle[patch], area_normal) / 6, minlength=2 * m)
-    inward = volume < -FLAT_VOLUME * area**1.5 / (6 * np.sqrt(np.pi))
+    oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
+    area, volume = _area_and_volume(vertices[oriented], patch)
+    has_border = np.zeros(m, dtype=bool)
+    has_border[patch[np.flatnonzero((count != 2)[edge_of].any(axis=1))]] = True
+    flat = np.where(has_border, FLAT_VOLUME, NO_VOLUME)
+    inward = volume < -flat[: len(volume)] * _sphere(area)
     return turned ^ inward[patch]
+
+
+def _area_and_volume(corners: Floats, patch: Integers) -> tuple[Floats, Floats]:
+    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between them and their centroids.
+
+    Args:
+        corners: positions.
+        patch: (m,) number of the patch that each triangle belongs to.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area_normal = np.cross(b - a, c - a)
+    centre = corners.mean(axis=1)
+    size = np.linalg.norm(area_normal, axis=1) / 2
+    area = np.bincount(patch, size)
+    middle = np.stack([np.bincount(patch, size * centre[:, i]) for i in range(3)], axis=1)
+    middle = middle / np.where(area > 0, area, 1)[:, None]
+    volume = np.bincount(patch, np.einsum("ij,ij->i", centre - middle[patch], area_normal) / 6)
+    return area, volume
+
+
+def _sphere(area: Floats) -> Floats:
+    """The volume of spheres of the given areas."""
+    return area**1.5 / (6 * np.sqrt(np.pi))

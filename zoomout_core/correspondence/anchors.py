@@ -42,3 +42,24 @@ class Anchors:
 def beside(rows: Floats, anchors: Floats) -> Floats:
     """Spectral coordinates (n, k) with anchors (n, m) appended, both weighing the same in a distance."""
     return np.hstack([rows, anchors * np.sqrt(rows.shape[1] / anchors.shape[1])])
+
+
+def coordinates(
+    target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None
+) -> tuple[Floats, Floats]:
+    """Coordinates in which corresponding places are near each other.
+
+    Args:
+        target_rows: (q, k) eigenfunctions at places of the target.
+        source_rows: (p, k) eigenfunctions at places of the source.
+        functional_map: (k_target, k_source).
+        anchors: their values at the same places.
+
+    Returns:
+        (q, d) of the target's places and (p, d) of the source's.
+    """
+    k_target, k_source = functional_map.shape
+    queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ functional_map.T
+    return (
+        (queries, embedded) if anchors is None else (beside(queries, anchors.target), beside(embedded, anchors.source))
+    )

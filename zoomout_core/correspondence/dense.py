@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
-from zoomout_core.correspondence.anchors import Anchors, beside
-from zoomout_core.correspondence.laying import beside_places, lay
+from zoomout_core.correspondence.anchors import Anchors, coordinates
+from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, beside_places, lay, lay_and_match
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.ranking import SCREENING_SIZE
 from zoomout_core.correspondence.shape import Shape
@@ -16,8 +16,6 @@ from zoomout_core.surface import Floats
 # Rounds on samples that lay the target over the source, from coarse to fine: size of the functional map, and
 # the diffusion length over which images are smoothed.
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04), (120, 0.04))
-# Coefficients that images are smoothed by.
-LAYING_FUNCTIONS = 100
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
 FINISHING = 2
@@ -42,7 +40,7 @@ def dense_steps(
         target: the shape that the map starts from.
         functional_map: (k_target, k_source) of the candidate.
         anchors: what holds it in place, at all vertices.
-        mirrored: the map reverses the orientation.
+        mirrored: it maps the target's mirror image.
         k_final: size of the final functional map; less on coarse meshes.
         step: its growth in an iteration, once the target is laid over the source.
 
@@ -55,25 +53,23 @@ def dense_steps(
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     resolved = min(len(source.mesh.vertices), len(target.mesh.vertices)) // VERTICES_PER_FUNCTION
     size = min(k_final, available, max(SCREENING_SIZE, resolved))
-    size_of_images = min(LAYING_FUNCTIONS, available)
-    samples = target.sampled.samples
-    at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])
-    coordinates = source.basis.eigenvectors
+    at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[target.sampled.samples])
+    eigenvectors = source.basis.eigenvectors
     yield 0.0
-    vertex = nearest(*_embeddings(target.sampled.rows, coordinates, functional_map, at_samples))
+    vertex = nearest(*coordinates(target.sampled.rows, eigenvectors, functional_map, at_samples))
     rounds = _rounds(size, step)
     for i, (k, width) in enumerate(rounds):
         yield 0.5 * i / len(rounds)
-        laid = lay(target.sampled.fit(source.mesh.vertices[vertex], size_of_images), target, width, mirrored)
-        functional_map = target.sampled.fit(coordinates[vertex, :k], k)
-        pair = _embeddings(target.sampled.rows, coordinates, functional_map, at_samples)
-        vertex = nearest(*beside_places(*pair, laid.at(samples), source, k, 1.0))
-    functional_map = target.sampled.fit(coordinates[vertex, :size], size)
+        vertex, _ = lay_and_match(vertex, source, target, target.sampled, at_samples, k, width, mirrored)
+    functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
+    size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
+    normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
     near = None
     for i in range(FINISHING):
         yield 0.5 + 0.5 * i / FINISHING
         laid = lay(images, target, width, mirrored)
+        laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
         pair = embeddings(source, target, functional_map, anchors)
         queries, embedded = beside_places(*pair, laid, source, size, FINISHING_WEIGHT)
         if near is None:
@@ -81,7 +77,7 @@ def dense_steps(
             yield 0.6
         dense = SurfaceMap(*project_to_embedding(queries, embedded, source.mesh.triangles, near), source.mesh.triangles)
         near = dense.vertex
-        functional_map = target.basis.coefficients(dense.interpolate(coordinates[:, :size]))[:size]
+        functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
         images = target.basis.coefficients(dense.interpolate(source.mesh.vertices))[:size_of_images]
     return dense, functional_map
 
@@ -95,14 +91,4 @@ def _rounds(size: int, step: int) -> list[tuple[int, float]]:
 
 def embeddings(source: Shape, target: Shape, functional_map: Floats, anchors: Anchors | None) -> tuple[Floats, Floats]:
     """Coordinates (n_t, d) of the target's vertices and (n_s, d) of the source's, near where they correspond."""
-    return _embeddings(target.basis.eigenvectors, source.basis.eigenvectors, functional_map, anchors)
-
-
-def _embeddings(
-    target_rows: Floats, source_rows: Floats, functional_map: Floats, anchors: Anchors | None
-) -> tuple[Floats, Floats]:
-    k_target, k_source = functional_map.shape
-    queries, embedded = target_rows[:, :k_target], source_rows[:, :k_source] @ functional_map.T
-    return (
-        (queries, embedded) if anchors is None else (beside(queries, anchors.target), beside(embedded, anchors.source))
-    )
+    return coordinates(target.basis.eigenvectors, source.basis.eigenvectors, functional_map, anchors)

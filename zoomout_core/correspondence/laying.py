@@ -13,9 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zoomout_core.correspondence.anchors import Anchors, coordinates
+from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.surface import Booleans, Floats, Integers
 
+# Eigenfunctions that images are smoothed by.
+IMAGE_FUNCTIONS = 100
 # Two samples of a limb turn alike when they are nearer than this, at unit area.
 REACH = 0.2
 NEIGHBOURS = 8
@@ -41,12 +46,19 @@ class Laid:
     positions: Floats
     normals: Floats
 
-    def at(self, vertices: Integers) -> Laid:
-        """Some of the vertices only."""
-        return Laid(self.positions[vertices], self.normals[vertices])
+    def facing(self, normals: Floats, source: Shape, target: Shape) -> Laid:
+        """The same with its normals turned to the side of those at the images (n, 3), where sides are not known."""
+        if sides_are_known(source, target) or np.einsum("nx,nx->", self.normals, normals) >= 0:
+            return self
+        return Laid(self.positions, -self.normals)
 
 
-def lay(images: Floats, target: Shape, width: float, mirrored: bool) -> Laid:
+def sides_are_known(source: Shape, target: Shape) -> bool:
+    """Whether outside and inside can be told on both shapes; a cloth may bend either way."""
+    return source.mesh.sides_are_known and target.mesh.sides_are_known
+
+
+def lay(images: Floats, target: Shape, width: float, mirrored: bool, at: Integers | None = None) -> Laid:
     """Carry the target over to smoothed images, each of its places turned rigidly.
 
     Args:
@@ -55,19 +67,56 @@ def lay(images: Floats, target: Shape, width: float, mirrored: bool) -> Laid:
         width: diffusion length, at unit area, over which images are smoothed; what is thinner than it takes its
             position across from the target itself.
         mirrored: lay the target's mirror image, for maps that reverse the orientation.
+        at: (n,) lay these vertices only.
     """
-    basis, k = target.basis, len(images)
+    rows: Integers | slice = slice(None) if at is None else at
+    eigenvectors, eigenvalues, k = target.basis.eigenvectors, target.basis.eigenvalues, len(images)
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
-    vertices, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
-    damping = np.exp(-(width**2) * basis.eigenvalues[:k, None])
-    centres = basis.eigenvectors[:, :k] @ (damping * basis.coefficients(vertices)[:k])
-    image_centres = basis.eigenvectors[:, :k] @ (damping * images)
-    turns = _turns(centres, image_centres, target)
-    nearest_sample = np.argmin(target.distances, axis=0)
-    field = basis.smoothed(turns.reshape(-1, 9)[nearest_sample], BLEND**2)
+    damping = np.exp(-(width**2) * eigenvalues[:k, None])
+    both = damping * np.hstack([target.position_coefficients[:k] * sense, images])
+    samples = target.search.samples[: len(target.distances)]
+    here, there = np.hsplit(eigenvectors[samples, :k] @ both, 2)
+    turns = _turns(here, there, target)
+    centres, image_centres = np.hsplit(eigenvectors[rows, :k] @ both, 2)
+    blending = np.exp(-(BLEND**2) * eigenvalues[:, None])
+    field = eigenvectors[rows] @ (blending * (target.cell_coefficients @ turns.reshape(-1, 9)))
     rotations = _nearest_rotations(field.reshape(-1, 3, 3))
+    vertices, normals = target.mesh.vertices[rows] * sense, target.mesh.vertex_normals[rows] * sense
     offsets, normals = np.einsum("nij,cnj->cni", rotations, np.stack([vertices - centres, normals]))
     return Laid(image_centres + offsets, normals)
+
+
+def lay_and_match(
+    vertex: Integers,
+    source: Shape,
+    target: Shape,
+    sampled: SampledBasis,
+    anchors: Anchors | None,
+    k: int,
+    width: float,
+    mirrored: bool,
+) -> tuple[Integers, Laid]:
+    """One round on samples: lay the target by a map, and find the nearest vertices in spectrum and space.
+
+    Args:
+        vertex: (s,) the source vertex of each of the target's samples.
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        sampled: the target's basis at the samples.
+        anchors: at the source's vertices and the target's samples.
+        k: size of the functional map.
+        width: see `lay`.
+        mirrored: see `lay`.
+
+    Returns:
+        (s,) the next source vertices, and the laid samples.
+    """
+    count = min(IMAGE_FUNCTIONS, sampled.rows.shape[1])
+    laid = lay(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
+    laid = laid.facing(source.mesh.vertex_normals[vertex], source, target)
+    functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
+    pair = coordinates(sampled.rows, source.basis.eigenvectors, functional_map, anchors)
+    return nearest(*beside_places(*pair, laid, source, k, 1.0)), laid
 
 
 def beside_places(
@@ -86,8 +135,8 @@ def beside_places(
     )
 
 
-def _turns(centres: Floats, image_centres: Floats, target: Shape) -> Floats:
-    """(d, 3, 3) rotations of the target's surroundings at its distance samples.
+def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
+    """(d, 3, 3) rotations of the surroundings of the target's distance samples, from smoothed places to images.
 
     The surroundings' best rotation onto their images (Kabsch) where these have extent in all directions; along
     limbs, which have extent along their axis only, that and the turn of the neighbours nearer to the body.
@@ -96,7 +145,6 @@ def _turns(centres: Floats, image_centres: Floats, target: Shape) -> Floats:
     between = target.distances[:, samples]
     weights = np.exp(-((between / REACH) ** 2))
     weights /= weights.sum(axis=1, keepdims=True)
-    here, there = centres[samples], image_centres[samples]
     moments = np.einsum("pq,qi,qj->pij", weights, there, here)
     moments -= np.einsum("pi,pj->pij", weights @ there, weights @ here)
     extent = np.linalg.svd(moments, compute_uv=False)

@@ -6,28 +6,29 @@ from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Literal, TypeAlias
 
-import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse.csgraph import dijkstra
 
+from zoomout_core.correspondence.anchors import coordinates
 from zoomout_core.correspondence.assembly import on_surfaces
 from zoomout_core.correspondence.confidence import confidence_of
-from zoomout_core.correspondence.dense import dense_steps, embeddings
+from zoomout_core.correspondence.dense import dense_steps
+from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
+from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
 from zoomout_core.correspondence.initial.given import given_hypothesis, proximity_hypothesis
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
+from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
-from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps
+from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.shape import shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
-from zoomout_core.surface import Floats, MeshError, Surface, WorkingMesh, edge_graph
+from zoomout_core.surface import Floats, Integers, MeshError, Surface, WorkingMesh
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
-Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 
 SMALLEST_PART = 12
 SMALLEST_FINAL = 4
@@ -37,10 +38,10 @@ PROXY_VERTICES = 6000
 SURE = 0.9
 # So comes a map that turns over a larger part of the surface.
 NOTABLE_FOLDS = 0.05
+# To have another kind of guess tried, add a function of the source's and the target's shape.
+SOURCES_OF_HYPOTHESES = (extremity_hypotheses, descriptor_hypotheses, sign_hypotheses, rotation_hypotheses)
 # Eigenfunctions that ranking needs, however small the final map.
 FEWEST_FUNCTIONS = 120
-# Weight of the landmarks' mean distance, at unit area, in the ranking: a flip costs about one.
-LANDMARK_WEIGHT = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,9 @@ def match(
     samples: int = 1000,
     seed: int = 0,
     proxy_vertices: int | None = PROXY_VERTICES,
+    common_axes: ArrayLike | None = None,
+    regions: Regions | None = None,
+    exact_landmarks: bool = False,
 ) -> MatchResult:
     """Find for every vertex of the target the point on the source that it corresponds to.
 
@@ -103,13 +107,18 @@ def match(
         landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
             or points (m, 3) on the surface, in its own frame and unit.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
-            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`.
+            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
+            that is evidence, not the start alone.
         k_final: size of the final functional map; less on meshes with fewer vertices.
         step: growth of the functional map in an iteration.
         samples: farthest points that the iterations run on.
         seed: of the eigensolver.
         proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices; None to
             match them at full size, which takes many times as long and gains little.
+        common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
+        regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
+            same name: evidence, which also holds the map in place.
+        exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
 
     Returns:
         The most likely map with the alternatives. What is uncertain stands in its `notes`.
@@ -119,7 +128,21 @@ def match(
         ValueError: arguments that do not fit together.
     """
     return drain(
-        match_steps(source, target, initial, landmarks, initial_map, k_final, step, samples, seed, proxy_vertices)
+        match_steps(
+            source,
+            target,
+            initial,
+            landmarks,
+            initial_map,
+            k_final,
+            step,
+            samples,
+            seed,
+            proxy_vertices,
+            common_axes,
+            regions,
+            exact_landmarks,
+        )
     )
 
 
@@ -134,10 +157,16 @@ def match_steps(
     samples: int = 1000,
     seed: int = 0,
     proxy_vertices: int | None = PROXY_VERTICES,
+    common_axes: ArrayLike | None = None,
+    regions: Regions | None = None,
+    exact_landmarks: bool = False,
 ) -> Steps[MatchResult]:
     """`match` as a generator that yields `Progress` and returns the result."""
     _check_start(initial, landmarks, initial_map)
     _check_sizes(k_final, step, samples, proxy_vertices)
+    if exact_landmarks and landmarks is None:
+        raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
+    axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
     yield Progress(0.0, "Reading the meshes")
     k = max(k_final, FEWEST_FUNCTIONS)
     source_part, target_part = _main_part(source, "source"), _main_part(target, "target")
@@ -147,14 +176,14 @@ def match_steps(
     target_shape = yield from spread(
         shape_steps(target_part, k, samples, seed, proxy_vertices), 0.3, 0.6, "Analysing the target"
     )
-    pair = Pair(source, target, source_shape, target_shape, k_final, step)
+    pair = Pair(source, target, source_shape, target_shape, k_final, step, landmarks if exact_landmarks else None)
     yield Progress(0.6, "Guessing")
-    hypotheses = _hypotheses(pair, initial, landmarks, initial_map)
+    earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
+    evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
+    hypotheses = _hypotheses(pair, initial, evidence, earlier)
     ranking = rank_steps(hypotheses, source_shape, target_shape)
     candidates = yield from spread(ranking, 0.62, 0.75, "Comparing candidates")
-    if landmarks is not None:
-        candidates = _ranked_by_landmarks(candidates, pair, landmarks)
-    return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
+    return (yield from _result_steps(pair, tuple(evidence.ranked(candidates, pair)), 0, 0.75))
 
 
 def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object) -> None:
@@ -165,8 +194,8 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
         raise ValueError("A start from landmarks needs `landmarks`: source vertices and target vertices.")
     if initial == "given" and initial_map is None:
         raise ValueError("A given start needs `initial_map`: a vertex map, a SurfaceMap or a functional map.")
-    if initial != "given" and initial_map is not None:
-        raise ValueError(f"`initial_map` is used by initial='given' only, not by {initial!r}: leave one of them out.")
+    if initial in ("landmarks", "proximity") and initial_map is not None:
+        raise ValueError(f"`initial_map` is not used by initial={initial!r}: leave one of them out.")
     if initial in ("proximity", "given") and landmarks is not None:
         raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
 
@@ -196,7 +225,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     candidate = candidates[chosen]
     source, target = pair.source_shape, pair.target_shape
     middle = (start + 1) / 2
-    how = candidate.reverses_orientation, pair.k_final, pair.step
+    how = candidate.mirrored, pair.k_final, pair.step
     swapped = None if candidate.anchors is None else candidate.anchors.swapped()
     there, functional_map = yield from spread(
         dense_steps(source, target, candidate.functional_map, candidate.anchors, *how), start, middle, "Refining"
@@ -204,6 +233,8 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     back, _ = yield from spread(
         dense_steps(target, source, candidate.reverse_functional_map, swapped, *how), middle, 0.95, "Checking"
     )
+    if pair.exact_landmarks is not None:
+        there = pinned(there, pair, pair.exact_landmarks)
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
     yield Progress(0.95, "Carrying over to all vertices")
     surface_map, confidence, notes = on_surfaces(pair, there, confidence)
@@ -222,32 +253,36 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     return MatchResult(surface_map, confidence, functional_map, candidates, chosen, notes, pair)
 
 
-def _hypotheses(
-    pair: Pair, initial: Initial, landmarks: Landmarks | None, initial_map: SurfaceMap | ArrayLike | None
-) -> list[Hypothesis]:
+def _hypotheses(pair: Pair, initial: Initial, evidence: Evidence, earlier: Hypothesis | None) -> list[Hypothesis]:
     source, target = pair.source_shape, pair.target_shape
-    if initial == "given" and initial_map is not None:
-        return [given_hypothesis(pair, initial_map)]
+    if initial == "given" and earlier is not None:
+        return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
-    hypotheses = extremity_hypotheses(source, target) + sign_hypotheses(source, target)
-    if landmarks is None:
+    hypotheses = [guess for guesses in SOURCES_OF_HYPOTHESES for guess in guesses(source, target)]
+    if earlier is not None:
+        hypotheses.insert(0, earlier)
+    anchors = evidence.anchors(pair)
+    if evidence.landmarks is not None:
+        by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
+        hypotheses.insert(0, by_landmarks)
+        assert by_landmarks.anchors is not None
+        anchors = by_landmarks.anchors.and_those(anchors)
+    if anchors is None:
         return hypotheses
-    by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, landmarks))
-    assert by_landmarks.anchors is not None
-    # Whatever a guess begins with, the landmarks hold it in place.
-    held = [replace(guess, anchors=by_landmarks.anchors.and_those(guess.anchors)) for guess in hypotheses]
-    return [by_landmarks, *held]
+    # Whatever a guess begins with, places that are known hold it there.
+    known = anchors
+    return [
+        guess
+        if evidence.landmarks is not None and guess is hypotheses[0]
+        else replace(guess, anchors=known.and_those(guess.anchors))
+        for guess in hypotheses
+    ]
 
 
-def _ranked_by_landmarks(candidates: list[Candidate], pair: Pair, landmarks: Landmarks) -> list[Candidate]:
+def _images(pair: Pair, earlier: Hypothesis | None) -> Integers | None:
+    """(s,) vertex of the source's shape for each search sample of the target, by an earlier map."""
+    if earlier is None:
+        return None
     source, target = pair.source_shape, pair.target_shape
-    source_ids, target_ids = landmarks_on_parts(pair, landmarks)
-    graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
-    distances = dijkstra(graph, directed=False, indices=source_ids)
-    for candidate in candidates:
-        queries, embedded = embeddings(source, target, candidate.functional_map, candidate.anchors)
-        image = nearest(queries[target_ids], embedded)
-        candidate.scores["landmarks"] = float(distances[np.arange(len(image)), image].mean())
-        candidate.scores["total"] += LANDMARK_WEIGHT * candidate.scores["landmarks"]
-    return in_order(candidates, source)
+    return nearest(*coordinates(target.search.rows, source.basis.eigenvectors, earlier.functional_map, None))

@@ -28,6 +28,7 @@ class Pair:
         target_shape: the target's largest part.
         k_final: size of the final functional map.
         step: growth of the functional map in an iteration.
+        exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
     """
 
     source: Surface
@@ -36,6 +37,7 @@ class Pair:
     target_shape: Shape
     k_final: int
     step: int
+    exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
 
 
 def positions_of_part(surface: Surface, shape: Shape) -> Floats:

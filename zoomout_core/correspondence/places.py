@@ -16,6 +16,8 @@ DISTANCE_SPREAD = 0.3
 DISTANCE_TIME = 5e-4
 TURN_WEIGHT = 0.3
 TURN_TIME = 1e-3
+# So many places tell left from right; more would only outweigh the distances, and fill the memory.
+TURNING = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +27,8 @@ class Places:
     Attributes:
         vertices: (m,) of the shape's mesh.
         distances: (n, m) smoothed geodesic distances to them, at unit area.
-        turns: (n, m, m) pseudo-scalars of the distances of each two, antisymmetric: the sense in which the
-            two places lie around a point, as seen from outside.
+        turns: (n, m, m) pseudo-scalars of the distances of each two, of unit deviation, antisymmetric: the
+            sense in which the two places lie around a point, as seen from outside.
     """
 
     vertices: Integers
@@ -34,11 +36,10 @@ class Places:
     turns: Floats
 
     def features(self, chosen: Integers) -> Floats:
-        """(n, c + c (c - 1) / 2) features, of unit scale, of some of the places (c,) in the given order."""
-        i, j = np.triu_indices(len(chosen), k=1)
+        """(n, d) features of unit scale: distances to the chosen places (c,), and turns of the first of them."""
+        i, j = np.triu_indices(min(len(chosen), TURNING), k=1)
         distances = self.distances[:, chosen] / (DISTANCE_SPREAD * self.distances[:, chosen].mean(axis=0))
-        turns = self.turns[:, chosen[i], chosen[j]]
-        return np.hstack([distances, TURN_WEIGHT * turns / np.maximum(turns.std(axis=0), 1e-12)])
+        return np.hstack([distances, TURN_WEIGHT * self.turns[:, chosen[i], chosen[j]]])
 
 
 def places_on(shape: Shape, vertices: Integers) -> Places:
@@ -48,7 +49,8 @@ def places_on(shape: Shape, vertices: Integers) -> Places:
     distances = shape.basis.smoothed(distances, DISTANCE_TIME)
     i, j = np.triu_indices(len(vertices), k=1)
     upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
+    upper = shape.basis.smoothed(upper, TURN_TIME)
+    upper /= np.maximum(upper.std(axis=0), 1e-12)
     turns = np.zeros((len(distances), len(vertices), len(vertices)))
-    turns[:, i, j] = shape.basis.smoothed(upper, TURN_TIME)
-    turns[:, j, i] = -turns[:, i, j]
+    turns[:, i, j], turns[:, j, i] = upper, -upper
     return Places(np.asarray(vertices), distances, turns)

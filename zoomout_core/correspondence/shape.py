@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.correspondence.proxy import Proxy, proxy_of
 from zoomout_core.correspondence.zoomout import SampledBasis
-from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalars, wave_kernel_signature
+from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
@@ -24,6 +24,12 @@ DISTANCE_SAMPLES = 200
 # Mean curvature is looked at on these scales (diffusion times at unit area), after cutting off its spikes.
 CURVATURE_TIMES = (5e-3, 2e-3, 8e-4, 3e-4)
 CURVATURE_LIMIT = 60.0
+# The curvature of a sphere whose radius is a hundred times the square root of the area: single precision makes as
+# much of a plane.
+FLAT_CURVATURE = 0.01
+# Signatures are made of so many eigenfunctions: few where shapes are compared, which need not be isometric, more
+# where a map is fitted to them.
+COARSE_FUNCTIONS, FINE_FUNCTIONS = 61, 101
 SIGNATURE_BANDS = 12
 PSEUDO_SCALAR_TIME = 3e-4
 
@@ -55,6 +61,11 @@ class Shape:
         return SampledBasis.of(self.basis, self.sampled.samples[:SEARCH_SAMPLES])
 
     @cached_property
+    def coordinates(self) -> Floats:
+        """(s, 19) biharmonic coordinates of the search samples: maps with like images are the same map."""
+        return np.asarray(self.search.rows[:, 1:20] / self.basis.eigenvalues[1:20])
+
+    @cached_property
     def weights(self) -> Floats:
         """(s,) the part of the area that each search sample stands for."""
         return voronoi_areas(self.mesh.vertices, self.basis.areas, self.search.samples)
@@ -71,23 +82,52 @@ class Shape:
         return np.argmin(self.distances[:, self.search.samples], axis=0)
 
     @cached_property
+    def cell_coefficients(self) -> Floats:
+        """(k, d) coefficients of the indicators of the geodesic Voronoi cells that distances are known from."""
+        cell = np.argmin(self.distances, axis=0)
+        weighted = self.basis.areas[:, None] * self.basis.eigenvectors
+        indicator = csc_array(
+            (np.ones(len(cell)), (cell, np.arange(len(cell)))), shape=(len(self.distances), len(cell))
+        )
+        return np.asarray((indicator @ weighted).T)
+
+    @cached_property
+    def position_coefficients(self) -> Floats:
+        """(k, 3) coefficients of the vertices' positions."""
+        return self.basis.coefficients(self.mesh.vertices)
+
+    @cached_property
     def curvature(self) -> Floats:
-        """(s, 4) mean curvature at the search samples on several scales, squashed, of mean zero."""
+        """(s, 4) mean curvature at the search samples on several scales, squashed, of mean zero; 0 on a plane."""
         raw = np.clip(mean_curvature(self.mesh, self.stiffness, self.basis.areas), -CURVATURE_LIMIT, CURVATURE_LIMIT)
         smooth = np.column_stack([self.basis.smoothed(raw[:, None], time) for time in CURVATURE_TIMES])
-        squashed = smooth / (np.abs(smooth) + np.median(np.abs(smooth), axis=0))
+        size = np.abs(smooth)
+        if size.max() < FLAT_CURVATURE:
+            return np.zeros((len(self.search.samples), len(CURVATURE_TIMES)))
+        squashed = smooth / (size + np.maximum(np.median(size, axis=0), FLAT_CURVATURE))
         centred = squashed - self.basis.areas @ squashed
         return np.asarray(centred[self.search.samples])
 
     @cached_property
     def pseudo_scalars(self) -> Floats:
         """(s, 55) pseudo-scalars of pairs of signature bands at the search samples: they tell left from right."""
-        bands = wave_kernel_signature(self.basis, SIGNATURE_BANDS, k=61, width=2.0)
-        bands = bands - self.basis.areas @ bands
-        bands /= np.sqrt(self.basis.areas @ bands**2)
-        i, j = np.triu_indices(SIGNATURE_BANDS, k=2)
-        pairs = pseudo_scalars(self.mesh, self.basis.areas, bands[:, i], bands[:, j])
+        bands = signature_bands(self.basis, SIGNATURE_BANDS, COARSE_FUNCTIONS)
+        pairs = pseudo_scalar_signatures(self.mesh, self.basis.areas, bands)
         return np.asarray(self.basis.smoothed(pairs, PSEUDO_SCALAR_TIME)[self.search.samples])
+
+    @cached_property
+    def descriptors(self) -> tuple[Floats, Floats]:
+        """(k, 12) coefficients of signature bands, and (k, 55) of their pseudo-scalars, smoothed, of unit norm."""
+        bands = signature_bands(self.basis, SIGNATURE_BANDS, FINE_FUNCTIONS)
+        pairs = self.basis.coefficients(pseudo_scalar_signatures(self.mesh, self.basis.areas, bands))
+        pairs *= np.exp(-PSEUDO_SCALAR_TIME * self.basis.eigenvalues)[:, None]
+        return self.basis.coefficients(bands), unit_columns(pairs, np.linalg.norm(pairs, axis=0))
+
+    @cached_property
+    def inside_out(self) -> Shape:
+        """The same shape with its normals turned, for surfaces that do not tell outside from inside."""
+        mesh = replace(self.mesh, flipped=~self.mesh.flipped)
+        return replace(self, proxy=replace(self.proxy, mesh=mesh))
 
 
 def shape_steps(

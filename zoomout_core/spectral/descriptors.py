@@ -12,6 +12,9 @@ from scipy.sparse import csc_array
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.surface import Floats, Integers, WorkingMesh
 
+# Norm of functions that vanish but for rounding; signatures are of order one.
+NOTHING = 1e-9
+
 
 def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None, width: float = 7.0) -> Floats:
     """(n, count) wave kernel signatures at `count` energies.
@@ -37,6 +40,24 @@ def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None 
     eigenvalues = basis.eigenvalues[1:k]
     times = np.geomspace(4 * np.log(10) / eigenvalues[-1], 4 * np.log(10) / eigenvalues[0], count)
     return basis.eigenvectors[:, 1:k] ** 2 @ np.exp(-np.outer(eigenvalues, times))
+
+
+def signature_bands(basis: SpectralBasis, count: int, k: int) -> Floats:
+    """(n, count) wave kernel signatures in narrow bands of energy, of mean zero and unit norm; k as above."""
+    bands = wave_kernel_signature(basis, count, k, width=2.0)
+    bands = bands - basis.areas @ bands
+    return unit_columns(bands, np.sqrt(basis.areas @ bands**2))
+
+
+def unit_columns(functions: Floats, norms: Floats) -> Floats:
+    """Functions (n, d) divided by their norms (d,); those that are nothing but rounding, as on a sphere, stay zero."""
+    return np.divide(functions, norms, out=np.zeros_like(functions), where=norms > NOTHING)
+
+
+def pseudo_scalar_signatures(mesh: WorkingMesh, areas: Floats, bands: Floats) -> Floats:
+    """(n, d) pseudo-scalars of every two of the signature bands (n, b) that are not neighbours."""
+    i, j = np.triu_indices(bands.shape[1], k=2)
+    return pseudo_scalars(mesh, areas, bands[:, i], bands[:, j])
 
 
 def pseudo_scalars(mesh: WorkingMesh, areas: Floats, f: Floats, g: Floats) -> Floats:

@@ -55,15 +55,10 @@ def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
     sure = zo.match(resting.surface, again.surface)
     assert sure.certainty > 0.9
     assert not sure.notes
-    rivals = [other for other in sure.candidates if not other.reverses_orientation][1:]
-    truth = true_vertex(resting, again)
-    wrong = [
-        other.certainty
-        for i, other in enumerate(rivals, start=1)
-        if mean_error(sure.use(i), resting.surface, truth) > 5 * RIGHT
-    ]
-    assert wrong
-    assert max(wrong) < sure.certainty
+    rivals = [other.certainty for other in sure.candidates[1:] if not other.reverses_orientation]
+    assert rivals
+    assert max(rivals) < sure.certainty
+    assert sorted(rivals)[0] < 0.1
 
 
 def test_a_round_shape_is_called_uncertain() -> None:

@@ -8,10 +8,7 @@ from creatures import Creature, mirrored_vertex, true_vertex
 from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.functional_map import functional_map_of
-from zoomout_core.correspondence.initial.extremities import extremities, extremity_hypotheses, pairings
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
-from zoomout_core.correspondence.initial.signs import sign_hypotheses
-from zoomout_core.correspondence.places import places_on
 from zoomout_core.correspondence.ranking import orientation_agreement, rank_steps, scores_of
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.progress import drain
@@ -61,47 +58,6 @@ def test_handedness_tells_a_shape_from_its_mirror_image(shapes, resting) -> None
     for reverses, expected in ((False, -1), (True, 1)):
         scores = scores_of(np.eye(60), identity, source, target, reverses)
         np.testing.assert_allclose([scores["handedness"], scores["curvature"]], [expected, 1], atol=1e-3)
-
-
-def test_extremities_are_the_tips_of_the_limbs(shapes, resting, bent) -> None:
-    limbs = np.array([[1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 1, -0.25]])
-    limbs /= np.linalg.norm(limbs, axis=1, keepdims=True)
-    for shape, creature in zip(shapes, (resting, bent), strict=True):
-        tips = creature.directions[extremities(shape).vertices]
-        assert ((tips @ limbs.T).max(axis=0) > 0.97).all()
-        assert len(tips) <= 6
-
-
-def test_the_true_pairing_of_extremities_is_among_the_first(shapes, resting, bent) -> None:
-    source, target = shapes
-    tips_source, tips_target = extremities(source), extremities(target)
-    found = pairings(target, tips_target, source, tips_source)
-    agreement = [
-        np.einsum(
-            "ij,ij->i",
-            bent.directions[tips_target.vertices[of_target]],
-            resting.directions[tips_source.vertices[of_source]],
-        ).min()
-        for of_target, of_source in found
-    ]
-    assert max(agreement[:4]) > 0.97
-    assert len(extremity_hypotheses(source, target)) == len(found)
-
-
-def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
-    places = places_on(shapes[0], np.array([0, 100, 200]))
-    one, other = places.features(np.array([0, 1, 2])), places.features(np.array([1, 0, 2]))
-    np.testing.assert_allclose(one[:, [0, 1, 2]], other[:, [1, 0, 2]])
-    np.testing.assert_allclose(one[:, 3], -other[:, 3])
-    np.testing.assert_allclose(one[:, [4, 5]], other[:, [5, 4]])
-
-
-def test_signs_are_tried_in_all_combinations(shapes) -> None:
-    hypotheses = sign_hypotheses(*shapes)
-    assert len(hypotheses) == 8 + 16 + 32
-    patterns = {tuple(np.diag(hypothesis.functional_map)) for hypothesis in hypotheses}
-    assert len(patterns) == len(hypotheses)
-    assert all(pattern[0] == 1 and set(np.abs(pattern)) == {1.0} for pattern in patterns)
 
 
 def test_duplicates_are_dropped_and_candidates_sorted(shapes, resting, bent) -> None:

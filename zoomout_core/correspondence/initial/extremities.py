@@ -1,31 +1,34 @@
 """Hypotheses from extremities: hands, feet, head, tail, matched by their distances along the surface.
 
-Extremities are the persistent maxima of the average geodesic distance. All ways to pair those of two shapes
-are weighed by how well they keep the distances between them; several are kept, for a shape and its mirror
-image keep them alike. The distances to the paired extremities, and the sense in which these turn around each
-point, then give a map by nearest neighbours and hold it in place while it is refined.
+Extremities are the persistent maxima of the average geodesic distance. The ways to pair those of two shapes are
+weighed by how well they keep the distances between them; several are kept, for a shape and its mirror image keep
+them alike. The distances to the paired extremities, and the sense in which these turn around each point, then
+give a map by nearest neighbours and hold it in place while it is refined.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import islice
 
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
-from zoomout_core.correspondence.places import places_on
+from zoomout_core.correspondence.places import Places, places_on
 from zoomout_core.correspondence.shape import Shape
-from zoomout_core.surface import Floats, Integers, edge_graph
+from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
 
 # Rise of the average distance above the pass to a higher maximum, at unit area: heads have 0.14 and more,
 # hands and feet 0.34 and more, fingers 0.05.
 PERSISTENCE = 0.09
-FEWEST, MOST = 3, 7
-# How many pairings of all extremities are tried, and how many that leave one out.
-COMPLETE, PARTIAL = 10, 4
+FEWEST, MOST = 3, 12
+# How many pairings of all extremities are tried, how many that leave one out, and how many that leave out two.
+QUOTAS = (10, 4, 2)
+# Entries of the table of extensions that the search for pairings goes through at a time. With up to seven
+# extremities on either side no pairing is lost.
+BEAM = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +36,25 @@ class Extremities:
     """The tips of a shape.
 
     Attributes:
-        vertices: (m,) of the mesh, the most persistent first.
+        places: the tips' vertices, the most persistent first, and their functions.
         average_distance: (m,) to all of the surface, at unit area.
         persistence: (m,) how far each stands out.
     """
 
-    vertices: Integers
+    places: Places
     average_distance: Floats
     persistence: Floats
+
+    @property
+    def vertices(self) -> Integers:
+        """(m,) of the mesh, the most persistent first."""
+        return self.places.vertices
+
+    @property
+    def between(self) -> Floats:
+        """(m, m) geodesic distances between the tips."""
+        distances = self.places.distances[self.vertices]
+        return (distances + distances.T) / 2
 
 
 def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
@@ -48,105 +62,109 @@ def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
-    places_source, places_target = (
-        places_on(source, tips_source.vertices),
-        places_on(target, tips_target.vertices),
-    )
     hypotheses = []
-    for of_target, of_source in pairings(target, tips_target, source, tips_source):
-        anchors = Anchors(places_source.features(of_source), places_target.features(of_target))
+    for of_target, of_source in pairings(tips_target, tips_source):
+        anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target))
         origin = "extremities " + " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
         hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
     return hypotheses
 
 
 def extremities(shape: Shape) -> Extremities:
-    """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 7."""
+    """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 12."""
     owner = np.argmin(shape.distances, axis=0)
     mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))
     average = mass @ shape.distances
-    vertices, persistence = _persistent_maxima(average, shape)
+    vertices, persistence = _persistent_maxima(average, shape.mesh)
     count = int(np.clip((persistence > PERSISTENCE).sum(), FEWEST, MOST))
     vertices, persistence = vertices[:count], persistence[:count]
-    return Extremities(vertices, average[vertices], persistence)
+    return Extremities(places_on(shape, vertices), average[vertices], persistence)
 
 
-def pairings(
-    first: Shape, tips_first: Extremities, second: Shape, tips_second: Extremities
-) -> list[tuple[Integers, Integers]]:
+def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
     """The most consistent pairings of two shapes' extremities, the best first: numbers in each, in parallel."""
+    units = first.average_distance.mean(), second.average_distance.mean()
     distances, average, persistence = (
-        [per_shape(shape, tips) for shape, tips in ((first, tips_first), (second, tips_second))]
-        for per_shape in (_between, lambda _, tips: tips.average_distance, lambda _, tips: tips.persistence)
+        (getattr(first, name) / units[0], getattr(second, name) / units[1])
+        for name in ("between", "average_distance", "persistence")
     )
-    for side in range(2):
-        unit = average[side].mean()
-        distances[side], average[side] = distances[side] / unit, average[side] / unit
-    full = min(len(average[0]), len(average[1]))
+    single = np.abs(average[0][:, None] - average[1]) / 2 + np.abs(persistence[0][:, None] - persistence[1]) / 2
+    mutual = np.abs(distances[0][:, None, :, None] - distances[1][None, :, None, :])
+    full = min(single.shape)
     kept: list[tuple[Integers, Integers]] = []
-    for size, most in ((full, COMPLETE), (full - 1, PARTIAL)):
-        if size < FEWEST - 1:
-            break
-        left, right = _all_pairings(len(average[0]), len(average[1]), size)
-        i, j = np.triu_indices(size, k=1)
-        cost = np.abs(distances[0][left[:, i], left[:, j]] - distances[1][right[:, i], right[:, j]]).mean(axis=1)
-        cost += 0.5 * np.abs(average[0][left] - average[1][right]).mean(axis=1)
-        cost += 0.5 * np.abs(persistence[0][left] - persistence[1][right]).mean(axis=1)
-        complete = [set(zip(a.tolist(), b.tolist(), strict=True)) for a, b in kept]
-        found = 0
-        for row in np.argsort(cost, kind="stable"):
-            pairs = set(zip(left[row].tolist(), right[row].tolist(), strict=True))
-            if not any(pairs < other for other in complete):
-                kept.append((left[row], right[row]))
-                found += 1
-            if found == most:
-                break
+    for left_out, quota in enumerate(QUOTAS):
+        if 2 * left_out < full:
+            rows = zip(*cheapest_pairings(single, mutual, full - left_out), strict=True)
+            kept += islice((pairing for pairing in rows if not _part_of_any(pairing, list(kept))), quota)
     return kept
 
 
-def _all_pairings(count_first: int, count_second: int, size: int) -> tuple[Integers, Integers]:
-    """All injective pairings of `size` elements of each of two sets: numbers in each, (p, size)."""
-    orders = np.array(list(permutations(range(count_second), size)), dtype=np.int64)
-    subsets = np.array(list(combinations(range(count_first), size)), dtype=np.int64)
-    return np.repeat(subsets, len(orders), axis=0), np.tile(orders, (len(subsets), 1))
+def _part_of_any(pairing: tuple[Integers, Integers], others: list[tuple[Integers, Integers]]) -> bool:
+    pairs = set(zip(*pairing, strict=True))
+    return any(pairs < set(zip(*other, strict=True)) for other in others)
 
 
-def _between(shape: Shape, tips: Extremities) -> Floats:
-    """(m, m) geodesic distances between the extremities, by way of the nearest samples' distances."""
-    return np.asarray(places_on(shape, tips.vertices).distances[tips.vertices])
+def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Integers, Integers]:
+    """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
+
+    Args:
+        single: (a, b) what it costs to pair an element of the first set with one of the second.
+        mutual: (a, b, a, b) what it costs to have two pairs side by side.
+        size: how many pairs; the cost is the mean over the pairs plus the mean over all twos of them.
+
+    Returns:
+        (p, size) elements of the first set, in rising order, and (p, size) their partners.
+    """
+    a, b = single.shape
+    width = BEAM // (a * b)
+    twos = max(size * (size - 1) // 2, 1)
+    left = right = np.empty((1, 0), dtype=np.int64)
+    total, extension = np.zeros(1), single[None] / size  # what each further pair would add to each pairing
+    for depth in range(size):
+        room = a - (size - depth) + 1  # leaves elements of the first set for the pairs to come
+        cost = (total[:, None, None] + extension[:, :room]).ravel()
+        count = min(width, int(np.isfinite(cost).sum()))
+        best = np.argpartition(cost, count - 1)[:count]
+        pairing, i, j = np.unravel_index(best, (len(total), room, b))
+        left, right = np.column_stack([left[pairing], i]), np.column_stack([right[pairing], j])
+        total, extension = cost[best], extension[pairing] + mutual[i, j] / twos
+        extension[np.arange(a) <= i[:, None]] = np.inf
+        extension[np.arange(count), :, j] = np.inf
+    order = np.argsort(total, kind="stable")
+    return left[order], right[order]
 
 
-def _persistent_maxima(values: Floats, shape: Shape) -> tuple[Integers, Floats]:
+def _persistent_maxima(values: Floats, mesh: WorkingMesh) -> tuple[Integers, Floats]:
     """Local maxima of a function on the mesh and their persistence, by falling persistence.
 
-    Vertices are taken from the highest down; where two hills meet, the lower one ends.
+    Every vertex belongs to the hill that the steepest way up leads to. Of two hills the lower one ends at the
+    highest pass between them (Edelsbrunner, Letscher and Zomorodian 2002).
     """
-    graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
-    neighbours = np.split(graph.indices, graph.indptr[1:-1])
-    rank = np.empty(len(values), dtype=np.int64)
     order = np.argsort(-values, kind="stable")
-    rank[order] = np.arange(len(values))
-    hill = np.full(len(values), -1)  # union-find: a link towards the hill's highest vertex
-    persistence: dict[int, float] = {}
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    ends, _ = unique_edges(mesh.triangles)
+    low, high = np.sort(rank[ends], axis=1).T[::-1]  # ranks: the lower a place, the larger its rank
+    above = np.arange(len(order))
+    np.minimum.at(above, low, high)
+    while (above != above[above]).any():
+        above = above[above]
+    passes = np.flatnonzero(above[low] != above[high])
+    passes = passes[np.argsort(low[passes], kind="stable")]
+    joined = np.arange(len(order))  # union-find of the tops, by rank: a link to a higher one
+    height = values[order]
+    tops = np.unique(above)
+    persistence = height[tops] - height[-1]
+    for top_a, top_b, saddle in zip(above[low[passes]], above[high[passes]], low[passes], strict=True):
+        a, b = _root(joined, top_a), _root(joined, top_b)
+        if a != b:
+            joined[max(a, b)] = min(a, b)
+            persistence[np.searchsorted(tops, max(a, b))] = height[max(a, b)] - height[saddle]
+    falling = np.argsort(-persistence, kind="stable")
+    return order[tops[falling]], persistence[falling]
 
-    def top(vertex: int) -> int:
-        while hill[vertex] != vertex:
-            hill[vertex] = hill[hill[vertex]]
-            vertex = hill[vertex]
-        return vertex
 
-    for vertex in order:
-        hill[vertex] = vertex
-        for neighbour in neighbours[vertex]:
-            if rank[neighbour] > rank[vertex]:
-                continue
-            a, b = top(int(vertex)), top(int(neighbour))
-            if a == b:
-                continue
-            higher, lower = (a, b) if rank[a] < rank[b] else (b, a)
-            if lower != vertex:
-                persistence[lower] = float(values[lower] - values[vertex])
-            hill[lower] = higher
-    persistence[int(order[0])] = float(values[order[0]] - values[order[-1]])
-    maxima = sorted(persistence, key=lambda vertex: -persistence[vertex])
-    return np.array(maxima), np.array([persistence[vertex] for vertex in maxima])
+def _root(links: Integers, entry: int) -> int:
+    while links[entry] != entry:
+        entry = links[entry]
+    return entry

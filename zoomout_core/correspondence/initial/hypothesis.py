@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from zoomout_core.correspondence.anchors import Anchors
@@ -21,3 +22,15 @@ class Hypothesis:
     origin: str
     functional_map: Floats
     anchors: Anchors | None = None
+
+
+def is_new(place: Floats, known: Iterable[Floats], tolerance: float) -> bool:
+    """Whether a map is none of those that are known already.
+
+    Args:
+        place: (s, d) coordinates of the images of all samples.
+        known: the same of other maps.
+        tolerance: the same map's mean squared difference, as a part of the variance of `place`.
+    """
+    spread = ((place - place.mean(axis=0)) ** 2).sum()
+    return all(((place - other) ** 2).sum() > tolerance * spread for other in known)

@@ -1,0 +1,78 @@
+"""What a user knows beforehand enters the ranking and holds the map in place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, true_vertex
+
+import zoomout_core as zo
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Creature, Creature]:
+    return creature(1500), creature(1200, seed=1, bend=0.4)
+
+
+def best_and_others(result: zo.MatchResult, score: str) -> tuple[float, list[float]]:
+    values = [candidate.scores[score] for candidate in result.candidates]
+    return values[0], values[1:]
+
+
+def test_a_common_up_axis_and_regions_speak_for_the_right_map(pair) -> None:
+    source, target = pair
+    legs = [np.flatnonzero(side.directions[:, 2] < -0.7) for side in pair]
+    tails = [np.flatnonzero(side.directions[:, 1] > 0.8) for side in pair]
+    result = zo.match(source.surface, target.surface, common_axes=(0, 0, 2), regions=[legs, tails])
+    for score in ("axes", "regions"):
+        best, others = best_and_others(result, score)
+        assert best < 0.35
+        assert best < max(others)
+    assert result.candidates[0].anchors is not None
+
+
+def test_an_earlier_map_is_a_hypothesis_and_evidence(pair) -> None:
+    source, target = pair
+    earlier = true_vertex(source, target)
+    result = zo.match(source.surface, target.surface, initial_map=earlier)
+    best, others = best_and_others(result, "earlier map")
+    assert best < 0.1 < max(others)
+    # Evidence is weighed: the right map wins over one that means nothing.
+    wrong = np.random.default_rng(0).permutation(earlier)
+    assert zo.match(source.surface, target.surface, initial_map=wrong).candidates[0].scores["earlier map"] > 0.2
+
+
+def test_landmarks_that_are_to_be_exact_are_hit(pair) -> None:
+    source, target = pair
+    truth = true_vertex(source, target)
+    target_ids = np.array([10, 300, 600, 900])
+    source_ids = truth[target_ids]
+    unit = np.sqrt(source.surface.area)
+
+    def missed(exact: bool) -> float:
+        landmarks = (source_ids, target_ids)
+        surface_map = zo.match(source.surface, target.surface, landmarks=landmarks, exact_landmarks=exact).surface_map
+        images = surface_map.interpolate(source.surface.vertices)[target_ids]
+        return float(np.linalg.norm(images - source.surface.vertices[source_ids], axis=1).max() / unit)
+
+    assert missed(exact=True) < 1e-6 < missed(exact=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"common_axes": (0, 0, 0)}, "common_axes must be directions"),
+        ({"regions": [([0, 1],)]}, "Region 0 must be a pair"),
+        ({"regions": [([0, 5000], [1])]}, "Region 0 of the source"),
+        ({"exact_landmarks": True}, "exact_landmarks needs `landmarks`"),
+        ({"initial": "proximity", "initial_map": [0]}, "not used by initial='proximity'"),
+        ({"initial": "proximity", "landmarks": ([0], [0])}, "Landmarks are not used"),
+        ({"k_final": 0}, "k_final is 0"),
+        ({"samples": 2.5}, "samples is 2.5"),
+        ({"step": 0}, "step is 0"),
+        ({"proxy_vertices": 5}, "proxy_vertices is 5"),
+    ],
+)
+def test_senseless_arguments_are_refused_in_a_sentence(pair, arguments, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        zo.match(pair[0].surface, pair[1].surface, **arguments)
