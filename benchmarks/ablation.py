@@ -12,8 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from zoomout_core.correspondence.dense import embeddings
+from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.matching import MatchResult
 from zoomout_core.correspondence.nearest import nearest
@@ -22,9 +24,21 @@ from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps,
 from zoomout_core.progress import drain
 from zoomout_core.surface import Integers
 
-SOURCES = {"extremities": extremity_hypotheses, "signs": sign_hypotheses}
-# A criterion with this score adds nothing to the total.
-NEUTRAL = {"commutativity": 1.0, "frequency": 1.0, "distance": 1.0, "curvature": 0.0, "handedness": 0.0}
+SOURCES = {
+    "extremities": extremity_hypotheses,
+    "descriptors": descriptor_hypotheses,
+    "signs": sign_hypotheses,
+    "turns": rotation_hypotheses,
+}
+# A criterion with these scores adds nothing to the total.
+NEUTRAL = {
+    "commutativity": {"commutativity": 1.0},
+    "frequency": {"frequency": 1.0},
+    "distance": {"distance": 1.0},
+    "curvature": {"curvature": 0.0},
+    "handedness": {"handedness": 0.0},
+    "fit in space": {"place": 1.0, "facing": 1.0},
+}
 
 
 def maps_without(result: MatchResult) -> dict[str, Integers]:
@@ -57,11 +71,12 @@ def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
     """The best of the match's candidates without each criterion, and by the scores of one direction alone."""
     source, target = result.pair.source_shape, result.pair.target_shape
     scores = {
-        f"without {name}": [candidate.scores | {name: neutral} for candidate in result.candidates]
+        f"without {name}": [candidate.scores | neutral for candidate in result.candidates]
         for name, neutral in NEUTRAL.items()
     }
     scores["without the reverse map"] = [
-        scores_of(candidate.functional_map, candidate.sample_map, source, target, candidate.reverses_orientation)
+        candidate.scores
+        | scores_of(candidate.functional_map, candidate.sample_map, source, target, candidate.reverses_orientation)
         for candidate in result.candidates
     ]
     return {

@@ -115,7 +115,7 @@ def test_images_that_are_missing_do_not_count(data: Path) -> None:
 
 def test_every_stage_is_left_out_in_turn(tables: Tables) -> None:
     rows = {row["method"]: row for row in tables["ablation"]}
-    left_out = {"extremities", "signs", "anchors", "the reverse map", *NEUTRAL}
+    left_out = {"extremities", "descriptors", "signs", "turns", "anchors", "the reverse map", *NEUTRAL}
     assert set(rows) == {"all", *(f"without {name}" for name in left_out)}
     assert {row["pairs"] for row in rows.values()} == {2}
     assert rows["all"]["success %"] == 100

@@ -25,14 +25,15 @@ from zoomout_core.surface import Floats, Integers
 SCREENING_SIZE = 30
 RANKING_SIZE = 60
 REVERSE_START = 16
-# Survivors of the screening, for each of the two orientations: of the hypotheses that anchors hold in place,
-# which commute worse with the Laplacians and yet are right where shapes are far from isometric, and of the others.
+# Survivors of the screening: of the hypotheses that anchors hold in place, which commute worse with the Laplacians
+# and yet are right where shapes are far from isometric, and of the others; fewer of mirror images.
 KEPT_ANCHORED, KEPT_FREE = 8, 6
+MIRRORED_ANCHORED, MIRRORED_FREE = 4, 3
 # A map whose normals agree with the target's less than this, either way, is neither direct nor a mirror image.
 CLEAR_ORIENTATION = 0.2
 # So many of the leading candidates of either orientation are laid over the source in space, in so many rounds and
 # smoothed over such a diffusion length, at unit area, and kept; no user looks at more.
-LAID_DIRECT, LAID_MIRRORED = 6, 4
+LAID_DIRECT, LAID_MIRRORED = 6, 3
 LAYING_ROUNDS, LAYING_WIDTH = 2, 0.08
 # Maps closer than this part of the variance of biharmonic coordinates are the same map.
 SAME_MAP = 0.05
@@ -100,10 +101,12 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
         yield 0.6 * (i + 1) / len(hypotheses)
     screened.sort(key=lambda entry: entry.cost)
     kept: list[_Screened] = []
-    for sign in (1, -1):
-        kept += _best_of([entry for entry in screened if sign * entry.orientation > CLEAR_ORIENTATION])
+    either_side = not sides_are_known(source, target)
+    for sign, anchored, free in ((1, KEPT_ANCHORED, KEPT_FREE), (-1, MIRRORED_ANCHORED, MIRRORED_FREE)):
+        oriented = [entry for entry in screened if sign * entry.orientation > CLEAR_ORIENTATION]
+        kept += _best_of(oriented, *((KEPT_ANCHORED, KEPT_FREE) if either_side else (anchored, free)))
     if not kept:  # as on surfaces that cannot be oriented
-        kept = _best_of(screened)
+        kept = _best_of(screened, KEPT_ANCHORED, KEPT_FREE)
     refined = []
     for i, entry in enumerate(kept):
         refined.append(_candidate(entry, source, target))
@@ -111,7 +114,7 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
     refined.sort(key=lambda candidate: candidate.scores["total"])
     leading = [
         candidate
-        for reverses, most in ((False, LAID_DIRECT), (True, LAID_MIRRORED))
+        for reverses, most in ((False, LAID_DIRECT), (True, LAID_DIRECT if either_side else LAID_MIRRORED))
         for candidate in [other for other in refined if other.reverses_orientation == reverses][:most]
     ]
     candidates = []
@@ -266,10 +269,10 @@ def _screen(hypothesis: Hypothesis, source: Shape, target: Shape) -> _Screened:
     )
 
 
-def _best_of(entries: list[_Screened]) -> list[_Screened]:
+def _best_of(entries: list[_Screened], most_anchored: int, most_free: int) -> list[_Screened]:
     """The first distinct ones of both sorts, from entries in the order of their cost."""
     kept: list[_Screened] = []
-    room = {True: KEPT_ANCHORED, False: KEPT_FREE}
+    room = {True: most_anchored, False: most_free}
     for entry in entries:
         anchored = entry.hypothesis.anchors is not None
         spread = ((entry.place - entry.place.mean(axis=0)) ** 2).sum()
