@@ -27,8 +27,8 @@ from zoomout_core.surface import Floats, Integers, Surface, edge_graph
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
 
-# Weights in the ranking: of distances at unit area, and of disagreements from 0 to 1. A flip costs about one.
-LANDMARK_WEIGHT, EARLIER_WEIGHT, AXIS_WEIGHT, REGION_WEIGHT = 5.0, 5.0, 1.0, 2.0
+# Weights in the ranking: of distances at unit area, and of disagreements from 0 to 1. A flip costs about two to four.
+LANDMARK_WEIGHT, EARLIER_WEIGHT, AXIS_WEIGHT, REGION_WEIGHT = 20.0, 10.0, 2.0, 4.0
 # Diffusion length, at unit area, that makes a function of a region, and the factor that brings it to unit scale.
 REGION_WIDTH, REGION_SCALE = 0.05, 2.0
 # How far, at unit area, a landmark that is held exactly takes its surroundings along.
