@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import bpy
@@ -78,7 +79,7 @@ def build_character(cell: float) -> tuple[bpy.types.Object, bpy.types.Object]:
     bpy.context.scene.collection.objects.link(character)
     _paint(mesh, vertices)
     _unwrap(character, vertices, faces)
-    return character, _rig(character)
+    return character, rig(character)
 
 
 def select_only(active: bpy.types.Object, *others: bpy.types.Object) -> None:
@@ -155,13 +156,13 @@ def _unwrap(character: bpy.types.Object, vertices: Floats, faces: Integers) -> N
 # --- armature -----------------------------------------------------------------------------------------------
 
 
-def _rig(character: bpy.types.Object) -> bpy.types.Object:
-    """An armature with the bones of the table, bound to the character with Blender's automatic weights."""
+def rig(character: bpy.types.Object, bones: Sequence[BoneRow] = BONES) -> bpy.types.Object:
+    """An armature with the bones of a table, bound to the character with Blender's automatic weights."""
     armature = bpy.data.objects.new("Armature", bpy.data.armatures.new("Armature"))
     bpy.context.scene.collection.objects.link(armature)
     select_only(armature)
     bpy.ops.object.mode_set(mode="EDIT")
-    for row in BONES:
+    for row in bones:
         bone = armature.data.edit_bones.new(row.name)
         bone.head, bone.tail = row.head, row.tail
         bone.parent = armature.data.edit_bones[row.parent] if row.parent else None

@@ -7,7 +7,7 @@ z = 0, and its left is +x.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 
@@ -125,13 +125,14 @@ TAIL: list[Solid] = [
 ]
 
 
-def _both_sides(solids: list[Solid]) -> list[Solid]:
+def both_sides(solids: list[Solid]) -> list[Solid]:
+    """Solids of the left side, and their mirror images."""
     return solids + [solid.mirrored() for solid in solids]
 
 
 PARTS: dict[str, list[Solid]] = {
     "torso": TORSO,
-    "head": HEAD + _both_sides(HEAD_LEFT),
+    "head": HEAD + both_sides(HEAD_LEFT),
     "arm.L": ARM_LEFT,
     "arm.R": [solid.mirrored() for solid in ARM_LEFT],
     "leg.L": LEG_LEFT,
@@ -156,8 +157,8 @@ def nearest_part(points: Floats) -> NDArray[np.str_]:
     return np.array(list(PARTS))[np.argmin([distance(points, solids) for solids in PARTS.values()], axis=0)]
 
 
-def surface_net(cell: float) -> tuple[Floats, Integers]:
-    """The character's surface as quads.
+def surface_net(cell: float, solids: Sequence[Solid] = SOLIDS, bounds: Floats = BOUNDS) -> tuple[Floats, Integers]:
+    """The surface of a union of solids, the character's if no others are given, as quads.
 
     Naive surface nets (Gibson, Constrained elastic surface nets, 1998): a vertex in each grid cell that the
     surface passes, a quad around each grid edge that it crosses; the vertices are then evened out and
@@ -165,11 +166,13 @@ def surface_net(cell: float) -> tuple[Floats, Integers]:
 
     Args:
         cell: size of a grid cell, about the length of an edge.
+        solids: what the union is made of.
+        bounds: (2, 3) the lowest and the highest corner of the space that they fill, with room to spare.
 
     Returns:
         (n, 3) vertices and (m, 4) vertex numbers of quads, wound so that normals point outwards.
     """
-    inside, origin = _occupancy(cell)
+    inside, origin = _occupancy(cell, solids, bounds)
     windows = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2))
     crossed = windows.any(axis=(3, 4, 5)) & ~windows.all(axis=(3, 4, 5))
     number = np.full(crossed.shape, -1)
@@ -185,7 +188,7 @@ def surface_net(cell: float) -> tuple[Floats, Integers]:
             ring = [number[tuple((edge - offset).T)] for offset in (0 * up, up, side + up, side)]
             quads.append(np.stack(ring[::direction], axis=1))
     faces = np.concatenate(quads)
-    return _settled(vertices, faces), faces
+    return _settled(vertices, faces, solids), faces
 
 
 def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
@@ -202,37 +205,37 @@ def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
     return np.hypot(along - foot, across) - start[3] - (end[3] - start[3]) * foot / length
 
 
-def _occupancy(cell: float) -> tuple[Booleans, Floats]:
-    """Which points of a grid around the character lie inside it, and the position of the first point.
+def _occupancy(cell: float, solids: Sequence[Solid], bounds: Floats) -> tuple[Booleans, Floats]:
+    """Which points of a grid around the solids lie inside them, and the position of the first point.
 
     Of the fine grid only points near the surface are worked out; the others are as their coarse neighbour.
     """
     coarse = 5
-    shape = np.ceil((BOUNDS[1] - BOUNDS[0]) / (cell * coarse)).astype(int) + 1
-    grid = BOUNDS[0] + cell * coarse * np.moveaxis(np.indices(shape), 0, -1)
-    around = distance(grid.reshape(-1, 3)).reshape(shape)
+    shape = np.ceil((bounds[1] - bounds[0]) / (cell * coarse)).astype(int) + 1
+    grid = bounds[0] + cell * coarse * np.moveaxis(np.indices(shape), 0, -1)
+    around = distance(grid.reshape(-1, 3), solids).reshape(shape)
     inside = np.kron(around < 0, np.ones((coarse,) * 3, dtype=bool))
     block = np.indices((coarse,) * 3).reshape(3, -1).T
     near = np.argwhere(np.abs(around) < 2 * coarse * cell)
     fine = (near[:, None] * coarse + block).reshape(-1, 3)
-    origin = BOUNDS[0] - cell * (coarse // 2)
-    inside[tuple(fine.T)] = distance(origin + cell * fine) < 0
+    origin = bounds[0] - cell * (coarse // 2)
+    inside[tuple(fine.T)] = distance(origin + cell * fine, solids) < 0
     return inside, origin
 
 
-def _settled(vertices: Floats, faces: Integers, rounds: int = 6) -> Floats:
+def _settled(vertices: Floats, faces: Integers, solids: Sequence[Solid], rounds: int = 6) -> Floats:
     """The vertices moved to the middle of their neighbours and back onto the surface, some times over."""
     n = len(vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     adjacent = coo_array((np.ones(len(start)), (start, end)), shape=(n, n)).tocsr()
     count: Floats = adjacent.sum(axis=1)[:, None]
     for _ in range(rounds):
-        vertices = _on_surface(adjacent @ vertices / count)
-    return _on_surface(vertices)
+        vertices = _on_surface(adjacent @ vertices / count, solids)
+    return _on_surface(vertices, solids)
 
 
-def _on_surface(points: Floats, step: float = 1e-4) -> Floats:
+def _on_surface(points: Floats, solids: Sequence[Solid], step: float = 1e-4) -> Floats:
     """One Newton step of points (n, 3) onto the surface, with the slope from differences."""
-    here = distance(points)
-    slope = np.stack([(distance(points + offset) - here) / step for offset in step * np.eye(3)], axis=1)
+    here = distance(points, solids)
+    slope = np.stack([(distance(points + offset, solids) - here) / step for offset in step * np.eye(3)], axis=1)
     return points - (here / np.maximum(np.einsum("ij,ij->i", slope, slope), 0.1))[:, None] * slope

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import radians
 
 import bpy
@@ -41,9 +42,9 @@ POSE: dict[str, tuple[float, float, float]] = {
 }
 
 
-def strike(armature: bpy.types.Object) -> None:
-    """Put the armature into the pose."""
-    for name, degrees in POSE.items():
+def strike(armature: bpy.types.Object, pose: Mapping[str, tuple[float, float, float]] = POSE) -> None:
+    """Put the armature into a pose, given as the table above."""
+    for name, degrees in pose.items():
         bone = armature.pose.bones[name]
         turn = Matrix.Identity(3)
         for axis, angle in zip("XYZ", degrees, strict=True):
@@ -73,11 +74,7 @@ def remeshed(posed: bpy.types.Object, voxel: float, vertices: int) -> bpy.types.
         voxel: size of the voxels, in metres.
         vertices: about how many are to be left.
     """
-    remesh = posed.modifiers.new("Remesh", "REMESH")
-    remesh.mode, remesh.voxel_size = "VOXEL", voxel
-    dense = _evaluated_copy(posed, "Dense")
-    posed.modifiers.remove(remesh)
-
+    dense = rebuilt(posed, voxel)
     decimate = dense.modifiers.new("Decimate", "DECIMATE")
     decimate.ratio = vertices / len(dense.data.vertices)
     target = _evaluated_copy(dense, "Target")
@@ -85,6 +82,15 @@ def remeshed(posed: bpy.types.Object, voxel: float, vertices: int) -> bpy.types.
     target.vertex_groups.clear()
     target.data.shade_smooth()
     return target
+
+
+def rebuilt(posed: bpy.types.Object, voxel: float) -> bpy.types.Object:
+    """The same surface rebuilt from voxels of a size in metres; nothing inside is left."""
+    remesh = posed.modifiers.new("Remesh", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", voxel
+    dense = _evaluated_copy(posed, "Dense")
+    posed.modifiers.remove(remesh)
+    return dense
 
 
 def bind(target: bpy.types.Object, armature: bpy.types.Object) -> bpy.types.Object:

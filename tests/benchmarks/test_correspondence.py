@@ -121,13 +121,14 @@ def test_every_stage_is_left_out_in_turn(tables: Tables) -> None:
     assert rows["all"]["success %"] == 100
 
 
-def test_a_neutral_score_leaves_its_criterion_out_of_the_total() -> None:
-    assert total_score(NEUTRAL) == 0
-    scores = dict.fromkeys(NEUTRAL, 0.5)
-    for name in NEUTRAL:
-        assert total_score(NEUTRAL | {name: 0.5}) == pytest.approx(
-            total_score(scores) - total_score(scores | {name: NEUTRAL[name]})
-        )
+def test_neutral_scores_leave_their_criterion_out_of_the_total() -> None:
+    neutral = {name: score for scores in NEUTRAL.values() for name, score in scores.items()}
+    assert total_score(neutral) == 0
+    scores = dict.fromkeys(neutral, 0.5)
+    for left_out in NEUTRAL.values():
+        alone = neutral | dict.fromkeys(left_out, 0.5)
+        assert total_score(alone) == pytest.approx(total_score(scores) - total_score(scores | left_out))
+        assert total_score(alone) != 0
 
 
 def test_the_worst_pairs_are_drawn_in_colour(outcome: tuple[str, Path]) -> None:

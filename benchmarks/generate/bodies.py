@@ -1,0 +1,254 @@
+"""Characters in Blender: a kind's template, individuals of it, and their meshes in poses.
+
+All individuals of a kind are one template, thickened and lengthened bone by bone, dented a little, and bent by its
+armature; so a vertex of the template is the same place on all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from blender_addon import mesh_data
+from blender_addon.demo.character import rig
+from blender_addon.demo.shape import surface_net
+from blender_addon.demo.target import posed_copy, rebuilt, strike
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Floats, Integers, Surface, unique_edges, vertex_normals
+
+from .folder import standing_for
+from .kinds import Build, Kind
+from .remeshing import REMESHINGS
+
+# Edges of the template, and the voxels that posed bodies are rebuilt from, in metres.
+CELL, VOXEL = 0.016, 0.011
+FEWEST_VERTICES, MOST_VERTICES = 4000, 8000
+# How deep dents are, how wide, and how many waves make them up; in metres.
+DENT, DENT_WIDTH, WAVES = 0.006, 0.25, 12
+# Clothes hang this far off the skin, in metres.
+OFFSET = 0.014
+# The share of the template that has to be found on a mesh: limbs that grew together swallow some of it.
+FOUND = 0.97
+# Poses that are tried for one mesh.
+TRIES = 60
+# Vertices around a loose part whose motion it follows.
+CARRIERS = 100
+
+
+class GenerationError(RuntimeError):
+    """No mesh came out as it should; the message says what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """The common shape of a kind, in the scene.
+
+    Attributes:
+        kind: what it is the shape of.
+        body: the mesh object.
+        armature: what bends it.
+        surface: its surface at rest.
+        mirror: for each vertex the triangle and the barycentric coordinates of its mirror image.
+        garments: for each garment the triangles that it covers.
+    """
+
+    kind: Kind
+    body: bpy.types.Object
+    armature: bpy.types.Object
+    surface: Surface
+    mirror: tuple[Integers, Floats]
+    garments: list[Integers]
+
+
+@dataclass(frozen=True, eq=False)
+class Individual:
+    """How one character differs from its template.
+
+    Attributes:
+        traits: (t,) logarithms of the factors of all builds.
+        scale: for each bone the factors across and along it.
+        rest: (n, 3) the template's vertices with dents, before they are scaled and posed.
+        dressed: whether it wears clothes.
+    """
+
+    traits: Floats
+    scale: Mapping[str, tuple[float, float]]
+    rest: Floats
+    dressed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PosedMesh:
+    """A character as it is written.
+
+    Attributes:
+        surface: its body, remeshed, and its loose parts.
+        places: (n,) for each vertex of the template the vertex of the surface that stands for it, -1 for none.
+        mirrored: (n,) the same for its mirror image.
+        refused: poses that were drawn before this one and came out as no closed body: limbs touched.
+    """
+
+    surface: Surface
+    places: Integers
+    mirrored: Integers
+    refused: int
+
+
+def build_template(kind: Kind, cell: float = CELL) -> Template:
+    """A kind's template in Blender's current session, which is emptied first."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    surface = Surface(*surface_net(cell, kind.solids, kind.bounds(5 * cell)))
+    mesh = bpy.data.meshes.new("Template")
+    mesh.from_pydata(surface.vertices, [], surface.triangles)
+    body = bpy.data.objects.new("Template", mesh)
+    bpy.context.scene.collection.objects.link(body)
+    armature = rig(body, kind.bones)
+    for bone in armature.data.bones:
+        bone.inherit_scale = "NONE"
+    weights = mesh_data.read_weights(body, mesh)
+    garments = []
+    for covered in kind.dress:
+        columns = [i for i, name in enumerate(weights.labels) if name.startswith(covered)]
+        inside = weights.values[:, columns].sum(axis=1) > 0.5
+        garments.append(surface.triangles[inside[surface.triangles].all(axis=1)])
+    mirror = closest_points(surface.vertices * (-1, 1, 1), surface.vertices, surface.triangles)
+    return Template(kind, body, armature, surface, mirror, garments)
+
+
+def draw_individual(template: Template, random: np.random.Generator, exaggeration: float, dressed: bool) -> Individual:
+    """An individual of random build: all factors raised to the power of the exaggeration."""
+    traits, scale = [], {}
+    for build in template.kind.builds:
+        thickness, length = _drawn(build, random) * exaggeration
+        traits += [thickness, length]
+        for row in template.kind.bones:
+            if row.name.startswith(build.bones):
+                scale[row.name] = float(np.exp(thickness)), float(np.exp(length))
+    surface = template.surface
+    normals = vertex_normals(surface.vertices, surface.triangles)
+    rest = surface.vertices + _dents(surface.vertices, random)[:, None] * normals
+    return Individual(np.array(traits), scale, rest, dressed)
+
+
+def posed_mesh(template: Template, individual: Individual, random: np.random.Generator) -> PosedMesh:
+    """An individual in a random pose, as a mesh of its own with 4,000 to 8,000 vertices and perhaps loose parts.
+
+    Raises:
+        GenerationError: no pose that was tried came out as one closed body.
+    """
+    kind, triangles = template.kind, template.surface.triangles
+    remeshing = REMESHINGS[random.choice(sorted(REMESHINGS))]
+    vertices = int(random.integers(FEWEST_VERTICES, MOST_VERTICES))
+    for refused in range(TRIES):
+        posed, dense = _struck(template, individual, draw_pose(kind, random))
+        body = remeshing(dense, vertices, random)
+        if not (is_ball(dense) and is_ball(body)):
+            continue
+        normals = vertex_normals(posed, triangles)
+        places = standing_for(posed, normals, body)
+        if (places >= 0).mean() < FOUND:
+            continue
+        mirrored = standing_for(_mirrored(template, posed), _mirrored(template, normals), body)
+        sheets = template.garments if individual.dressed else []
+        garments = [_sheet(posed + OFFSET * normals, sheet) for sheet in sheets]
+        share = len(body.vertices) / body.area
+        loose = [remeshing(garment, int(share * garment.area), random) for garment in garments]
+        return PosedMesh(_joined([body, *_eyes(template, posed), *loose]), places, mirrored, refused)
+    raise GenerationError(
+        f"Limbs touch in each of {TRIES} poses, so that none came out as one closed body: let bones reach less far."
+    )
+
+
+def draw_pose(kind: Kind, random: np.random.Generator) -> dict[str, tuple[float, float, float]]:
+    """Degrees for each bone within its reach; left and right turn independently."""
+    pose = {}
+    for row in kind.bones:
+        reach = kind.reach.get(row.name.replace(".R", ".L"))
+        if reach is not None:
+            x, y, z = (random.uniform(*bounds) for bounds in reach)
+            pose[row.name] = (x, -y, -z) if row.name.endswith(".R") else (x, y, z)
+    return pose
+
+
+def is_ball(surface: Surface) -> bool:
+    """Whether a surface is closed, manifold, in one piece and without handles."""
+    edges, edge = unique_edges(surface.triangles)
+    euler_characteristic = len(np.unique(surface.triangles)) - len(edges) + len(surface.triangles)
+    closed = bool((np.bincount(edge.ravel()) == 2).all())
+    return closed and surface.components.max() == 0 and euler_characteristic == 2
+
+
+def _mirrored(template: Template, values: Floats) -> Floats:
+    """Values at the mirror images of the template's vertices, given those at the vertices (n, 3)."""
+    triangle, barycentric = template.mirror
+    return np.einsum("nc,ncx->nx", barycentric, values[template.surface.triangles[triangle]])
+
+
+def _drawn(build: Build, random: np.random.Generator) -> Floats:
+    """Logarithms of the factors across and along the bones."""
+    low, high = np.log([build.thickness, build.length or build.thickness]).T
+    share = random.uniform(size=2) if build.length else random.uniform()
+    return low + share * (high - low)
+
+
+def _dents(points: Floats, random: np.random.Generator) -> Floats:
+    """(n,) smooth random heights, about as large as DENT says."""
+    waves = random.normal(size=(3, WAVES)) / DENT_WIDTH
+    phases = random.uniform(0, 2 * np.pi, WAVES)
+    return DENT * np.sqrt(2 / WAVES) * np.cos(2 * np.pi * points @ waves / np.sqrt(3) + phases).sum(axis=1)
+
+
+def _struck(
+    template: Template, individual: Individual, pose: Mapping[str, tuple[float, float, float]]
+) -> tuple[Floats, Surface]:
+    """The template's vertices (n, 3) in a pose, and the surface that they span, rebuilt."""
+    mesh = template.body.data
+    mesh.vertices.foreach_set("co", individual.rest.ravel().astype(np.float32))
+    mesh.update()
+    strike(template.armature, pose)
+    for name, (across, along) in individual.scale.items():
+        template.armature.pose.bones[name].scale = (across, along, across)
+    bpy.context.view_layer.update()
+    posed = posed_copy(template.body)
+    dense = rebuilt(posed, VOXEL)
+    positions = mesh_data.read_positions(posed.data).astype(float)
+    surface = mesh_data.read_target_surface(dense, bpy.context.evaluated_depsgraph_get())
+    bpy.data.meshes.remove(posed.data)
+    bpy.data.meshes.remove(dense.data)
+    return positions, Surface(surface.vertices, surface.triangles)
+
+
+def _eyes(template: Template, posed: Floats) -> list[Surface]:
+    """Eyeballs that follow the flesh around them."""
+    left = template.kind.eye
+    if left is None:
+        return []
+    rest = template.surface.vertices
+    tree, ball = cKDTree(rest), trimesh.creation.icosphere(subdivisions=2)
+    eyes = []
+    for eye in (left, left.mirrored()):
+        around = tree.query(eye.centre, CARRIERS)[1]
+        motion = np.linalg.lstsq(np.insert(rest[around], 3, 1, axis=1), posed[around], rcond=None)[0]
+        points = ball.vertices * eye.radii + eye.centre
+        eyes.append(Surface(np.insert(points, 3, 1, axis=1) @ motion, ball.faces))
+    return eyes
+
+
+def _sheet(points: Floats, triangles: Integers) -> Surface:
+    """The surface of some triangles, without the other points."""
+    used, faces = np.unique(triangles, return_inverse=True)
+    return Surface(points[used], faces.reshape(triangles.shape))
+
+
+def _joined(parts: Iterable[Surface]) -> Surface:
+    parts = list(parts)
+    first = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return Surface(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.triangles + start for part, start in zip(parts, first, strict=True)]),
+    )

@@ -1,0 +1,12 @@
+"""The kinds of characters that sets are made of, one module each."""
+
+from .biped import BIPED
+from .bird import BIRD
+from .dragon import DRAGON
+from .hand import HAND
+from .kind import Build, Kind, Reach
+from .quadruped import QUADRUPED
+
+KINDS: dict[str, Kind] = {"biped": BIPED, "bird": BIRD, "dragon": DRAGON, "hand": HAND, "quadruped": QUADRUPED}
+
+__all__ = ["KINDS", "Build", "Kind", "Reach"]

@@ -1,0 +1,52 @@
+"""Sets of meshes that share their vertex order, against their own and each other's remeshed selves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from zoomout_core.files import read_surface
+from zoomout_core.surface import Integers, Surface, vertex_normals
+
+from .folder import PLACES, Pair, by_class, known_on_all, standing_for, write_set
+from .remeshing import REMESHINGS
+
+# Vertices of a remeshed self, over those of the original.
+THINNED = 0.3
+
+
+def write_remeshed(output: Path, data: Iterable[Path], seed: int, count: int) -> None:
+    """Write a set of originals and of what remeshing makes of them.
+
+    Args:
+        output: folder of the set.
+        data: folders of OFF files; those whose names agree up to the first digit have the same vertices.
+        seed: of the noise and of the places.
+        count: of pairs for each class, drawn from all.
+    """
+    originals = {path.stem: read_surface(path) for folder in data for path in sorted(folder.glob("*.off"))}
+    meshes: dict[str, Surface] = dict(originals)
+    correspondence: dict[str, Integers] = {}
+    pairs: list[Pair] = []
+    for members in by_class(originals):
+        random = np.random.default_rng([seed, *members[0].encode()])
+        remade = {f"{name}_{how}": (name, how) for name, how in product(members, REMESHINGS)}
+        every: list[Pair] = [(new, name) for name in members for new in remade]
+        chosen = [every[i] for i in np.sort(random.permutation(len(every))[:count])]
+        made = sorted({new for new, _ in chosen})
+        body = np.flatnonzero(originals[members[0]].components == 0)
+        rows = np.sort(random.permutation(body)[:PLACES])
+        places = dict.fromkeys(members, rows)
+        for new in tqdm(made, desc=members[0], leave=False):
+            name, how = remade[new]
+            original = originals[name]
+            meshes[new] = REMESHINGS[how](original, round(THINNED * len(original.vertices)), random)
+            normals = vertex_normals(original.vertices, original.triangles)
+            places[new] = standing_for(original.vertices[rows], normals[rows], meshes[new])
+        correspondence |= known_on_all(places, random)
+        pairs += chosen
+    write_set(output, meshes, correspondence, pairs)

@@ -1,0 +1,57 @@
+"""The same surface as another mesh, in several ways that MeshLab has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from zoomout_core.surface import Surface, edge_graph, triangle_areas
+
+# Standard deviation of the noise, over the median length of an edge.
+NOISE = 0.05
+
+Remeshing = Callable[[Surface, int, np.random.Generator], Surface]
+
+
+def isotropic(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
+    """About so many vertices with edges of about the same length (Pietroni et al. 2010)."""
+    import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
+
+    # The area belonging to a vertex of a regular triangulation is sqrt(3) / 2 times the square of an edge.
+    edge = np.sqrt(2 / np.sqrt(3) * surface.area / vertices)
+    return _filtered(surface, "meshing_isotropic_explicit_remeshing", targetlen=pymeshlab.PureValue(edge), iterations=6)
+
+
+def simplified(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
+    """About so many vertices, by collapsing edges where that changes the surface least (Garland and Heckbert 1997)."""
+    return _filtered(
+        surface,
+        "meshing_decimation_quadric_edge_collapse",
+        targetfacenum=2 * vertices,
+        preserveboundary=True,
+        preservenormal=True,
+        preservetopology=True,
+    )
+
+
+def noisy(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
+    """About so many vertices of even edges, moved about as a scanner's are."""
+    even = isotropic(surface, vertices, random)
+    edge = np.median(edge_graph(even.vertices, even.triangles).data)
+    return Surface(even.vertices + random.normal(scale=NOISE * edge, size=even.vertices.shape), even.triangles)
+
+
+REMESHINGS: dict[str, Remeshing] = {"isotropic": isotropic, "simplified": simplified, "noisy": noisy}
+
+
+def _filtered(surface: Surface, name: str, **parameters: object) -> Surface:
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.triangles))
+    meshes.apply_filter(name, **parameters)
+    meshes.apply_filter("meshing_remove_unreferenced_vertices")
+    result = meshes.current_mesh()
+    vertices, triangles = result.vertex_matrix(), result.face_matrix()
+    return Surface(vertices, triangles[triangle_areas(vertices, triangles) > 0])
