@@ -35,11 +35,16 @@ class Places:
     distances: Floats
     turns: Floats
 
-    def features(self, chosen: Integers) -> Floats:
-        """(n, d) features of unit scale: distances to the chosen places (c,), and turns of the first of them."""
+    def features(self, chosen: Integers, side: int = 1) -> Floats:
+        """(n, d) features of unit scale: distances to the chosen places (c,), and turns of the first of them.
+
+        Args:
+            chosen: numbers of places, in an order.
+            side: 1 as seen from outside, -1 as seen from inside; 0 leaves the turns out.
+        """
         i, j = np.triu_indices(min(len(chosen), TURNING), k=1)
         distances = self.distances[:, chosen] / (DISTANCE_SPREAD * self.distances[:, chosen].mean(axis=0))
-        return np.hstack([distances, TURN_WEIGHT * self.turns[:, chosen[i], chosen[j]]])
+        return np.hstack([distances, side * TURN_WEIGHT * self.turns[:, chosen[i], chosen[j]]])
 
 
 def places_on(shape: Shape, vertices: Integers) -> Places:

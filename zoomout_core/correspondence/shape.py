@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -122,12 +122,6 @@ class Shape:
         pairs = self.basis.coefficients(pseudo_scalar_signatures(self.mesh, self.basis.areas, bands))
         pairs *= np.exp(-PSEUDO_SCALAR_TIME * self.basis.eigenvalues)[:, None]
         return self.basis.coefficients(bands), unit_columns(pairs, np.linalg.norm(pairs, axis=0))
-
-    @cached_property
-    def inside_out(self) -> Shape:
-        """The same shape with its normals turned, for surfaces that do not tell outside from inside."""
-        mesh = replace(self.mesh, flipped=~self.mesh.flipped)
-        return replace(self, proxy=replace(self.proxy, mesh=mesh))
 
 
 def shape_steps(

@@ -262,8 +262,16 @@ def test_only_what_encloses_a_space_tells_its_outside() -> None:
     assert not Surface(curled, flat.surface.triangles).working.sides_are_known
 
 
-def test_turned_inside_out_a_shape_curves_and_winds_the_other_way(shapes) -> None:
-    turned = shapes[0].inside_out
-    np.testing.assert_allclose(turned.curvature, -shapes[0].curvature, atol=1e-12)
-    np.testing.assert_allclose(turned.pseudo_scalars, -shapes[0].pseudo_scalars, atol=1e-12)
-    np.testing.assert_array_equal(turned.search.samples, shapes[0].search.samples)
+def test_places_seen_from_inside_turn_the_other_way(shapes) -> None:
+    places, order = places_on(shapes[0], np.array([0, 100, 200])), np.arange(3)
+    outside, inside, neither = (places.features(order, side) for side in (1, -1, 0))
+    np.testing.assert_allclose(inside, outside * [1, 1, 1, -1, -1, -1])
+    np.testing.assert_allclose(neither, outside * [1, 1, 1, 0, 0, 0])
+
+
+def test_a_cloth_is_paired_by_its_corners_whichever_side_is_up() -> None:
+    source, target = sheet(600, seed=0), sheet(500, seed=1)
+    places = source.places, target.places
+    for triangles in (target.surface.triangles, target.surface.triangles[:, ::-1]):
+        shapes = prepared(source.surface), prepared(Surface(target.surface.vertices, triangles))
+        assert min(error_of(guess, *shapes, places) for guess in extremity_hypotheses(*shapes)) < 0.05

@@ -16,6 +16,7 @@ import numpy as np
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
+from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.places import Places, places_on
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
@@ -58,15 +59,20 @@ class Extremities:
 
 
 def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
-    """The maps that pairings of extremities suggest; none where a shape has too few of them."""
+    """The maps that pairings of extremities suggest; none where a shape has too few of them.
+
+    They keep the orientation. Where sides are not known, those that reverse it come too.
+    """
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
     hypotheses = []
-    for of_target, of_source in pairings(tips_target, tips_source):
-        anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target))
-        origin = "extremities " + " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
-        hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
+    for side in (1,) if sides_are_known(source, target) else (1, -1):
+        for of_target, of_source in pairings(tips_target, tips_source):
+            anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
+            pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
+            origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
+            hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
     return hypotheses
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import places_on
 from zoomout_core.correspondence.shape import Shape
@@ -16,7 +17,7 @@ SIZE = 8
 
 
 def landmark_hypothesis(source: Shape, target: Shape, source_ids: Integers, target_ids: Integers) -> Hypothesis:
-    """The map that keeps the distances to paired places, and the sense in which they turn.
+    """The map that keeps the distances to paired places, and the sense in which they turn, if sides are known.
 
     Args:
         source: the shape that the map lands on.
@@ -24,8 +25,9 @@ def landmark_hypothesis(source: Shape, target: Shape, source_ids: Integers, targ
         source_ids: (m,) vertices of the source's mesh.
         target_ids: (m,) the vertices of the target's mesh that they correspond to.
     """
-    order = np.arange(len(source_ids))
-    anchors = Anchors(places_on(source, source_ids).features(order), places_on(target, target_ids).features(order))
+    order, side = np.arange(len(source_ids)), int(sides_are_known(source, target))
+    of_source, of_target = places_on(source, source_ids), places_on(target, target_ids)
+    anchors = Anchors(of_source.features(order, side), of_target.features(order, side))
     return anchored_hypothesis(f"{len(source_ids)} landmarks", source, target, anchors)
 
 
