@@ -142,7 +142,7 @@ def posed_mesh(template: Template, individual: Individual, random: np.random.Gen
         GenerationError: no pose that was tried came out as one closed body.
     """
     kind, triangles = template.kind, template.surface.triangles
-    remeshing = REMESHINGS[random.choice(sorted(REMESHINGS))]
+    remeshing = REMESHINGS[str(random.choice(sorted(REMESHINGS)))]
     vertices = int(random.integers(FEWEST_VERTICES, MOST_VERTICES))
     for refused in range(TRIES):
         posed, dense = _struck(template, individual, draw_pose(kind, random))

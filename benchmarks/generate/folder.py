@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -25,7 +26,7 @@ PLACES = 5000
 def write_set(
     folder: Path,
     meshes: Mapping[str, Surface],
-    correspondence: Mapping[str, Integers],
+    correspondence: Mapping[str, Any],
     pairs: Iterable[Pair],
 ) -> None:
     """Write meshes as OFF, `correspondence.npz` and `pairs.txt`."""

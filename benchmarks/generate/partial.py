@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import cycle, groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -84,7 +85,7 @@ def write_partial(output: Path, data: Iterable[Path], seed: int, count: int) -> 
     """
     meshes: dict[str, Surface] = {}
     correspondence: dict[str, Integers] = {}
-    alone: dict[str, Booleans] = {}
+    alone: dict[str, Any] = {}
     pairs: list[Pair] = []
     for folder in data:
         random = np.random.default_rng([seed, *folder.name.encode()])

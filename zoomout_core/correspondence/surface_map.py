@@ -91,7 +91,7 @@ class SurfaceMap:
 
         A path without that ending gets it; `load` looks there, too.
         """
-        arrays = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
+        arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
         np.savez_compressed(_npz(path), **arrays, **extra)
 
     @classmethod
