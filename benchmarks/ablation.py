@@ -86,6 +86,7 @@ def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
                 for candidate, other in zip(result.candidates, others, strict=True)
             ],
             source,
+            target,
         )[0]
         for name, others in scores.items()
     }

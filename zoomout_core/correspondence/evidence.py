@@ -67,7 +67,7 @@ class Evidence:
             known = self._disagreement(candidate, pair)
             candidate.scores.update({name: value for name, (value, _) in known.items()})
             candidate.scores["total"] += sum(value * weight for value, weight in known.values())
-        return in_order(candidates, pair.source_shape)
+        return in_order(candidates, pair.source_shape, pair.target_shape)
 
     def _disagreement(self, candidate: Candidate, pair: Pair) -> dict[str, tuple[float, float]]:
         """Disagreement of a candidate with each kind of evidence, and its weight."""

@@ -39,6 +39,8 @@ LAYING_ROUNDS, LAYING_WIDTH = 2, 0.08
 SAME_MAP = 0.05
 # Maps whose images are farther apart than this, on average and at unit area, rival each other.
 ANOTHER_MAP = 0.1
+# Score against the mirror image of a cloth, which a plane fits as well as its own.
+DOUBT_OF_MIRRORS = 0.5
 # Certainty: how fast a lead in score puts rivals out, up to which lead; and the log odds against a map whose mean
 # distance in space is 1, with their rate in the distance's logarithm.
 RIVALRY, LARGEST_LEAD = 3.85, 20.0
@@ -123,13 +125,25 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
     for i, candidate in enumerate(leading):
         candidates.append(_laid(candidate, source, target))
         yield 0.9 + 0.1 * (i + 1) / len(leading)
-    return in_order(candidates, source)
+    return in_order(candidates, source, target)
 
 
-def in_order(candidates: list[Candidate], source: Shape) -> list[Candidate]:
-    """Candidates with their certainty, the most likely first; those of mirror images come last."""
-    ranked = sorted(candidates, key=lambda candidate: (candidate.mirrored, candidate.scores["total"]))
-    return [replace(candidate, certainty=_certainty(candidate, ranked, source)) for candidate in ranked]
+def in_order(candidates: list[Candidate], source: Shape, target: Shape) -> list[Candidate]:
+    """Candidates with their certainty, the most likely first.
+
+    Those of mirror images come last, and rival only each other; unless a cloth may just be bent the other way.
+    """
+    apart = sides_are_known(source, target)
+    ranked = sorted(candidates, key=lambda candidate: (apart and candidate.mirrored, candidate.scores["total"]))
+    return [
+        replace(
+            candidate,
+            certainty=_certainty(
+                candidate, [other for other in ranked if not apart or other.mirrored == candidate.mirrored], source
+            ),
+        )
+        for candidate in ranked
+    ]
 
 
 def _certainty(candidate: Candidate, candidates: list[Candidate], source: Shape) -> float:
@@ -143,7 +157,7 @@ def _certainty(candidate: Candidate, candidates: list[Candidate], source: Shape)
     images = source.nearest_distance_sample[candidate.sample_map]
     rivals = 0.0
     for other in candidates:
-        if other is candidate or other.mirrored != candidate.mirrored:
+        if other is candidate:
             continue
         apart = source.distances[images, source.search.samples[other.sample_map]].mean()
         if apart > ANOTHER_MAP:
@@ -209,7 +223,8 @@ def _laid(candidate: Candidate, source: Shape, target: Shape) -> Candidate:
     scored = []
     for one in either:
         scores = one.scores | fit_in_space(one, source, target)
-        scored.append(replace(one, scores=scores | {"total": total_score(scores)}))
+        doubt = DOUBT_OF_MIRRORS * (one.mirrored and len(either) > 1)
+        scored.append(replace(one, scores=scores | {"total": total_score(scores) + doubt}))
     return min(scored, key=lambda one: one.scores["total"])
 
 
