@@ -47,25 +47,25 @@ class SampledBasis:
     Attributes:
         samples: (s,) vertex numbers.
         rows: (s, k) eigenvectors at the samples.
-        Q: (s, k) orthonormal; the leading columns of Q and R factorise the leading columns of `rows`.
-        R: (k, k) upper triangular.
+        Q: (s, k) orthonormal; with an upper triangular R its leading columns factorise the leading ones of `rows`.
+        R_inverse: (k, k) upper triangular; the inverse of a leading block of R is the same block of this.
     """
 
     samples: Integers
     rows: Floats
     Q: Floats
-    R: Floats
+    R_inverse: Floats
 
     @classmethod
     def of(cls, basis: SpectralBasis, samples: Integers) -> SampledBasis:
         """The basis at the samples (s,); at least as many samples as eigenfunctions are needed."""
         rows = basis.eigenvectors[samples]
         Q, R = qr(rows, mode="economic")
-        return cls(samples, rows, Q, R)
+        return cls(samples, rows, Q, solve_triangular(R, np.eye(len(R))))
 
     def fit(self, values: Floats, k: int) -> Floats:
         """(k, d) least-squares coefficients of values (s, d) at the samples."""
-        return np.asarray(solve_triangular(self.R[:k, :k], self.Q[:, :k].T @ values))
+        return np.asarray(self.R_inverse[:k, :k] @ (self.Q[:, :k].T @ values))
 
 
 def zoomout(

@@ -149,7 +149,7 @@ def _block_lanczos(
     start = np.random.default_rng(seed).standard_normal((n, b))
     start[:, 0] = root
     Q[:b] = qr(start, mode="economic")[0].T
-    next_test = 2.1 * wanted
+    next_test = 2.4 * wanted
     for j in range(limit):
         e = (j + 1) * b
         Y = root * factor.solve((Q[e - b : e] * root).T).T
@@ -170,10 +170,14 @@ def _block_lanczos(
         if e >= next_test or j == limit - 1:
             next_test += 0.08 * wanted
             projected = (H[:e, :e] + H[:e, :e].T) / 2
-            mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
-            residual = np.linalg.norm(R @ S[-b:], axis=0) / mu
+            # The last pair converges last, as a rule: alone it costs a part of what all cost.
+            last = eigh(projected, subset_by_index=(e - wanted, e - wanted))
+            if _residuals(R, *last).max() >= TOLERANCE:
+                continue
             yield min(0.9, e / (2.8 * wanted))
-            if residual.max() < TOLERANCE:
+            mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
+            yield min(0.9, e / (2.8 * wanted))
+            if _residuals(R, mu, S).max() < TOLERANCE:
                 break
     else:
         raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
@@ -183,3 +187,8 @@ def _block_lanczos(
         eigenvectors[columns] = (S.T.astype(np.float32) @ Q[:e, columns]).T / root[columns, None]
         yield 0.95
     return 1 / mu - SHIFT, eigenvectors
+
+
+def _residuals(R: Floats, mu: Floats, S: Floats) -> Floats:
+    """(p,) relative residuals of Ritz pairs, of which S (e, p) are the vectors in the Lanczos basis."""
+    return np.asarray(np.linalg.norm(R @ S[-len(R) :], axis=0) / mu)
