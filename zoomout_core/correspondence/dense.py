@@ -18,7 +18,7 @@ from zoomout_core.surface import Floats
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04), (120, 0.04))
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
-FINISHING = 4
+FINISHING = 2
 FINISHING_WEIGHT = 0.05
 # Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
 VERTICES_PER_FUNCTION = 16
@@ -32,6 +32,7 @@ def dense_steps(
     mirrored: bool,
     k_final: int,
     step: int,
+    finishing: int = FINISHING,
 ) -> Generator[float, None, tuple[SurfaceMap, Floats]]:
     """From a candidate's functional map to a precise point for every vertex of the target's mesh.
 
@@ -43,6 +44,7 @@ def dense_steps(
         mirrored: it maps the target's mirror image.
         k_final: size of the final functional map; less on coarse meshes.
         step: its growth in an iteration, once the target is laid over the source.
+        finishing: rounds on all vertices, one at least.
 
     Yields:
         The fraction done.
@@ -66,8 +68,8 @@ def dense_steps(
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
     near = None
-    for i in range(FINISHING):
-        yield 0.5 + 0.5 * i / FINISHING
+    for i in range(finishing):
+        yield 0.5 + 0.5 * i / finishing
         laid = lay(images, target, width, mirrored)
         laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
         pair = embeddings(source, target, functional_map, anchors)

@@ -6,7 +6,7 @@ anchors where it names places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.correspondence.anchors import Anchors
-from zoomout_core.correspondence.dense import embeddings
+from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts, positions_of_part
-from zoomout_core.correspondence.ranking import Candidate, in_order
+from zoomout_core.correspondence.ranking import Disagreement
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.projection import closest_points
@@ -27,8 +26,6 @@ from zoomout_core.surface import Floats, Integers, Surface, edge_graph
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
 
-# Weights in the ranking: of distances at unit area, and of disagreements from 0 to 1. A flip costs about two to four.
-LANDMARK_WEIGHT, EARLIER_WEIGHT, AXIS_WEIGHT, REGION_WEIGHT = 20.0, 10.0, 2.0, 4.0
 # Diffusion length, at unit area, that makes a function of a region, and the factor that brings it to unit scale.
 REGION_WIDTH, REGION_SCALE = 0.05, 2.0
 # How far, at unit area, a landmark that is held exactly takes its surroundings along.
@@ -61,40 +58,37 @@ class Evidence:
         ]
         return Anchors(*sides) if sides else None
 
-    def ranked(self, candidates: list[Candidate], pair: Pair) -> list[Candidate]:
-        """Candidates in the order that the evidence and their own scores suggest."""
-        for candidate in candidates:
-            known = self._disagreement(candidate, pair)
-            candidate.scores.update({name: value for name, (value, _) in known.items()})
-            candidate.scores["total"] += sum(value * weight for value, weight in known.values())
-        return in_order(candidates, pair.source_shape, pair.target_shape)
-
-    def _disagreement(self, candidate: Candidate, pair: Pair) -> dict[str, tuple[float, float]]:
-        """Disagreement of a candidate with each kind of evidence, and its weight."""
+    def disagreement(self, pair: Pair) -> Disagreement:
+        """What tells how far a map disagrees with each kind of evidence."""
         source, target = pair.source_shape, pair.target_shape
-        here, there = target.search.samples, source.search.samples[candidate.sample_map]
-        known = {}
-        if self.landmarks is not None:
-            known["landmarks"] = _landmark_distance(candidate, pair, self.landmarks), LANDMARK_WEIGHT
-        if self.earlier is not None:
-            first = source.nearest_distance_sample[candidate.sample_map]
-            known["earlier map"] = float(target.weights @ source.distances[first, self.earlier]), EARLIER_WEIGHT
-        if len(self.common_axes):
-            heights = [
-                positions[places] @ self.common_axes.T
-                for positions, places in (
-                    (_positions(pair.target, target), here),
-                    (_positions(pair.source, source), there),
-                )
-            ]
-            known["axes"] = 1 - _correlation(heights[0], heights[1], target.weights), AXIS_WEIGHT
-        overlaps = [
-            (target.weights @ (of_target[here] * of_source[there]))
-            / max(target.weights @ np.maximum(of_target[here], of_source[there]), 1e-300)
-            for of_source, of_target in zip(*self._members(pair), strict=True)
-        ]
-        if overlaps:
-            known["regions"] = float(1 - np.mean(overlaps)), REGION_WEIGHT
+        here = target.search.samples
+        missed = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
+        members = list(zip(*self._members(pair), strict=True))
+        heights_target, heights_source = (
+            _positions(surface, shape)[shape.search.samples] @ self.common_axes.T
+            for surface, shape in ((pair.target, target), (pair.source, source))
+        )
+
+        def known(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
+            there = source.search.samples[sample_map]
+            disagreements = {}
+            if missed is not None:
+                disagreements["landmarks"] = missed(functional_map, anchors)
+            if self.earlier is not None:
+                first = source.nearest_distance_sample[sample_map]
+                disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
+            if len(self.common_axes):
+                agreement = _correlation(heights_target, heights_source[sample_map], target.weights)
+                disagreements["axes"] = 1 - agreement
+            if members:
+                overlaps = [
+                    (target.weights @ (of_target[here] * of_source[there]))
+                    / max(target.weights @ np.maximum(of_target[here], of_source[there]), 1e-300)
+                    for of_source, of_target in members
+                ]
+                disagreements["regions"] = float(1 - np.mean(overlaps))
+            return disagreements
+
         return known
 
     def _members(self, pair: Pair) -> tuple[list[Floats], list[Floats]]:
@@ -160,15 +154,20 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     return SurfaceMap(*closest_points(bent, source.mesh.vertices, triangles), triangles)
 
 
-def _landmark_distance(candidate: Candidate, pair: Pair, landmarks: Landmarks) -> float:
-    """Mean distance, at unit area, between the landmarks and where a candidate sends their partners."""
+def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:
+    """What gives the mean distance, at unit area, between the landmarks and where a map sends their partners."""
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
     distances = dijkstra(graph, directed=False, indices=source_ids)
-    queries, embedded = embeddings(source, target, candidate.functional_map, candidate.anchors)
-    image = nearest(queries[target_ids], embedded)
-    return float(distances[np.arange(len(image)), image].mean())
+
+    def missed(functional_map: Floats, anchors: Anchors | None) -> float:
+        at_landmarks = None if anchors is None else Anchors(anchors.source, anchors.target[target_ids])
+        rows = target.basis.eigenvectors[target_ids]
+        image = nearest(*coordinates(rows, source.basis.eigenvectors, functional_map, at_landmarks))
+        return float(distances[np.arange(len(image)), image].mean())
+
+    return missed
 
 
 def _positions(surface: Surface, shape: Shape) -> Floats:

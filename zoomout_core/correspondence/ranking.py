@@ -7,14 +7,15 @@ cannot see a human turned front to back, pseudo-scalars are noise on shapes that
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.functional_map import commutativity_error, frequency_error
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis, is_new
 from zoomout_core.correspondence.laying import lay_and_match, sides_are_known
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.shape import DISTANCE_SAMPLES, Shape
@@ -35,8 +36,13 @@ CLEAR_ORIENTATION = 0.2
 # smoothed over such a diffusion length, at unit area, and kept; no user looks at more.
 LAID_DIRECT, LAID_MIRRORED = 6, 3
 LAYING_ROUNDS, LAYING_WIDTH = 2, 0.08
+# Evenly spread triangles that tell whether a map keeps the orientation.
+ORIENTATION_SAMPLES = 2000
 # Maps closer than this part of the variance of biharmonic coordinates are the same map.
 SAME_MAP = 0.05
+# What the user knows of the map, by what it disagrees with: a map flips for two to four of the total score. Distances
+# are at unit area, other disagreements from 0 to 1.
+EVIDENCE = {"landmarks": 20.0, "earlier map": 10.0, "axes": 2.0, "regions": 4.0}
 # Maps whose images are farther apart than this, on average and at unit area, rival each other.
 ANOTHER_MAP = 0.1
 # Score against the mirror image of a cloth, which a plane fits as well as its own.
@@ -45,6 +51,10 @@ DOUBT_OF_MIRRORS = 0.5
 # distance in space is 1, with their rate in the distance's logarithm.
 RIVALRY, LARGEST_LEAD = 3.85, 20.0
 MISFIT, MISFIT_RATE = 18.73, 5.43
+
+# How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
+# the target, and what holds it in place, at all vertices.
+Disagreement: TypeAlias = Callable[[Floats, Integers, Anchors | None], dict[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +72,8 @@ class Candidate:
         anchors: what holds the map in place, at all vertices.
         certainty: probability, in [0, 1], that this is the right one of the maps that treat the orientation
             as it does.
-        scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`) and their total,
-            of which the smallest is the most likely map.
+        scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with what
+            is known, and their total, of which the smallest is the most likely map.
     """
 
     origin: str
@@ -86,7 +96,14 @@ class _Screened:
     place: Floats
 
 
-def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Generator[float, None, list[Candidate]]:
+def nothing_known(_map: Floats, _samples: Integers, _anchors: Anchors | None) -> dict[str, float]:
+    """The disagreement of a map with no evidence."""
+    return {}
+
+
+def rank_steps(
+    hypotheses: list[Hypothesis], source: Shape, target: Shape, disagreement: Disagreement = nothing_known
+) -> Generator[float, None, list[Candidate]]:
     """Refine hypotheses, drop duplicates and the hopeless, score the rest in both directions.
 
     Yields the fraction done.
@@ -95,13 +112,14 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
         hypotheses: any number.
         source: the shape that the map lands on.
         target: the shape that the map starts from.
+        disagreement: with what is known of the map.
 
     Returns:
         Candidates, the most likely first; those of mirror images come after all others.
     """
     screened = []
     for i, hypothesis in enumerate(hypotheses):
-        screened.append(_screen(hypothesis, source, target))
+        screened.append(_screen(hypothesis, source, target, disagreement))
         yield 0.6 * (i + 1) / len(hypotheses)
     screened.sort(key=lambda entry: entry.cost)
     kept: list[_Screened] = []
@@ -113,7 +131,7 @@ def rank_steps(hypotheses: list[Hypothesis], source: Shape, target: Shape) -> Ge
         kept = _best_of(screened, KEPT_ANCHORED, KEPT_FREE)
     refined = []
     for i, entry in enumerate(kept):
-        refined.append(_candidate(entry, source, target))
+        refined.append(_candidate(entry, source, target, disagreement))
         yield 0.6 + 0.3 * (i + 1) / len(kept)
     refined.sort(key=lambda candidate: candidate.scores["total"])
     leading = [
@@ -183,7 +201,8 @@ def orientation_agreement(sample_map: Integers, source: Shape, target: Shape) ->
     at_samples = np.column_stack([source.mesh.vertices[images], source.mesh.vertex_normals[images]])
     smooth = target.basis.eigenvectors[:, :k] @ target.search.fit(at_samples, k)
     laid, normal = smooth[:, :3], smooth[:, 3:]
-    a, b, c = target.mesh.oriented_triangles.T
+    triangles = target.mesh.oriented_triangles
+    a, b, c = triangles[:: max(1, len(triangles) // ORIENTATION_SAMPLES)].T
     face_normal = np.cross(laid[b] - laid[a], laid[c] - laid[a])
     agreement = np.einsum("ij,ij->i", face_normal, normal[a] + normal[b] + normal[c])
     return float(agreement.sum() / max(np.abs(agreement).sum(), 1e-300))
@@ -252,12 +271,13 @@ def fit_in_space(candidate: Candidate, source: Shape, target: Shape) -> dict[str
 def total_score(scores: dict[str, float]) -> float:
     """The weighted sum of the criteria; handedness enters linearly, so that noise about zero weighs little.
 
-    Fit in space counts as far as it is known.
+    Fit in space and evidence count as far as they are known.
     """
     return float(
         2 * np.log(max(scores.get("place", 1), 1e-9))
         + np.log(max(scores.get("facing", 1), 1e-9))
         + _intrinsic_score(scores)
+        + _evidence_score(scores)
     )
 
 
@@ -271,19 +291,22 @@ def _intrinsic_score(scores: dict[str, float]) -> float:
     )
 
 
-def _screen(hypothesis: Hypothesis, source: Shape, target: Shape) -> _Screened:
+def _evidence_score(scores: dict[str, float]) -> float:
+    return sum(weight * scores.get(name, 0.0) for name, weight in EVIDENCE.items())
+
+
+def _screen(hypothesis: Hypothesis, source: Shape, target: Shape, disagreement: Disagreement) -> _Screened:
     size = min(SCREENING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(hypothesis.anchors, source, target)
     functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, 2, anchors)
     values = source.basis.eigenvalues, target.basis.eigenvalues
-    # Biharmonic coordinates of the images: maps that place all samples alike are the same map.
-    place = (source.search.rows[:, 1:20] / source.basis.eigenvalues[1:20])[sample_map]
     return _Screened(
         hypothesis,
         functional_map,
         orientation_agreement(sample_map, source, target),
-        commutativity_error(functional_map, *values),
-        place,
+        np.log(max(commutativity_error(functional_map, *values), 1e-9))
+        + _evidence_score(disagreement(functional_map, sample_map, hypothesis.anchors)),
+        source.coordinates[sample_map],
     )
 
 
@@ -293,15 +316,13 @@ def _best_of(entries: list[_Screened], most_anchored: int, most_free: int) -> li
     room = {True: most_anchored, False: most_free}
     for entry in entries:
         anchored = entry.hypothesis.anchors is not None
-        spread = ((entry.place - entry.place.mean(axis=0)) ** 2).sum()
-        known = any(((entry.place - other.place) ** 2).sum() <= SAME_MAP * spread for other in kept)
-        if room[anchored] and not known:
+        if room[anchored] and is_new(entry.place, (other.place for other in kept), SAME_MAP):
             room[anchored] -= 1
             kept.append(entry)
     return kept
 
 
-def _candidate(entry: _Screened, source: Shape, target: Shape) -> Candidate:
+def _candidate(entry: _Screened, source: Shape, target: Shape, disagreement: Disagreement) -> Candidate:
     """Refine further, find the reverse map on its own, and average the scores of both."""
     size = min(RANKING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
@@ -316,6 +337,7 @@ def _candidate(entry: _Screened, source: Shape, target: Shape) -> Candidate:
     there = scores_of(functional_map, sample_map, source, target, reverses)
     back_again = scores_of(reverse, reverse_map, target, source, reverses)
     scores = {name: (there[name] + back_again[name]) / 2 for name in there}
+    scores |= disagreement(functional_map, sample_map, entry.hypothesis.anchors)
     scores["total"] = total_score(scores)
     return Candidate(
         entry.hypothesis.origin,

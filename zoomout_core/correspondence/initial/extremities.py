@@ -78,13 +78,24 @@ def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
 
 def extremities(shape: Shape) -> Extremities:
     """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 12."""
-    owner = np.argmin(shape.distances, axis=0)
-    mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))
-    average = mass @ shape.distances
+    average = _average_distance(shape)
     vertices, persistence = _persistent_maxima(average, shape.mesh)
     count = int(np.clip((persistence > PERSISTENCE).sum(), FEWEST, MOST))
     vertices, persistence = vertices[:count], persistence[:count]
     return Extremities(places_on(shape, vertices), average[vertices], persistence)
+
+
+def has_extremities(shape: Shape) -> bool:
+    """Whether enough tips stand out clearly to go by them."""
+    _, persistence = _persistent_maxima(_average_distance(shape), shape.mesh)
+    return int((persistence > PERSISTENCE).sum()) >= FEWEST
+
+
+def _average_distance(shape: Shape) -> Floats:
+    """(n,) geodesic distance to all of the surface."""
+    owner = np.argmin(shape.distances, axis=0)
+    mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))
+    return np.asarray(mass @ shape.distances)
 
 
 def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
