@@ -84,11 +84,12 @@ def bodice(rest: np.ndarray) -> np.ndarray:
 
 def shell(name: str, region: Region, offset: float, count: int, seed: int) -> Piece:
     """A garment of `count` even vertices over a region of the skin, so far above it, with open borders."""
-    where = directions(DENSITY * count, seed)
-    where = where[region(skin(where))]
-    where = where[farthest_points(skin(where), count)]
-    triangles = _hull(where)
-    # A hull closes every opening: what lies over one has its middle off the region.
+    everywhere = directions(DENSITY * count, seed)
+    inside = region(skin(everywhere))
+    where = everywhere[inside][farthest_points(skin(everywhere[inside]), count)]
+    # A hull closes every opening, if only with what lies in it: that is left out again.
+    triangles = _hull(np.vstack([where, everywhere[~inside][::DENSITY]]))
+    triangles = triangles[(triangles < len(where)).all(axis=1)]
     triangles = triangles[region(skin(_unit(where[triangles].sum(axis=1))))]
     used, compact = np.unique(triangles, return_inverse=True)
     return Piece(name, skin(where[used]) + offset * skin_normals(where[used]), compact.reshape(-1, 3), where[used])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoomout_core.correspondence.loose import LooseParts, map_parts
 from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.parts import map_parts
+from zoomout_core.correspondence.parts import MOST_PARTS
 from zoomout_core.correspondence.proxy import lifted
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
@@ -25,38 +26,55 @@ def on_surfaces(pair: Pair, between: SurfaceMap, confidence: Floats) -> tuple[Su
     """
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     between_parts = lifted(between, source, target)
+    loose = map_parts(pair, between_parts, confidence)
     confidence = target.place.interpolate(confidence)
     vertex_of = target.full.vertex_of
-    inside = vertex_of >= 0
+    on_body = vertex_of >= 0
     n = len(pair.target.vertices)
     triangle, barycentric, trust = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
-    triangle[inside] = source.full.triangle_of[between_parts.triangle[vertex_of[inside]]]
-    barycentric[inside] = between_parts.barycentric[vertex_of[inside]]
-    trust[inside] = confidence[vertex_of[inside]]
-    body = SurfaceMap(triangle, barycentric, pair.source.triangles)
-    return _with_loose_parts(pair, body, trust, inside)
+    triangle[on_body] = source.full.triangle_of[between_parts.triangle[vertex_of[on_body]]]
+    barycentric[on_body] = between_parts.barycentric[vertex_of[on_body]]
+    trust[on_body] = confidence[vertex_of[on_body]]
+    number = np.full(len(pair.target.working.vertices), -1)
+    number[loose.image.vertices] = np.arange(len(loose.image.vertices))
+    number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
+    placed = number >= 0
+    triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[number[placed]]]
+    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.trust[number[placed]]
+    whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
+    return _with_the_rest(pair, whole, on_body, on_body | placed), trust, _notes(pair, loose)
 
 
-def _with_loose_parts(
-    pair: Pair, body: SurfaceMap, trust: Floats, on_body: Booleans
-) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
-    """The map of the largest part, extended to the others: to their partners, or along with the body."""
+def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Booleans) -> SurfaceMap:
+    """The map, extended from the body to the vertices that have no place of their own: to the nearest one's."""
     source, target = pair.source, pair.target
-    triangle, barycentric = body.triangle.copy(), body.barycentric.copy()
-    outside = ~on_body & np.isfinite(target.vertices).all(axis=1)
-    if outside.any():
-        main = np.flatnonzero(on_body[target.triangles[:, 0]])
-        place, weights = closest_points(target.vertices[outside], target.vertices, target.triangles[main])
-        carried = body.at(source, target, main[place], weights)
-        triangle[outside], barycentric[outside] = carried.triangle, carried.barycentric
-    mapped, alone_target, alone_source = map_parts(source, target, body, np.flatnonzero(on_body))
-    for part, onto, confidence in mapped:
-        triangle[part.vertices], barycentric[part.vertices] = onto.triangle, onto.barycentric
-        trust[part.vertices] = confidence
-    notes = (
-        (len(mapped), "{} paired with parts of the source by place and size."),
-        (len(alone_target), "{} of the target without a partner: the nearest place of the body, with no confidence."),
-        (len(alone_source), "{} of the source without a partner: nothing was matched to them."),
+    rest = ~placed & np.isfinite(target.vertices).all(axis=1)
+    if not rest.any():
+        return known
+    main = np.flatnonzero(on_body[target.triangles[:, 0]])
+    place, weights = closest_points(target.vertices[rest], target.vertices, target.triangles[main])
+    carried = known.at(source, target, main[place], weights)
+    triangle, barycentric = known.triangle.copy(), known.barycentric.copy()
+    triangle[rest], barycentric[rest] = carried.triangle, carried.barycentric
+    return SurfaceMap(triangle, barycentric, source.triangles)
+
+
+def _notes(pair: Pair, loose: LooseParts) -> tuple[str, ...]:
+    """What a user should know about the parts of the two surfaces, a sentence each."""
+    smaller = [
+        f"The main part of the {role} is not its largest, but the one that is more like the other surface's."
+        for role, surface, shape in (
+            ("source", pair.source, pair.source_shape),
+            ("target", pair.target, pair.target_shape),
+        )
+        if surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0
+    ]
+    counted = (
+        (loose.paired, "{} paired with parts of the source by place, size and shape."),
+        (loose.others, "{} of the target mapped to other parts of the source that lie in the same place."),
+        (loose.too_many, f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."),
+        (loose.alone, "{} of the target without a partner: the nearest place of the body, with no confidence."),
+        (loose.left, "{} of the source without a partner: nothing was matched to them."),
     )
-    worded = tuple(text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in notes if count)
-    return SurfaceMap(triangle, barycentric, source.triangles), trust, worded
+    worded = [text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in counted if count]
+    return (*smaller, *worded)

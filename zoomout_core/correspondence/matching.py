@@ -20,17 +20,17 @@ from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
 from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
+from zoomout_core.correspondence.main_parts import main_part_steps
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.shape import shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
-from zoomout_core.surface import Floats, Integers, MeshError, Surface, WorkingMesh
+from zoomout_core.surface import Floats, Integers, Surface
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
-SMALLEST_PART = 12
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
 PROXY_VERTICES = 6000
@@ -120,7 +120,7 @@ def match(
             match them at full size, which takes many times as long and gains little.
         common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
         regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
-            same name: evidence, which also holds the map in place.
+            same name: evidence, which also holds the map in place, and decides which loose parts belong together.
         exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
 
     Returns:
@@ -172,14 +172,17 @@ def match_steps(
     axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
     yield Progress(0.0, "Reading the meshes")
     k = max(k_final, FEWEST_FUNCTIONS)
-    source_part, target_part = _main_part(source, "source"), _main_part(target, "target")
+    source_part, target_part = yield from spread(
+        main_part_steps(source, target, seed), 0.0, 0.02, "Comparing the parts"
+    )
     source_shape = yield from spread(
-        shape_steps(source_part, k, samples, seed, proxy_vertices), 0.0, 0.3, "Analysing the source"
+        shape_steps(source_part, k, samples, seed, proxy_vertices), 0.02, 0.3, "Analysing the source"
     )
     target_shape = yield from spread(
         shape_steps(target_part, k, samples, seed, proxy_vertices), 0.3, 0.6, "Analysing the target"
     )
-    pair = Pair(source, target, source_shape, target_shape, k_final, step, landmarks if exact_landmarks else None)
+    exact = landmarks if exact_landmarks else None
+    pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)
     yield Progress(0.6, "Guessing")
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
     evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
@@ -212,16 +215,6 @@ def _check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | No
     ):
         if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
             raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
-
-
-def _main_part(surface: Surface, role: str) -> WorkingMesh:
-    mesh, vertices = surface.working.part(0)
-    if len(vertices) < SMALLEST_PART:
-        raise MeshError(
-            f"The largest part of the {role} has {len(vertices)} vertices, too few to be matched: "
-            f"subdivide it to {SMALLEST_PART} or more."
-        )
-    return mesh
 
 
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +25,12 @@ class Pair:
     Attributes:
         source: the surface that the map lands on.
         target: the surface that the map starts from.
-        source_shape: the source's largest part.
-        target_shape: the target's largest part.
+        source_shape: the source's main part.
+        target_shape: the target's main part.
         k_final: size of the final functional map.
         step: growth of the functional map in an iteration.
         exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
+        regions: source vertices and target vertices that belong together.
     """
 
     source: Surface
@@ -38,6 +40,7 @@ class Pair:
     k_final: int
     step: int
     exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
+    regions: Sequence[tuple[Integers, Integers]] = ()
 
 
 def positions_of_part(surface: Surface, shape: Shape) -> Floats:
@@ -59,7 +62,7 @@ def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tu
 
     Raises:
         ValueError: these are no vertices and no points, or not as many on either side.
-        MeshError: a landmark lies off the largest part, or off the surface.
+        MeshError: a landmark lies off the main part, or off the surface.
     """
     if len(landmarks) != 2 or (isinstance(landmarks, np.ndarray) and landmarks.shape[1:] == (2,)):
         raise ValueError(
@@ -86,7 +89,7 @@ def _on_part(role: str, surface: Surface, shape: Shape, given: ArrayLike) -> Int
     astray = np.flatnonzero((on_part < 0).any(axis=1))
     if len(astray):
         raise MeshError(
-            f"Landmark {astray[0]} on the {role}, at vertex {corners[astray[0], 0]}, is off its largest part: move it."
+            f"Landmark {astray[0]} on the {role}, at vertex {corners[astray[0], 0]}, is off its main part: move it."
         )
     places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
     return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])

@@ -1,129 +1,215 @@
-"""Loose parts (eyes, teeth, buttons, clothes): paired and mapped by way of the body that they belong to.
+"""Loose parts (eyes, teeth, buttons, clothes, hair): which of two surfaces belong together.
 
 A part has too little shape of its own for its spectrum to tell a left eye from a right one. The body's map
-does: the body around a part moves rigidly, up to scale, to its image on the source, and takes the part along.
+does: it takes the parts of the target to the source, where partners lie in one place and are of one size; parts
+that share a place, such as a coat and a shirt, differ in shape.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.spectral.sampling import farthest_points
+from zoomout_core.surface import Booleans, Floats, Integers, Surface, WorkingMesh, edge_graph, triangle_areas
 
 # More parts than these are not paired one by one: what has so many is debris, or hair.
 MOST_PARTS = 300
-# So many vertices of the body around a part say how it moves.
-BODY_NEIGHBOURS = 200
-# How far off the body's map may carry a part, over the square root of the area.
-MAP_ERROR = 0.03
-# A partner's size and place may be off by this part of its own size.
-TOLERANCE = 0.75
-# Trust in a partner that fits exactly, and the misfit, as a part of its size, at which half of it is left.
-FULL_TRUST, HALF_MISFIT = 0.9, 0.25
+# A part is compared by so many of its vertices, and with so many others that might be its partners.
+SAMPLES, RIVALS = 32, 6
+# How far off the body's map may carry a part, at unit area of the body.
+MAP_ERROR = 0.045
+# A partner's place, size and shape may be off by this part of its own size.
+TOLERANCE = 0.5
+# Shapes are compared by how geodesic distances are distributed, at unit area: a factor makes it one to the size.
+SHAPE_WEIGHT = 2.0
+QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+DISTANCE_SOURCES = 8
+# The misfit of parts that lie in all the same regions is reduced by so much.
+REGION_BONUS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A component of a surface.
+    """A component of a mesh.
 
     Attributes:
-        vertices: (n,) of the surface.
-        triangles: (m,) of the surface.
-        centre: (3,) centroid of its vertices.
-        size: root mean square distance from the centre.
+        mesh: of which it is a component.
+        vertices: (n,) of the mesh.
+        triangles: (m,) of the mesh.
+        points: (n, 3) the vertices in the frame where parts are compared: the source's.
+        weights: (n,) parts of its area that the vertices stand for, summing to one.
     """
 
+    mesh: WorkingMesh
     vertices: Integers
     triangles: Integers
-    centre: Floats
-    size: float
+    points: Floats
+    weights: Floats
+
+    @cached_property
+    def corners(self) -> Integers:
+        """(m, 3) its triangles by the places of the corners in `vertices`, which ascend."""
+        return np.searchsorted(self.vertices, self.mesh.triangles[self.triangles])
+
+    @property
+    def rest(self) -> Floats:
+        """(n, 3) the vertices where the mesh has them."""
+        return self.mesh.vertices[self.vertices]
+
+    @cached_property
+    def centre(self) -> Floats:
+        """(3,) centroid of its area."""
+        return np.asarray(self.weights @ self.points)
+
+    @cached_property
+    def size(self) -> float:
+        """Root mean square distance from the centre."""
+        return float(np.sqrt(self.weights @ ((self.points - self.centre) ** 2).sum(axis=1)))
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance from the centre."""
+        return float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).max()))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of its points."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def samples(self) -> Integers:
+        """(s,) some vertices, evenly spread, by their place in `vertices`."""
+        return farthest_points(self.rest, SAMPLES)
+
+    def distance_to(self, other: Part) -> float:
+        """Root mean square distance from its samples to the nearest vertex of another part."""
+        return float(np.sqrt(np.mean(np.square(other.tree.query(self.points[self.samples])[0]))))
+
+    @cached_property
+    def distances(self) -> Floats:
+        """(5,) quantiles of the geodesic distances between samples, at unit area: the same in every pose."""
+        area = triangle_areas(self.rest, self.corners).sum()
+        distance = dijkstra(
+            edge_graph(self.rest, self.corners), directed=False, indices=self.samples[:DISTANCE_SOURCES]
+        )[:, self.samples]
+        return np.asarray(np.quantile(distance, QUANTILES) / np.sqrt(max(area, 1e-300)))
 
 
-def parts_of(surface: Surface) -> list[Part]:
-    """The components beside the largest, the largest first; at most `MOST_PARTS`."""
-    component = surface.components
-    of_triangle = component[surface.triangles[:, 0]]
-    parts = []
-    for number in range(1, min(int(component.max()), MOST_PARTS) + 1):
-        vertices = np.flatnonzero(component == number)
-        points = surface.vertices[vertices]
-        centre = points.mean(axis=0)
-        size = float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean()))
-        parts.append(Part(vertices, np.flatnonzero(of_triangle == number), centre, size))
-    return parts
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A surface as its loose parts are looked at.
+
+    Attributes:
+        mesh: its working copy.
+        points: (n, 3) the mesh's vertices in a frame in which the body's area is one.
+        areas: (n,) of the vertices, positive.
+        body_vertices: (b,) the mesh's vertex for each of the body's.
+    """
+
+    mesh: WorkingMesh
+    points: Floats
+    areas: Floats
+    body_vertices: Integers
+
+    @classmethod
+    def of(cls, surface: Surface, body: WorkingMesh) -> Side:
+        """A surface and the part of it that is the body."""
+        mesh, used = surface.working, body.vertex_of >= 0
+        body_vertices = np.empty(len(body.vertices), dtype=np.int64)
+        body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]
+        area = triangle_areas(mesh.vertices, mesh.triangles)
+        areas = np.bincount(mesh.triangles.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
+        points = mesh.vertices * (mesh.scale / body.scale)
+        return cls(mesh, points, np.maximum(areas, 1e-9 * areas.mean()), body_vertices)
+
+    @property
+    def body(self) -> int:
+        """The number of the component that is the body."""
+        return int(self.mesh.component[self.body_vertices[0]])
+
+    @cached_property
+    def loose(self) -> Booleans:
+        """(n,) which vertices belong to loose parts."""
+        return self.mesh.component != self.body
+
+    def parts(self, points: Floats) -> list[Part]:
+        """The loose parts, the largest first, their vertices moved to the points (n, 3)."""
+        mesh = self.mesh
+        triangles = _grouped(mesh.component[mesh.triangles[:, 0]])
+        return [
+            Part(mesh, inside, triangles[number], points[inside], self.areas[inside] / self.areas[inside].sum())
+            for number, inside in enumerate(_grouped(mesh.component))
+            if number != self.body
+        ]
+
+    def members(self, regions: Sequence[Integers]) -> Booleans:
+        """(p, r) which loose parts lie, for the most part, in which regions, given by the surface's vertices."""
+        count = np.bincount(self.mesh.component)
+        inside = np.zeros((len(count), len(regions)), dtype=bool)
+        for number, region in enumerate(regions):
+            vertices = np.unique(self.mesh.vertex_of[region])
+            component = self.mesh.component[vertices[vertices >= 0]]
+            inside[:, number] = np.bincount(component, minlength=len(count)) > count / 2
+        return np.delete(inside, self.body, axis=0)
 
 
-def map_parts(
-    source: Surface, target: Surface, body: SurfaceMap, on_body: Integers
-) -> tuple[list[tuple[Part, SurfaceMap, float]], list[Part], list[Part]]:
-    """Pair the loose parts of two surfaces, and map them.
+def paired(
+    target: Sequence[Part], source: Sequence[Part], of_target: Booleans, of_source: Booleans
+) -> tuple[dict[int, int], Floats]:
+    """Partners one to one.
 
     Args:
-        source: the surface that the map lands on.
-        target: the surface that the map starts from.
-        body: the map of all target vertices, of which those `on_body` are known.
-        on_body: (b,) target vertices of the largest part.
+        target: parts as the body carries them to the source.
+        source: parts.
+        of_target: (p, r) which target parts lie in which regions.
+        of_source: (q, r) which source parts lie in them.
 
     Returns:
-        The target's parts that have a partner, each with the map of its vertices and the trust in it; the
-        target's parts without a partner; and the source's.
+        The number of the source's part by that of the target's, and (p, q) misfits, infinite for what regions part.
     """
-    of_target, of_source = parts_of(target), parts_of(source)
-    if not of_target or not of_source:
-        return [], of_target, of_source
-    images = body.interpolate(source.vertices)[on_body]
-    tree = cKDTree(target.vertices[on_body])
-    carried = []
-    for part in of_target:
-        near = np.unique(tree.query(part.centre, k=min(BODY_NEIGHBOURS, len(on_body)))[1])
-        carried.append(_carried(target.vertices[part.vertices], target.vertices[on_body[near]], images[near]))
-    slack = MAP_ERROR * np.sqrt(source.area)
-    misfit = np.array([[_misfit(points, candidate, slack) for candidate in of_source] for points in carried])
+    place, size = _apart(target, source)
+    rough = np.minimum(place, 2 * TOLERANCE) + size
+    relation = _relation(of_target, of_source)
+    misfit = np.where(np.isinf(relation), np.inf, 10 * TOLERANCE)
+    possible = (rough <= 2 * TOLERANCE) & np.isfinite(relation)
+    possible &= rough <= np.sort(rough, axis=1)[:, :RIVALS][:, -1:]
+    close = possible & (rough <= TOLERANCE)
+    contested = (close.sum(axis=1) > 1)[:, None] | (close.sum(axis=0) > 1)
+    for i, j in np.argwhere(possible):
+        ours, theirs = target[i], source[j]
+        apart = max(ours.distance_to(theirs), theirs.distance_to(ours)) / (max(ours.size, theirs.size) + MAP_ERROR)
+        shape = float(np.mean(np.abs(ours.distances - theirs.distances))) if contested[i, j] else 0.0
+        misfit[i, j] = relation[i, j] * (apart + size[i, j] + SHAPE_WEIGHT * shape)
     rows, columns = linear_sum_assignment(np.minimum(misfit, 10 * TOLERANCE))
-    mapped = []
-    for row, column in zip(rows, columns, strict=True):
-        if misfit[row, column] > TOLERANCE:
-            continue
-        partner = of_source[column]
-        # What is left is the body map's error: the part is moved onto its partner's centre and size.
-        points = carried[row] - carried[row].mean(axis=0)
-        points *= partner.size / max(float(np.sqrt((points**2).sum(axis=1).mean())), 1e-300)
-        triangles = source.triangles[partner.triangles]
-        triangle, barycentric = closest_points(points + partner.centre, source.vertices, triangles)
-        trust = FULL_TRUST / (1 + (misfit[row, column] / HALF_MISFIT) ** 2)
-        onto = SurfaceMap(partner.triangles[triangle], barycentric, source.triangles)
-        mapped.append((of_target[row], onto, float(trust)))
-    paired = misfit[rows, columns] <= TOLERANCE
-    alone_target = [part for i, part in enumerate(of_target) if i not in rows[paired]]
-    alone_source = [part for i, part in enumerate(of_source) if i not in columns[paired]]
-    return mapped, alone_target, alone_source
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= TOLERANCE}, misfit
 
 
-def _carried(points: Floats, neighbours: Floats, images: Floats) -> Floats:
-    """Points (n, 3) moved as their neighbours (k, 3) move to their images (k, 3): turned, scaled and shifted.
-
-    The best similarity in the least-squares sense (Umeyama 1991).
-    """
-    centre, image_centre = neighbours.mean(axis=0), images.mean(axis=0)
-    X, Y = neighbours - centre, images - image_centre
-    U, singular, Vt = np.linalg.svd(Y.T @ X)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    rotation = (U * sign) @ Vt
-    scale = (singular * sign).sum() / max((X**2).sum(), 1e-300)
-    return scale * (points - centre) @ rotation.T + image_centre
+def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floats]:
+    """(p, q) distances of the centres, against the sizes and what the map may be off, and ratios of the sizes."""
+    centres = [np.array([part.centre for part in parts]) for parts in (target, source)]
+    sizes = [np.maximum([part.size for part in parts], 1e-12) for parts in (target, source)]
+    distance = np.linalg.norm(centres[0][:, None] - centres[1], axis=2)
+    ratio = np.abs(np.log(sizes[0][:, None] / sizes[1]))
+    return distance / (np.maximum(sizes[0][:, None], sizes[1]) + MAP_ERROR), ratio
 
 
-def _misfit(points: Floats, partner: Part, slack: float) -> float:
-    """How far points (n, 3) are off a part in place and size, as a part of its size and the slack."""
-    centre = points.mean(axis=0)
-    size = max(float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean())), 1e-300)
-    if partner.size <= 0:
-        return np.inf
-    place = float(np.linalg.norm(centre - partner.centre)) / (max(size, partner.size) + slack)
-    return place + abs(float(np.log(size / partner.size)))
+def _relation(of_target: Booleans, of_source: Booleans) -> Floats:
+    """(p, q) what regions make of a misfit: less where they are shared, infinite where none is but both are in some."""
+    common = of_target.astype(float) @ of_source.T
+    union = of_target.sum(axis=1)[:, None] + of_source.sum(axis=1) - common
+    factor = 1 - REGION_BONUS * common / np.maximum(union, 1)
+    strangers = of_target.any(axis=1)[:, None] & of_source.any(axis=1) & (common == 0)
+    return np.where(strangers, np.inf, factor)
+
+
+def _grouped(label: Integers) -> list[Integers]:
+    """The elements of each label, ascending."""
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(label))[:-1])

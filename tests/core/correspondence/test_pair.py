@@ -76,9 +76,9 @@ def test_landmarks_that_are_none_are_refused(pair: Pair, landmarks: object, sent
     assert "\n" not in str(refusal.value)
 
 
-def test_landmarks_off_the_surface_or_its_largest_part_are_refused(pair: Pair) -> None:
+def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> None:
     for landmark in ([4000], pair.source.vertices[[0, 4000]]):
-        with pytest.raises(MeshError, match=r"on the source, at vertex 40\d\d, is off its largest part"):
+        with pytest.raises(MeshError, match=r"on the source, at vertex 40\d\d, is off its main part"):
             landmarks_on_parts(pair, (landmark, list(range(len(landmark)))))
     off = pair.target.vertices[[7, 8]].copy()
     tip = np.argmax(pair.target.vertices[:, 2])

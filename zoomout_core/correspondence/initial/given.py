@@ -44,7 +44,7 @@ def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothe
     inside = pair.target_shape.proxy.full.vertex_of >= 0
     of_part[pair.target_shape.proxy.full.vertex_of[inside]] = vertex[inside]
     image = of_part[pair.target_shape.proxy.full_vertex]
-    # Images off the source's largest part move to the nearest vertex of it.
+    # Images off the source's main part move to the nearest vertex of it.
     on_part = pair.source_shape.proxy.full.vertex_of[image]
     off = on_part < 0
     if off.any():
