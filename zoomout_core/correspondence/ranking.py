@@ -28,9 +28,10 @@ RANKING_SIZE = 60
 REVERSE_START = 16
 # Survivors of the screening: of the hypotheses that anchors hold in place, which commute worse with the Laplacians
 # and yet are right where shapes are far from isometric, and of the others; fewer of mirror images.
-KEPT_ANCHORED, KEPT_FREE = 8, 6
-MIRRORED_ANCHORED, MIRRORED_FREE = 4, 3
-# A map whose normals agree with the target's less than this, either way, is neither direct nor a mirror image.
+KEPT_ANCHORED, KEPT_FREE = 6, 3
+MIRRORED_ANCHORED, MIRRORED_FREE = 3, 2
+# A map whose normals disagree with the target's by more than this is a mirror image. One whose normals agree no more
+# than they disagree mirrors some limbs only, which laying it over the source will turn back.
 CLEAR_ORIENTATION = 0.2
 # So many of the leading candidates of either orientation are laid over the source in space, in so many rounds and
 # smoothed over such a diffusion length, at unit area, and kept; no user looks at more.
@@ -91,8 +92,8 @@ class Candidate:
 class _Screened:
     hypothesis: Hypothesis
     functional_map: Floats
-    orientation: float
-    cost: float
+    reverses_orientation: bool
+    score: float
     place: Floats
 
 
@@ -121,14 +122,12 @@ def rank_steps(
     for i, hypothesis in enumerate(hypotheses):
         screened.append(_screen(hypothesis, source, target, disagreement))
         yield 0.6 * (i + 1) / len(hypotheses)
-    screened.sort(key=lambda entry: entry.cost)
+    screened.sort(key=lambda entry: entry.score)
     kept: list[_Screened] = []
     either_side = not sides_are_known(source, target)
-    for sign, anchored, free in ((1, KEPT_ANCHORED, KEPT_FREE), (-1, MIRRORED_ANCHORED, MIRRORED_FREE)):
-        oriented = [entry for entry in screened if sign * entry.orientation > CLEAR_ORIENTATION]
+    for reverses, anchored, free in ((False, KEPT_ANCHORED, KEPT_FREE), (True, MIRRORED_ANCHORED, MIRRORED_FREE)):
+        oriented = [entry for entry in screened if entry.reverses_orientation == reverses]
         kept += _best_of(oriented, *((KEPT_ANCHORED, KEPT_FREE) if either_side else (anchored, free)))
-    if not kept:  # as on surfaces that cannot be oriented
-        kept = _best_of(screened, KEPT_ANCHORED, KEPT_FREE)
     refined = []
     for i, entry in enumerate(kept):
         refined.append(_candidate(entry, source, target, disagreement))
@@ -299,19 +298,15 @@ def _screen(hypothesis: Hypothesis, source: Shape, target: Shape, disagreement: 
     size = min(SCREENING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(hypothesis.anchors, source, target)
     functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, 2, anchors)
-    values = source.basis.eigenvalues, target.basis.eigenvalues
-    return _Screened(
-        hypothesis,
-        functional_map,
-        orientation_agreement(sample_map, source, target),
-        np.log(max(commutativity_error(functional_map, *values), 1e-9))
-        + _evidence_score(disagreement(functional_map, sample_map, hypothesis.anchors)),
-        source.coordinates[sample_map],
-    )
+    reverses = orientation_agreement(sample_map, source, target) < -CLEAR_ORIENTATION
+    scores = scores_of(functional_map, sample_map, source, target, reverses)
+    scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
+    place = source.coordinates[sample_map]
+    return _Screened(hypothesis, functional_map, reverses, total_score(scores), place)
 
 
 def _best_of(entries: list[_Screened], most_anchored: int, most_free: int) -> list[_Screened]:
-    """The first distinct ones of both sorts, from entries in the order of their cost."""
+    """The first distinct ones of both sorts, from entries in the order of their scores."""
     kept: list[_Screened] = []
     room = {True: most_anchored, False: most_free}
     for entry in entries:
@@ -333,7 +328,7 @@ def _candidate(entry: _Screened, source: Shape, target: Shape, disagreement: Dis
     start = min(REVERSE_START, size)
     reverse = source.search.fit(target.search.rows[back, :start], start)
     reverse, reverse_map = upsample(target.search, source.search, reverse, size, 4, swapped)
-    reverses = entry.orientation < 0
+    reverses = entry.reverses_orientation
     there = scores_of(functional_map, sample_map, source, target, reverses)
     back_again = scores_of(reverse, reverse_map, target, source, reverses)
     scores = {name: (there[name] + back_again[name]) / 2 for name in there}

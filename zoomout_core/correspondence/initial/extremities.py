@@ -27,6 +27,8 @@ PERSISTENCE = 0.09
 FEWEST, MOST = 3, 12
 # How many pairings of all extremities are tried, how many that leave one out, and how many that leave out two.
 QUOTAS = (10, 4, 2)
+# At so many levels of persistence, the leading tips are paired on their own too.
+LEVELS = 2
 # Entries of the table of extensions that the search for pairings goes through at a time. With up to seven
 # extremities on either side no pairing is lost.
 BEAM = 1 << 18
@@ -57,6 +59,13 @@ class Extremities:
         distances = self.places.distances[self.vertices]
         return (distances + distances.T) / 2
 
+    def leading(self, count: int) -> Extremities:
+        """The most persistent ones alone."""
+        places = Places(
+            self.places.vertices[:count], self.places.distances[:, :count], self.places.turns[:, :count, :count]
+        )
+        return Extremities(places, self.average_distance[:count], self.persistence[:count])
+
 
 def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     """The maps that pairings of extremities suggest; none where a shape has too few of them.
@@ -66,9 +75,12 @@ def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
+    paired = pairings(tips_target, tips_source)
+    for count in _levels(tips_target.persistence, tips_source.persistence):
+        paired += pairings(tips_target.leading(count), tips_source.leading(count))
     hypotheses = []
     for side in (1,) if sides_are_known(source, target) else (1, -1):
-        for of_target, of_source in pairings(tips_target, tips_source):
+        for of_target, of_source in paired:
             anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
             pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
             origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
@@ -96,6 +108,17 @@ def _average_distance(shape: Shape) -> Floats:
     owner = np.argmin(shape.distances, axis=0)
     mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))
     return np.asarray(mass @ shape.distances)
+
+
+def _levels(first: Floats, second: Floats) -> list[int]:
+    """Numbers of leading tips after which the persistence of both shapes drops: there they may correspond one to one.
+
+    Claws, ears and horns come and go with pose and proportions; limbs do not.
+    """
+    counts = np.arange(FEWEST, min(len(first), len(second)))
+    drop = np.minimum(first[counts - 1] / first[counts], second[counts - 1] / second[counts])
+    best = counts[np.argsort(-drop, kind="stable")][:LEVELS]
+    return [int(count) for count in best if len(first) != len(second) or count < len(first)]
 
 
 def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
