@@ -42,7 +42,9 @@ def directions(count: int, seed: int) -> np.ndarray:
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
-def creature(count: int = 4000, seed: int = 0, bend: float = 0.0, asymmetry: float = 0.0) -> Creature:
+def creature(
+    count: int = 4000, seed: int = 0, bend: float = 0.0, asymmetry: float = 0.0, without: int | None = None
+) -> Creature:
     """A creature with two arms, two legs, a head and a tail.
 
     Args:
@@ -50,16 +52,23 @@ def creature(count: int = 4000, seed: int = 0, bend: float = 0.0, asymmetry: flo
         seed: of the mesh; the surface is the same for every seed.
         bend: of the limbs, in radians from body to tip.
         asymmetry: how much longer the left limbs are than the right ones.
+        without: the number of a limb that it lacks.
     """
     where = directions(count, seed)
     axes = LIMBS / np.linalg.norm(LIMBS, axis=1, keepdims=True)
-    lengths = LENGTHS * (1 + asymmetry * np.sign(axes[:, 0]))
+    lengths = LENGTHS * (1 + asymmetry * np.sign(axes[:, 0])) * (np.arange(len(LIMBS)) != without)
     radius = 1 + np.exp(SHARPNESS * (where @ axes.T - 1)) @ lengths
     triangles = ConvexHull(where).simplices
     a, b, c = (where[triangles[:, i]] for i in range(3))
     outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) > 0
     triangles = np.where(outward[:, None], triangles, triangles[:, ::-1])
     return Creature(Surface(_posed(where * radius[:, None] * [1, 0.7, 1], bend), triangles), where)
+
+
+def on_limb(made: Creature, limb: int) -> np.ndarray:
+    """(n,) whether a vertex's place stands out by the limb of that number, where the creature has it."""
+    axis = LIMBS[limb] / np.linalg.norm(LIMBS[limb])
+    return np.asarray(LENGTHS[limb] * np.exp(SHARPNESS[limb] * (made.directions @ axis - 1)) > 0.3)
 
 
 def true_vertex(source: Creature, target: Creature) -> np.ndarray:

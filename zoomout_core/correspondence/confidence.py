@@ -14,6 +14,8 @@ from zoomout_core.surface import Floats, triangle_areas
 HALF_CONFIDENCE = 0.015
 # Diffusion length, at unit area, over which evidence is pooled: an error is rarely a single vertex's.
 POOLING = 0.05
+# What going there and back misses by more than this, at unit area, has no partner: gorillas and men miss by less.
+WITHOUT_PARTNER = 0.07
 
 
 def confidence_of(
@@ -47,6 +49,21 @@ def confidence_of(
     shares = sum_at_vertices(triangles, np.column_stack([area * ~over, area]), len(expected))
     upright = shares[:, 0] / np.maximum(shares[:, 1], 1e-300)
     return upright / (1 + (expected / HALF_CONFIDENCE) ** 2), float(area[over].sum() / area.sum())
+
+
+def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: Shape) -> float:
+    """The part of the target's area, in [0, 1], to which nothing on the source seems to correspond.
+
+    A tail that the source lacks goes to its surroundings there, from where no way leads back.
+
+    Args:
+        there: from the target's mesh to the source's.
+        back: from the source's mesh to the target's, found on its own.
+        target: the shape that is asked about.
+    """
+    cycle = cycle_error(there, back, target.mesh.vertices)[:, None]
+    lost = target.basis.smoothed(cycle, POOLING**2)[:, 0] > WITHOUT_PARTNER
+    return float(target.basis.areas[lost].sum())
 
 
 def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.correspondence.anchors import coordinates
 from zoomout_core.correspondence.assembly import on_surfaces
-from zoomout_core.correspondence.confidence import confidence_of
+from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
@@ -24,7 +24,7 @@ from zoomout_core.correspondence.main_parts import main_part_steps
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
-from zoomout_core.correspondence.shape import shape_steps
+from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
 from zoomout_core.surface import Floats, Integers, Surface
@@ -38,6 +38,8 @@ PROXY_VERTICES = 6000
 SURE = 0.9
 # So comes a map that turns over a larger part of the surface.
 NOTABLE_FOLDS = 0.05
+# And one that leaves more than this part of either surface without a partner.
+NOTABLE_REST = 0.03
 # To have another kind of guess tried, add a function of the source's and the target's shape.
 SOURCES_OF_HYPOTHESES = (extremity_hypotheses, descriptor_hypotheses, rotation_hypotheses)
 # Asked as well where a shape has no extremities to go by. Signs are many, and on 40 pairs of shapes with extremities
@@ -237,6 +239,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
     yield Progress(0.95, "Carrying over to all vertices")
     surface_map, confidence, notes = on_surfaces(pair, there, confidence)
+    notes = (*_notes_on_rest(there, back, source, target), *notes)
     if over > NOTABLE_FOLDS:
         notes = (
             f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "
@@ -250,6 +253,16 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
             *notes,
         )
     return MatchResult(surface_map, confidence, functional_map, candidates, chosen, notes, pair)
+
+
+def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: Shape) -> tuple[str, ...]:
+    """What is said about parts that only one of the two shapes has."""
+    of_target, of_source = share_without_partner(there, back, target), share_without_partner(back, there, source)
+    notes = (
+        (of_target, "About {:.0%} of the target seems to have no partner on the source: confidence is low there."),
+        (of_source, "About {:.0%} of the source seems to have no partner on the target: nothing was matched to it."),
+    )
+    return tuple(text.format(share) for share, text in notes if share > NOTABLE_REST)
 
 
 def _hypotheses(pair: Pair, initial: Initial, evidence: Evidence, earlier: Hypothesis | None) -> list[Hypothesis]:

@@ -35,6 +35,10 @@ class Places:
     distances: Floats
     turns: Floats
 
+    def at(self, rows: Integers) -> Places:
+        """The functions at some vertices (q,) only."""
+        return Places(self.vertices, self.distances[rows], self.turns[rows])
+
     def features(self, chosen: Integers, side: int = 1) -> Floats:
         """(n, d) features of unit scale: distances to the chosen places (c,), and turns of the first of them.
 

@@ -18,7 +18,7 @@ from zoomout_core.correspondence.functional_map import commutativity_error, freq
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis, is_new
 from zoomout_core.correspondence.laying import lay_and_match, sides_are_known
 from zoomout_core.correspondence.nearest import nearest
-from zoomout_core.correspondence.shape import DISTANCE_SAMPLES, Shape
+from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples, upsample
 from zoomout_core.surface import Floats, Integers
 
@@ -219,14 +219,14 @@ def scores_of(
         curvature: mean correlation of mean curvature over several scales (1);
         handedness: mean correlation of pseudo-scalars, after their sign was turned where the map reverses (1).
     """
-    drawn = np.arange(min(DISTANCE_SAMPLES, len(sample_map)))
-    between_target = target.distances[:, target.search.samples[drawn]]
-    image = source.nearest_distance_sample[sample_map[drawn]]
-    between_source = source.distances[image][:, source.search.samples[image]]
+    values = source.basis.eigenvalues, target.basis.eigenvalues
+    image = sample_map[: len(target.distances_between)]
+    between_target = target.distances_between[:, : len(image)]
+    between_source = source.distances_between[np.ix_(source.nearest_distance_sample[image], image)]
     sign = -1 if reverses_orientation else 1
     return {
-        "commutativity": commutativity_error(functional_map, source.basis.eigenvalues, target.basis.eigenvalues),
-        "frequency": frequency_error(functional_map, source.basis.eigenvalues, target.basis.eigenvalues),
+        "commutativity": commutativity_error(functional_map, *values),
+        "frequency": frequency_error(functional_map, *values),
         "distance": float(np.abs(between_target - between_source).mean()),
         "curvature": _correlation(target.curvature, source.curvature[sample_map], target.weights),
         "handedness": sign * _correlation(target.pseudo_scalars, source.pseudo_scalars[sample_map], target.weights),
@@ -275,12 +275,13 @@ def total_score(scores: dict[str, float]) -> float:
     return float(
         2 * np.log(max(scores.get("place", 1), 1e-9))
         + np.log(max(scores.get("facing", 1), 1e-9))
-        + _intrinsic_score(scores)
+        + intrinsic_score(scores)
         + _evidence_score(scores)
     )
 
 
-def _intrinsic_score(scores: dict[str, float]) -> float:
+def intrinsic_score(scores: dict[str, float]) -> float:
+    """The weighted sum of what `scores_of` tells."""
     return float(
         np.log(max(scores["commutativity"], 1e-9))
         + np.log(max(scores["frequency"], 1e-9))

@@ -77,9 +77,14 @@ class Shape:
         return np.asarray(dijkstra(graph, directed=False, indices=self.search.samples[:DISTANCE_SAMPLES]))
 
     @cached_property
+    def distances_between(self) -> Floats:
+        """(d, s) geodesic distances from the first search samples to all of them."""
+        return np.ascontiguousarray(self.distances[:, self.search.samples])
+
+    @cached_property
     def nearest_distance_sample(self) -> Integers:
         """(s,) for each search sample the nearest one of those that distances are known from."""
-        return np.argmin(self.distances[:, self.search.samples], axis=0)
+        return np.argmin(self.distances_between, axis=0)
 
     @cached_property
     def cell_coefficients(self) -> Floats:

@@ -29,6 +29,7 @@ from shapes import (
 import zoomout_core as zo
 from zoomout_core.correspondence.initial.descriptors import SAME_FIT, descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import (
+    KEPT,
     cheapest_pairings,
     extremities,
     extremity_hypotheses,
@@ -92,7 +93,7 @@ def test_the_true_pairing_of_extremities_is_among_the_first(shapes, resting, ben
         for of_target, of_source in found
     ]
     assert max(agreement[:4]) > 0.97
-    assert len(extremity_hypotheses(source, target)) == len(found)
+    assert 0 < len(extremity_hypotheses(source, target)) <= KEPT
 
 
 @pytest.mark.parametrize(("figure", "count"), [(HAND, 6), (CENTAUR, 9), (SPIDER, 11)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from creatures import Creature, creature, directions, mirrored_vertex, true_vertex
+from creatures import Creature, creature, directions, mirrored_vertex, on_limb, true_vertex
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
@@ -82,6 +82,32 @@ def test_confidence_is_lower_where_the_map_is_wrong(resting: Creature) -> None:
     )
     assert (result.confidence >= 0).all()
     assert (result.confidence <= 1).all()
+
+
+ARM, LEG = 0, 2
+
+
+@pytest.mark.parametrize("limb", [ARM, LEG])
+def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_right(limb: int) -> None:
+    source, target = creature(2500, seed=0, without=limb), creature(2000, seed=1, bend=0.6)
+    result = zo.match(source.surface, target.surface)
+    alone = on_limb(target, limb)
+    common = np.flatnonzero(~alone)
+    error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
+    assert error.mean() < 2 * RIGHT
+    assert (result.confidence[alone] < 0.5).mean() > 0.9
+    assert np.median(result.confidence[common]) > np.median(result.confidence[alone]) + 0.3
+    assert any("of the target seems to have no partner" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("limb", [ARM, LEG])
+def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
+    source, target = creature(2500, seed=0), creature(2000, seed=1, bend=0.6, without=limb)
+    result = zo.match(source.surface, target.surface)
+    common = np.flatnonzero(~on_limb(target, limb))
+    error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
+    assert error.mean() < 2 * RIGHT
+    assert any("of the source seems to have no partner" in note for note in result.notes)
 
 
 def test_the_result_does_not_depend_on_unit_place_or_vertex_order(resting, bent, result) -> None:

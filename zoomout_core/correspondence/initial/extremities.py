@@ -1,23 +1,26 @@
 """Hypotheses from extremities: hands, feet, head, tail, matched by their distances along the surface.
 
 Extremities are the persistent maxima of the average geodesic distance. The ways to pair those of two shapes are
-weighed by how well they keep the distances between them; several are kept, for a shape and its mirror image keep
-them alike. The distances to the paired extremities, and the sense in which these turn around each point, then
-give a map by nearest neighbours and hold it in place while it is refined.
+weighed by how well they keep the distances between them; many are looked at, for a shape and its mirror image keep
+them alike, and a limb that only one shape has makes wrong ones look better. The distances to the paired extremities,
+and the sense in which these turn around each point, then give a map by nearest neighbours. What that keeps all over
+the surface decides which pairings are refined, and they hold the map in place meanwhile.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis, is_new
 from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
 from zoomout_core.correspondence.laying import sides_are_known
+from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import Places, places_on
+from zoomout_core.correspondence.ranking import intrinsic_score, scores_of
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
 
@@ -25,10 +28,15 @@ from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
 # hands and feet 0.34 and more, fingers 0.05.
 PERSISTENCE = 0.09
 FEWEST, MOST = 3, 12
-# How many pairings of all extremities are tried, how many that leave one out, and how many that leave out two.
-QUOTAS = (10, 4, 2)
+# How many pairings of all extremities are looked at, how many that leave one out, or two, or three: a limb that only
+# one shape has, and its neighbours' changed places, make the right pairing one of many.
+QUOTAS = (60, 30, 15, 8)
 # At so many levels of persistence, the leading tips are paired on their own too.
 LEVELS = 2
+# So many are kept whose distances are the most consistent, and so many in all, then those whose first maps, taken down
+# to functional maps of some size, score best. Maps closer than this part of the variance of biharmonic coordinates are
+# the same map.
+KEPT_CONSISTENT, KEPT, COARSE_SIZE, SAME_MAP = 8, 16, 20, 0.05
 # Entries of the table of extensions that the search for pairings goes through at a time. With up to seven
 # extremities on either side no pairing is lost.
 BEAM = 1 << 18
@@ -75,16 +83,34 @@ def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
-    paired = pairings(tips_target, tips_source)
-    for count in _levels(tips_target.persistence, tips_source.persistence):
-        paired += pairings(tips_target.leading(count), tips_source.leading(count))
-    hypotheses = []
-    for side in (1,) if sides_are_known(source, target) else (1, -1):
-        for of_target, of_source in paired:
-            anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
-            pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
-            origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
-            hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
+    sides = (1,) if sides_are_known(source, target) else (1, -1)
+    return [guess for side in sides for guess in _best_maps(source, target, tips_source, tips_target, side)]
+
+
+def _best_maps(
+    source: Shape, target: Shape, tips_source: Extremities, tips_target: Extremities, side: int
+) -> list[Hypothesis]:
+    """The distinct maps of pairings that keep best what an isometry keeps."""
+    at_source = tips_source.places.at(source.search.samples)
+    at_target = tips_target.places.at(target.search.samples)
+    size = min(COARSE_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    tried = []
+    for of_target, of_source in _all_pairings(tips_target, tips_source):
+        sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
+        functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
+        score = intrinsic_score(scores_of(functional_map, sample_map, source, target, side < 0))
+        tried.append((score, sample_map, of_target, of_source))
+    hypotheses: list[Hypothesis] = []
+    known: list[Floats] = []
+    for quota, by_merit in ((KEPT_CONSISTENT, tried), (KEPT, sorted(tried, key=lambda each: each[0]))):
+        for _, sample_map, of_target, of_source in by_merit:
+            place = source.coordinates[sample_map]
+            if len(hypotheses) < quota and is_new(place, known, SAME_MAP):
+                known.append(place)
+                anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
+                pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
+                origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
+                hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
     return hypotheses
 
 
@@ -110,6 +136,14 @@ def _average_distance(shape: Shape) -> Floats:
     return np.asarray(mass @ shape.distances)
 
 
+def _all_pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
+    """Pairings of all extremities, and of the leading ones alone, those first that keep distances best."""
+    counts = _levels(first.persistence, second.persistence)
+    found = [pairings(first, second), *(pairings(first.leading(count), second.leading(count)) for count in counts)]
+    # In turns, so that the most consistent ones of each come first.
+    return [pairing for turn in zip_longest(*found) for pairing in turn if pairing is not None]
+
+
 def _levels(first: Floats, second: Floats) -> list[int]:
     """Numbers of leading tips after which the persistence of both shapes drops: there they may correspond one to one.
 
@@ -133,15 +167,9 @@ def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, In
     full = min(single.shape)
     kept: list[tuple[Integers, Integers]] = []
     for left_out, quota in enumerate(QUOTAS):
-        if 2 * left_out < full:
-            rows = zip(*cheapest_pairings(single, mutual, full - left_out), strict=True)
-            kept += islice((pairing for pairing in rows if not _part_of_any(pairing, list(kept))), quota)
+        if full - left_out >= min(full, FEWEST):
+            kept += islice(zip(*cheapest_pairings(single, mutual, full - left_out), strict=True), quota)
     return kept
-
-
-def _part_of_any(pairing: tuple[Integers, Integers], others: list[tuple[Integers, Integers]]) -> bool:
-    pairs = set(zip(*pairing, strict=True))
-    return any(pairs < set(zip(*other, strict=True)) for other in others)
 
 
 def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Integers, Integers]:
