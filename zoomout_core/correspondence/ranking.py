@@ -7,9 +7,9 @@ cannot see a human turned front to back, pseudo-scalars are noise on shapes that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -26,16 +26,14 @@ from zoomout_core.surface import Floats, Integers
 SCREENING_SIZE = 30
 RANKING_SIZE = 60
 REVERSE_START = 16
-# Survivors of the screening: of the hypotheses that anchors hold in place, which commute worse with the Laplacians
-# and yet are right where shapes are far from isometric, and of the others; fewer of mirror images.
-KEPT_ANCHORED, KEPT_FREE = 6, 3
-MIRRORED_ANCHORED, MIRRORED_FREE = 3, 2
+# What is compared and laid over the source in space: distinct maps that score worse than the best one by less than the
+# margin, but some at least, from which a user may choose, and some at most; fewer of mirror images.
+MARGIN = 1.5
+DIRECT, MIRRORED = (4, 14), (2, 4)
 # A map whose normals disagree with the target's by more than this is a mirror image. One whose normals agree no more
 # than they disagree mirrors some limbs only, which laying it over the source will turn back.
 CLEAR_ORIENTATION = 0.2
-# So many of the leading candidates of either orientation are laid over the source in space, in so many rounds and
-# smoothed over such a diffusion length, at unit area, and kept; no user looks at more.
-LAID_DIRECT, LAID_MIRRORED = 6, 3
+# Maps are laid over the source in so many rounds, smoothed over such a diffusion length, at unit area.
 LAYING_ROUNDS, LAYING_WIDTH = 2, 0.08
 # Evenly spread triangles that tell whether a map keeps the orientation.
 ORIENTATION_SAMPLES = 2000
@@ -92,9 +90,12 @@ class Candidate:
 class _Screened:
     hypothesis: Hypothesis
     functional_map: Floats
+    sample_map: Integers
     reverses_orientation: bool
     score: float
-    place: Floats
+
+
+_Map = TypeVar("_Map", _Screened, Candidate)
 
 
 def nothing_known(_map: Floats, _samples: Integers, _anchors: Anchors | None) -> dict[str, float]:
@@ -122,26 +123,16 @@ def rank_steps(
     for i, hypothesis in enumerate(hypotheses):
         screened.append(_screen(hypothesis, source, target, disagreement))
         yield 0.6 * (i + 1) / len(hypotheses)
-    screened.sort(key=lambda entry: entry.score)
-    kept: list[_Screened] = []
-    either_side = not sides_are_known(source, target)
-    for reverses, anchored, free in ((False, KEPT_ANCHORED, KEPT_FREE), (True, MIRRORED_ANCHORED, MIRRORED_FREE)):
-        oriented = [entry for entry in screened if entry.reverses_orientation == reverses]
-        kept += _best_of(oriented, *((KEPT_ANCHORED, KEPT_FREE) if either_side else (anchored, free)))
+    kept = _leading(screened, [entry.score for entry in screened], source, target)
     refined = []
     for i, entry in enumerate(kept):
         refined.append(_candidate(entry, source, target, disagreement))
-        yield 0.6 + 0.3 * (i + 1) / len(kept)
-    refined.sort(key=lambda candidate: candidate.scores["total"])
-    leading = [
-        candidate
-        for reverses, most in ((False, LAID_DIRECT), (True, LAID_DIRECT if either_side else LAID_MIRRORED))
-        for candidate in [other for other in refined if other.reverses_orientation == reverses][:most]
-    ]
+        yield 0.6 + 0.2 * (i + 1) / len(kept)
+    leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, target)
     candidates = []
     for i, candidate in enumerate(leading):
         candidates.append(_laid(candidate, source, target))
-        yield 0.9 + 0.1 * (i + 1) / len(leading)
+        yield 0.8 + 0.2 * (i + 1) / len(leading)
     return in_order(candidates, source, target)
 
 
@@ -302,20 +293,24 @@ def _screen(hypothesis: Hypothesis, source: Shape, target: Shape, disagreement: 
     reverses = orientation_agreement(sample_map, source, target) < -CLEAR_ORIENTATION
     scores = scores_of(functional_map, sample_map, source, target, reverses)
     scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
-    place = source.coordinates[sample_map]
-    return _Screened(hypothesis, functional_map, reverses, total_score(scores), place)
+    return _Screened(hypothesis, functional_map, sample_map, reverses, total_score(scores))
 
 
-def _best_of(entries: list[_Screened], most_anchored: int, most_free: int) -> list[_Screened]:
-    """The first distinct ones of both sorts, from entries in the order of their scores."""
-    kept: list[_Screened] = []
-    room = {True: most_anchored, False: most_free}
-    for entry in entries:
-        anchored = entry.hypothesis.anchors is not None
-        if room[anchored] and is_new(entry.place, (other.place for other in kept), SAME_MAP):
-            room[anchored] -= 1
-            kept.append(entry)
-    return kept
+def _leading(maps: Sequence[_Map], scores: Sequence[float], source: Shape, target: Shape) -> list[_Map]:
+    """The distinct ones of the best direct maps, and of the best mirror images."""
+    either_side = not sides_are_known(source, target)
+    order = np.argsort(scores, kind="stable")
+    leading: list[_Map] = []
+    for reverses, (fewest, most) in ((False, DIRECT), (True, DIRECT if either_side else MIRRORED)):
+        oriented = [i for i in order if maps[i].reverses_orientation == reverses]
+        known: list[Floats] = []
+        for i in oriented:
+            behind = scores[i] - scores[oriented[0]]
+            place = source.coordinates[maps[i].sample_map]
+            if len(known) < (most if behind < MARGIN else fewest) and is_new(place, known, SAME_MAP):
+                known.append(place)
+                leading.append(maps[i])
+    return leading
 
 
 def _candidate(entry: _Screened, source: Shape, target: Shape, disagreement: Disagreement) -> Candidate:
