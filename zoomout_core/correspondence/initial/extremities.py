@@ -87,6 +87,21 @@ def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     return [guess for side in sides for guess in _best_maps(source, target, tips_source, tips_target, side)]
 
 
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A pairing's first map: its score, the biharmonic coordinates of its images, and the paired tips."""
+
+    score: float
+    place: Floats
+    of_target: Integers
+    of_source: Integers
+
+    @property
+    def pairs(self) -> str:
+        """The pairs in words."""
+        return " ".join(f"{t}-{s}" for t, s in zip(self.of_target, self.of_source, strict=True))
+
+
 def _best_maps(
     source: Shape, target: Shape, tips_source: Extremities, tips_target: Extremities, side: int
 ) -> list[Hypothesis]:
@@ -99,19 +114,23 @@ def _best_maps(
         sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
         functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
         score = intrinsic_score(scores_of(functional_map, sample_map, source, target, side < 0))
-        tried.append((score, sample_map, of_target, of_source))
-    hypotheses: list[Hypothesis] = []
-    known: list[Floats] = []
-    for quota, by_merit in ((KEPT_CONSISTENT, tried), (KEPT, sorted(tried, key=lambda each: each[0]))):
-        for _, sample_map, of_target, of_source in by_merit:
-            place = source.coordinates[sample_map]
-            if len(hypotheses) < quota and is_new(place, known, SAME_MAP):
-                known.append(place)
-                anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
-                pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
-                origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
-                hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
-    return hypotheses
+        tried.append(_Tried(score, source.coordinates[sample_map], of_target, of_source))
+    by_score = sorted(tried, key=lambda one: one.score)
+    kept: list[_Tried] = []
+    for quota, by_merit in ((KEPT_CONSISTENT, tried), (KEPT, by_score)):
+        for one in by_merit:
+            if len(kept) < quota and is_new(one.place, [other.place for other in kept], SAME_MAP):
+                # Of like maps always the same one, in whatever order they come.
+                kept.append(next(other for other in by_score if not is_new(one.place, [other.place], SAME_MAP)))
+    return [
+        anchored_hypothesis(
+            f"extremities {one.pairs}" + ", mirrored" * (side < 0),
+            source,
+            target,
+            Anchors(tips_source.places.features(one.of_source), tips_target.places.features(one.of_target, side)),
+        )
+        for one in kept
+    ]
 
 
 def extremities(shape: Shape) -> Extremities:
