@@ -8,8 +8,9 @@ from bpy.types import Context, Panel, UILayout
 
 from . import stored_match
 from .operators.match import ZOOMOUT_OT_match
-from .operators.transfer import ZOOMOUT_OT_transfer, summary, transfer_report
-from .properties import TransferOptions
+from .operators.transfer import ZOOMOUT_OT_transfer, summary
+from .properties import EVIDENCE, TransferOptions
+from .stored_report import transfer_report
 
 # Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
 LETTER, BORDER = 6, 40
@@ -33,6 +34,10 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         layout.prop(settings, "source")
         layout.prop(settings, "initial")
         layout.prop(settings, "k_final")
+        evidence = layout.column(heading="Evidence")
+        evidence.enabled = settings.initial == "AUTO"
+        for name in EVIDENCE:
+            evidence.prop(settings, name)
         layout.operator(ZOOMOUT_OT_match.bl_idname)
         target = context.active_object
         kept = stored_match.description(target.data) if target and target.type == "MESH" else None

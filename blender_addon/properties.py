@@ -12,6 +12,10 @@ from bpy.types import Object, Operator, PropertyGroup
 ONCE = {"SKIP_SAVE"}
 
 
+# Options that say which evidence an automatic start weighs.
+EVIDENCE = ("names", "same_up", "from_last")
+
+
 class MatchOptions:
     """How to match."""
 
@@ -38,13 +42,36 @@ class MatchOptions:
         options=ONCE,
     )
 
+    names: BoolProperty(
+        name="Names",
+        description=(
+            "Vertex groups, and materials, of the same name lie at corresponding places. "
+            "Turn this off where names mean something else on either mesh"
+        ),
+        default=True,
+        options=ONCE,
+    )
+    same_up: BoolProperty(
+        name="Same Up Axis",
+        description="Both objects stand upright in the scene, along its Z axis",
+        default=False,
+        options=ONCE,
+    )
+    from_last: BoolProperty(
+        name="Start from the Last Match",
+        description="The match of these two that was made before is about right: after a small change of options",
+        default=False,
+        options=ONCE,
+    )
+
     def match_options(self) -> dict[str, Any]:
-        """The arguments of `zoomout_core.match` that are chosen here."""
-        return {"initial": self.initial.lower(), "k_final": self.k_final}
+        """The arguments of `operators.match.match_objects` that are chosen here."""
+        chosen = {name: getattr(self, name) for name in ("k_final", *EVIDENCE)}
+        return {"initial": self.initial.lower(), **chosen}
 
 
 def option_label(name: str) -> str:
-    """What an argument of `zoomout_core.match` is called in the interface, or its name if it is not there."""
+    """What an argument of `match_objects` is called in the interface, or its name if it is not there."""
     option = MatchOptions.__annotations__.get(name)
     return option.keywords["name"] if option else name
 

@@ -36,7 +36,7 @@ class StoredMatch:
         surface_map: for each vertex of the target a point on the source.
         confidence: (n_t,) how far to trust it, in [0, 1].
         notes: sentences for the user.
-        settings: what it was made with, by the names of the arguments of `zoomout_core.match`, as far as known.
+        settings: what it was made with, by the names of the arguments of `match_objects`, as far as known.
     """
 
     surface_map: zo.SurfaceMap

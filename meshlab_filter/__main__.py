@@ -34,16 +34,7 @@ def main() -> None:
     "--candidate", default=0, show_default=True, help="Which correspondence to use: another if sides are swapped."
 )
 @match_options
-def transfer(
-    source: str,
-    target: str,
-    output: str,
-    candidate: int,
-    initial: str,
-    landmarks: str | None,
-    detail: str,
-    seed: int,
-) -> None:
+def transfer(source: str, target: str, output: str, candidate: int, **options: Any) -> None:
     """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the mesh TARGET.
 
     They may differ in pose, in triangles and in placement. Textures are written beside the output.
@@ -51,7 +42,7 @@ def transfer(
     try:
         kept = _kept_in(output)
         ms = _loaded(source, target)
-        matching = start_arguments(initial, landmarks, detail, seed)
+        matching = start_arguments(**options)
         report = with_progress_bar(transfer_attributes_steps(ms, candidate=candidate, **matching))
         _save(ms, output)
     except (ValueError, OSError, ImportError) as error:

@@ -48,7 +48,7 @@ def transfer_attributes(
         selectiontransfer: selections of vertices and faces.
         customattributes: names of custom scalar and point attributes, which pymeshlab cannot list.
         candidate: which of the correspondences found to use; try another where sides are swapped.
-        matching: `initial`, `landmarks`, `initial_map` and whatever else `zoomout_core.match` takes.
+        matching: `initial`, `landmarks`, `initial_map`, `common_axes` and whatever else `zoomout_core.match` takes.
 
     Returns:
         `mesh_id` of the new layer; `transferred`, names; `confidence`, an array that says for each vertex

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -11,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from zoomout_core.correspondence.confidence import cycle_error
+from zoomout_core.correspondence.evidence import checked_axes
 from zoomout_core.correspondence.matching import MatchResult, match_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
@@ -21,6 +23,7 @@ from zoomout_core.surface import MeshError, Surface
 # Final size of the functional map and number of samples of each preset.
 DETAIL = {"fast": (60, 500), "balanced": (120, 1000), "fine": (200, 1500)}
 STARTS = ("auto", "landmarks", "proximity")
+AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1"}
 
 
 @click.group()
@@ -41,9 +44,23 @@ def match_options(command: Any) -> Any:
             help="How many eigenfunctions and samples to use.",
         ),
         click.option(
+            "--common-axis",
+            "common_axes",
+            multiple=True,
+            metavar="X,Y,Z",
+            help="A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
+        ),
+        click.option(
+            "--earlier-map",
+            type=click.Path(exists=True, dir_okay=False),
+            help="A map.npz of these meshes, by `zoomout match`: evidence, whereas --initial starts from it alone.",
+        ),
+        click.option("--exact-landmarks", is_flag=True, help="Bend the map so that it hits the landmarks."),
+        click.option(
             "--landmarks",
             type=click.Path(exists=True, dir_okay=False),
-            help="Text file of pairs: a source vertex and a target vertex a line, numbered from 0.",
+            help="Text file of pairs, one a line: a source vertex and a target vertex, numbered from 0; or the six "
+            "coordinates of a point on the source and of one on the target.",
         ),
         click.option(
             "--initial",
@@ -56,21 +73,52 @@ def match_options(command: Any) -> Any:
     return command
 
 
-def start_arguments(initial: str, landmarks: str | None, detail: str, seed: int) -> dict[str, Any]:
-    """What the options of `match_options` mean to `match`."""
+def start_arguments(
+    initial: str,
+    landmarks: str | None,
+    exact_landmarks: bool,
+    earlier_map: str | None,
+    common_axes: Sequence[str],
+    detail: str,
+    seed: int,
+) -> dict[str, Any]:
+    """What the options of `match_options` mean to `match`.
+
+    Raises:
+        MeshError: options that do not fit together, or a file or a direction that cannot be used.
+    """
     k_final, samples = DETAIL[detail]
     arguments: dict[str, Any] = {"k_final": k_final, "samples": samples, "seed": seed, "initial": initial}
-    if initial == "landmarks" and landmarks is None:
-        raise MeshError("A start from landmarks needs --landmarks FILE, which names pairs of vertices.")
+    if landmarks is None and (initial == "landmarks" or exact_landmarks):
+        wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
+        raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
     if landmarks is not None:
-        arguments["landmarks"] = read_landmarks(landmarks)
-        if initial == "auto":
-            arguments["initial"] = "landmarks"
+        arguments |= {"landmarks": read_landmarks(landmarks), "exact_landmarks": exact_landmarks}
     if initial not in STARTS:
         if not Path(initial).is_file():
             raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
         arguments.update(initial="given", initial_map=read_vertex_map(initial))
+    if earlier_map is not None:
+        if initial != "auto":
+            raise MeshError(f"--earlier-map is evidence for --initial auto, not for {initial}: leave one of them out.")
+        arguments["initial_map"] = read_vertex_map(earlier_map)
+    if common_axes:
+        if initial not in ("auto", "landmarks"):
+            raise MeshError(f"--common-axis is evidence for --initial auto, not for {initial}: leave one of them out.")
+        arguments["common_axes"] = [read_axis(axis) for axis in common_axes]
     return arguments
+
+
+def read_axis(text: str) -> np.ndarray:
+    """The direction (3,) that `x`, `y`, `z` or three numbers with commas stand for, of unit length.
+
+    Raises:
+        MeshError: it is no direction.
+    """
+    try:
+        return checked_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
+    except ValueError:
+        raise MeshError(f"--common-axis is {text!r}: give x, y, z, or a direction such as 0,0,1.") from None
 
 
 def read_vertex_map(path: str) -> np.ndarray:
@@ -104,19 +152,23 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
 
 
 def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Source and target vertices (m,) from a text file with a pair a line.
+    """Source and target vertices (m,), or points (m, 3), from a text file with a pair a line.
 
     Raises:
-        MeshError: a line is not a pair of vertex numbers.
+        MeshError: a line is neither a pair of vertex numbers nor one of points, or unlike the others.
     """
     try:
-        rows = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]
-        pairs = np.array([(int(source), int(target)) for source, target in filter(None, rows)], dtype=np.int64)
-    except (ValueError, OverflowError):
-        pairs = np.zeros((0, 2), dtype=np.int64)
-    if len(pairs) == 0:
-        raise MeshError(f"{path} is no list of landmarks: give two vertex numbers a line, source and target.")
-    return pairs[:, 0], pairs[:, 1]
+        lines = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]
+        rows = list(filter(None, lines))
+        columns = 6 if len(rows[0]) == 6 else 2
+        table = np.array(rows).reshape(len(rows), columns).astype(np.float64 if columns == 6 else np.int64)
+    except (ValueError, OverflowError, IndexError):
+        raise MeshError(
+            f"{path} is no list of landmarks: give two vertex numbers a line, source and target, or six coordinates, "
+            "of a point on the source and of one on the target."
+        ) from None
+    source, target = np.split(table, 2, axis=1)
+    return (source, target) if columns == 6 else (source[:, 0], target[:, 0])
 
 
 def with_progress_bar(steps: Steps[Result]) -> Result:
@@ -137,7 +189,7 @@ def with_progress_bar(steps: Steps[Result]) -> Result:
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
 @match_options
-def match(source: str, target: str, output: str, initial: str, landmarks: str | None, detail: str, seed: int) -> None:
+def match(source: str, target: str, output: str, **options: Any) -> None:
     """Find for every vertex of TARGET the point on SOURCE that it corresponds to.
 
     Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file.
@@ -148,7 +200,7 @@ def match(source: str, target: str, output: str, initial: str, landmarks: str | 
         if Path(output).suffix != ".npz":
             raise MeshError(f"{output} does not end in .npz: a map is written to such a file only.")
         surfaces = read_surface(source), read_surface(target)
-        arguments = start_arguments(initial, landmarks, detail, seed)
+        arguments = start_arguments(**options)
         result = with_progress_bar(match_steps(*surfaces, **arguments))
         result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
     except (ValueError, OSError, ImportError) as error:
@@ -161,9 +213,11 @@ def match(source: str, target: str, output: str, initial: str, landmarks: str | 
 def summary(result: MatchResult) -> list[str]:
     """What a user should know about a match, a sentence a line."""
     low = float((result.confidence < 0.5).mean())
+    over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
     lines = [
         f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.",
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below 0.5.",
+        f"Turned over: {over:.1%} of the target's area.",
         f"Found by {result.candidates[result.chosen].origin}, the best of {len(result.candidates)} candidates.",
     ]
     return [*lines, *result.notes]

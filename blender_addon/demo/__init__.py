@@ -19,8 +19,8 @@ from zoomout_core.projection import closest_points
 from zoomout_core.surface import Floats
 
 from .. import mesh_data, register, stored_match, unregister
-from ..operators.transfer import transfer_report
 from ..pair import read_pair
+from ..stored_report import transfer_report
 from . import picture
 from .baseline import KINDS, transfer_best
 from .character import build_character, select_only

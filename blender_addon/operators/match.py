@@ -10,6 +10,7 @@ import zoomout_core as zo
 from zoomout_core.progress import Steps, drain
 
 from .. import stored_match
+from ..evidence import matching_steps
 from ..pair import check_unedited, choose_source, read_pair
 from ..properties import MatchOptions, SourceName, take_settings
 from .stepped import SteppedOperator
@@ -42,7 +43,7 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
         context: Blender's; both objects are in its scene.
         source: has the data; read as its modifiers leave it.
         target: receives the data.
-        options: of `zoomout_core.match`.
+        options: `names`, `same_up` and `from_last` of `evidence.matching_steps`, and those of `zoomout_core.match`.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
@@ -53,7 +54,7 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
 def match_steps(context: Context, source_name: str, target_name: str, **options: Any) -> Steps[zo.MatchResult]:
     """`match_objects` as a generator, which holds no Blender data while it is suspended."""
     pair = read_pair(context, source_name, target_name)
-    result = yield from zo.match_steps(pair.source, pair.target, **options)
+    result = yield from matching_steps(context, pair, **options)
     _, target = check_unedited(context, pair)
     stored_match.write(target.data, result, pair, options)
     return result

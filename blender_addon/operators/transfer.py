@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,7 +14,8 @@ from zoomout_core.progress import Progress, Steps, drain, within
 from zoomout_core.transfer import Attribute, transfer
 from zoomout_core.transfer.weights import sum_to_one
 
-from .. import mesh_data, stored_match
+from .. import mesh_data, stored_match, stored_report
+from ..evidence import matching_steps
 from ..mesh_data import Layer, Role, SourceData
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
 from ..properties import MatchOptions, SourceName, TransferOptions, option_label, take_settings
@@ -30,7 +30,6 @@ NOUNS = {
     "materials": "material",
 }
 DATA = tuple(NOUNS)
-REPORT = "zoomout_report"
 # Part of the progress that matching takes, where there is no match yet.
 MATCHING = 0.8
 
@@ -67,27 +66,15 @@ def transfer_objects(
         source: has the data; read as its modifiers leave it.
         target: receives it.
         data: which kinds of it, of `DATA`.
-        match_options: of `zoomout_core.match`, where no match of these two is kept.
+        match_options: of `match_objects`, where no match of these two is kept.
 
     Returns:
-        The report, see `transfer_report`.
+        The report, see `stored_report.transfer_report`.
 
     Raises:
         MeshError: something cannot be transferred; nothing was written.
     """
     return drain(transfer_steps(context, source.name, target.name, data, **match_options))
-
-
-def transfer_report(target: Object) -> dict[str, Any] | None:
-    """What the last transfer to an object did, or None before the first.
-
-    Returns:
-        `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`:
-        a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: how many
-        vertices the target has, and how many of them are of low confidence.
-    """
-    text = target.data.get(REPORT)
-    return None if text is None else json.loads(text)
 
 
 def transfer_steps(
@@ -99,7 +86,7 @@ def transfer_steps(
     plan = _plan(context, pair, data)
     match: stored_match.Match
     if kept is None:
-        match = yield from within(zo.match_steps(pair.source, pair.target, **match_options), 0, MATCHING)
+        match = yield from within(matching_steps(context, pair, **match_options), 0, MATCHING)
     else:
         match = kept
         plan.notes.extend(_unused_settings(kept, match_options))
@@ -281,7 +268,7 @@ def _write_report(
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
     }
-    target.data[REPORT] = json.dumps(report)
+    stored_report.write(target, report)
     return report
 
 

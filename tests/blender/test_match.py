@@ -5,11 +5,23 @@ import json
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, add_attribute, ellipsoid, positions, snapshot_file, values
+from scenes import (
+    activate,
+    add_attribute,
+    ellipsoid,
+    new_material,
+    positions,
+    set_weights,
+    snapshot_file,
+    values,
+    weight_array,
+)
 
 import zoomout_core as zo
 from blender_addon import stored_match
+from blender_addon.evidence import shared_regions
 from blender_addon.operators.match import match_objects, match_steps
+from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
 
 KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
@@ -130,6 +142,96 @@ def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, t
         {"initial": "proximity", "k_final": 33},
         {"initial": "proximity", "k_final": 77},
     ]
+
+
+def name_a_region(obj, place, what):
+    """Give a name to the part of an ellipsoid around a place of it, as the source lies; see the attribute `truth`."""
+    rest = positions(bpy.data.objects["Source"].data)
+    here = rest if obj.name == "Source" else rest[values(obj.data, "truth")]
+    inside = np.linalg.norm(here - place, axis=1) < 0.6
+    if what == "MATERIAL":
+        obj.data.materials.append(None)
+        obj.data.materials.append(bpy.data.materials.get("Skin") or new_material("Skin"))
+        faces = [int(inside[list(polygon.vertices)].all()) for polygon in obj.data.polygons]
+        obj.data.polygons.foreach_set("material_index", faces)
+    else:
+        set_weights(obj, what, 0.7 * inside)
+
+
+def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, target):
+    for obj in (source, target):
+        name_a_region(obj, (1, 0, 0), "Nose")
+        name_a_region(obj, (-1, 0, 0), "MATERIAL")
+        set_weights(obj, "All", np.ones(len(obj.data.vertices)))
+        set_weights(obj, "Faint", 0.4 * np.arange(len(obj.data.vertices)) / len(obj.data.vertices))
+    name_a_region(source, (0, 0.7, 0), "On the source only")
+    source.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
+    bpy.context.view_layer.update()
+    pair = read_pair(bpy.context, "Source", "Target")
+    regions, _ = shared_regions(bpy.context, pair)
+    assert set(regions) == {("vertex group", "Nose"), ("material", "Skin")}
+    for (what, _), (of_source, of_target) in regions.items():
+        place = (1, 0, 0) if what == "vertex group" else (-1, 0, 0)
+        truth = positions(source.data)[values(target.data, "truth")]
+        for where in (pair.source.vertices[of_source], truth[of_target]):
+            assert len(where) > 10
+            assert np.linalg.norm(where - place, axis=1).max() < 0.65
+    result = match_objects(bpy.context, source, target, k_final=30)
+    assert result.candidates[0].scores["regions"] < 0.4
+    assert result.notes[0] == "Evidence used: 1 vertex group and 1 material of the same name."
+    assert stored_match.description(target.data)["notes"][0] == result.notes[0]
+
+
+def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, target):
+    for obj, sign in ((source, 1), (target, -1)):
+        name_a_region(obj, (sign, 0, 0), "Nose")
+        name_a_region(obj, (-sign, 0, 0), "Tail")
+    result = match_objects(bpy.context, source, target)
+    truth = positions(source.data)[values(target.data, "truth")]
+    assert np.linalg.norm(mapped_positions(source, target) - truth, axis=1).mean() < 0.02
+    assert any("names or sides are swapped" in note for note in result.notes)
+
+
+def test_names_from_an_earlier_transfer_prove_nothing(source, target):
+    name_a_region(source, (1, 0, 0), "Nose")
+    for obj in (source, target):
+        name_a_region(obj, (-1, 0, 0), "MATERIAL")
+    transfer_objects(bpy.context, source, target, ["vertex_groups"], k_final=30)
+    assert (weight_array(target, "Nose") > 0.5).sum() > 10
+    regions, received = shared_regions(bpy.context, read_pair(bpy.context, "Source", "Target"))
+    assert set(regions) == {("material", "Skin")}
+    assert received
+
+
+def test_the_up_axis_and_the_last_match_are_evidence_where_they_are_chosen(source, target, monkeypatch):
+    for obj in (source, target):
+        name_a_region(obj, (1, 0, 0), "Nose")
+    last = match_objects(bpy.context, source, target, k_final=30).surface_map
+    activate(target, source)
+    bpy.context.scene.zoomout.names = False
+    assert bpy.ops.zoomout.match(k_final=30, same_up=True, from_last=True) == {"FINISHED"}
+    assert stored_match.description(target.data)["notes"][0] == "Evidence used: the same up axis, the last match."
+
+    def seen(**options):
+        arguments = {}
+
+        def spy(source, target, **given):
+            arguments.update(given)
+            raise zo.MeshError("Enough.")
+            yield
+
+        monkeypatch.setattr("blender_addon.evidence.zo.match_steps", spy)
+        with pytest.raises(RuntimeError, match=r"Enough\."):
+            bpy.ops.zoomout.match(**options)
+        return arguments
+
+    assert set(seen()) == {"initial", "k_final"}
+    assert set(seen(names=True)) == {"initial", "k_final", "regions"}
+    assert seen(same_up=True)["common_axes"] == (0, 0, 1)
+    assert len(seen(from_last=True)["initial_map"].triangle) == len(last.triangle)
+    assert set(seen(initial="PROXIMITY", names=True, same_up=True, from_last=True)) == {"initial", "k_final"}
+    target.data.vertices[3].co.x += 0.1
+    assert "initial_map" not in seen(from_last=True)
 
 
 @pytest.mark.parametrize("defect", ["no faces", "not finite", "edit mode", "disabled", "modifier", "same mesh"])

@@ -24,8 +24,9 @@ from scenes import (
 import zoomout_core as zo
 from blender_addon import stored_match
 from blender_addon.operators.match import match_objects
-from blender_addon.operators.transfer import transfer_objects, transfer_report, transfer_steps
+from blender_addon.operators.transfer import transfer_objects, transfer_steps
 from blender_addon.pair import read_pair
+from blender_addon.stored_report import transfer_report
 from zoomout_core.projection import closest_points
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +32,8 @@ def run(*arguments: str | Path) -> Result:
 def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, bent: Creature) -> None:
     outcome = run("match", files / "source.ply", files / "target.ply", "-o", files / "map.npz")
     assert outcome.exit_code == 0, outcome.output
-    assert "Mean confidence" in outcome.output
+    for fact in ("Right with a probability of", "Mean confidence", "Turned over: ", "candidates."):
+        assert fact in outcome.output
     with np.load(files / "map.npz") as file:
         assert set(file.files) == {"triangle", "barycentric", "vertex", "confidence", "functional_map"}
         error = zo.geodesic_error(
@@ -55,6 +58,30 @@ def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Cr
         assert (distance / np.sqrt(resting.surface.area) < 0.3).all()
 
 
+def test_what_is_known_of_the_map_reaches_the_match(
+    files: Path, resting: Creature, bent: Creature, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: dict[str, Any] = {}
+
+    def spy(source: zo.Surface, target: zo.Surface, **options: Any) -> Iterator[zo.Progress]:
+        seen.update(options)
+        raise zo.MeshError("Enough.")
+        yield
+
+    monkeypatch.setattr("zoomout_core.cli.match_steps", spy)
+    truth = true_vertex(resting, bent)
+    zo.SurfaceMap.from_vertices(truth, resting.surface).save(files / "known.npz")
+    points = resting.surface.vertices[truth[:3]], bent.surface.vertices[:3]
+    np.savetxt(files / "points.txt", np.hstack(points), header="source and target", fmt="%.17g")
+    meshes = files / "source.ply", files / "target.ply", "-o", files / "none.npz"
+    evidence = "--landmarks", files / "points.txt", "--exact-landmarks", "--earlier-map", files / "known.npz"
+    assert "Enough." in run("match", *meshes, *evidence, "--common-axis", "Z", "--common-axis", "0,-2,0").output
+    assert (seen["initial"], seen["exact_landmarks"]) == ("auto", True)
+    np.testing.assert_array_equal(seen["common_axes"], [[0, 0, 1], [0, -1, 0]])
+    np.testing.assert_array_equal(seen["landmarks"], points)
+    np.testing.assert_array_equal(seen["initial_map"], truth)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -66,7 +93,15 @@ def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Cr
         (("source.ply", "target.ply", "--landmarks", "empty.ply"), "vertex numbers"),
         (("source.ply", "target.ply", "--landmarks", "fractions.ply"), "vertex numbers"),
         (("source.ply", "target.ply", "--landmarks", "triples.ply"), "vertex numbers"),
+        (("source.ply", "target.ply", "--landmarks", "mixed.ply"), "vertex numbers"),
         (("source.ply", "target.ply", "--initial", "landmarks"), "--landmarks FILE"),
+        (("source.ply", "target.ply", "--exact-landmarks"), "--landmarks FILE"),
+        (("source.ply", "target.ply", "--earlier-map", "broken.ply"), "holds no map"),
+        (("source.ply", "target.ply", "--earlier-map", "broken.ply", "--initial", "proximity"), "--initial auto"),
+        (("source.ply", "target.ply", "--common-axis", "z", "--initial", "proximity"), "--initial auto"),
+        (("source.ply", "target.ply", "--common-axis", "up"), "--common-axis is 'up'"),
+        (("source.ply", "target.ply", "--common-axis", "0,0"), "--common-axis is '0,0'"),
+        (("source.ply", "target.ply", "--common-axis", "0,0,0"), "--common-axis is '0,0,0'"),
         (("source.ply", "target.ply", "-o", "map"), "does not end in .npz"),
     ],
 )
@@ -77,6 +112,7 @@ def test_what_cannot_be_done_is_said_in_one_sentence(files: Path, arguments: tup
         "empty": "",
         "fractions": "0.5 1\n",
         "triples": "0 1 2\n",
+        "mixed": "0 0 0 1 1 1\n0 1\n",
     }.items():
         (files / f"{name}.ply").write_text(text)
     named = [files / name if name.endswith(".ply") else name for name in arguments]

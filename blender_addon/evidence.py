@@ -1,0 +1,149 @@
+"""What two objects tell of their match beside their shapes: names that they share, the world's up axis, the last match.
+
+Everything here is evidence, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps
+
+from . import mesh_data, stored_match
+from .pair import ObjectPair, find_mesh
+from .stored_report import transfer_report
+
+# Weight from which a vertex belongs to its group.
+MEMBER = 0.5
+# Of more regions the largest are used: smaller ones lie in them, or next to them, and tell no more.
+MOST_REGIONS = 36
+# Where the map and the regions of the same name overlap less than by the rest, the user is told.
+CONTRADICTION = 0.6
+GROUP, MATERIAL = "vertex group", "material"
+
+# Vertices of each region of an object, by what it is, GROUP or MATERIAL, and its name.
+NamedRegions = dict[tuple[str, str], np.ndarray]
+
+
+def matching_steps(
+    context: Context,
+    pair: ObjectPair,
+    names: bool = True,
+    same_up: bool = False,
+    from_last: bool = False,
+    **options: Any,
+) -> Steps[zo.MatchResult]:
+    """`zoomout_core.match_steps` with the evidence of two objects, which the result's notes name.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        pair: the two, as they are now.
+        names: whether vertex groups, and materials, of the same name lie at corresponding places. Those
+            that the target has from an earlier transfer are not used: they would prove the match that it followed.
+        same_up: whether both objects stand upright in the world.
+        from_last: whether the match that is kept on the target is a good one to start from.
+        options: of `zoomout_core.match`; only an automatic start weighs evidence.
+
+    Raises:
+        MeshError: see `zoomout_core.match`.
+    """
+    automatic = options.get("initial", "auto") == "auto"
+    evidence, notes = _evidence(context, pair, names, same_up, from_last) if automatic else ({}, [])
+    result = yield from zo.match_steps(pair.source, pair.target, **evidence | options)
+    if result.candidates[result.chosen].scores.get("regions", 0) > CONTRADICTION:
+        notes.append(
+            "The map contradicts most of the names that both objects have: check whether names or sides are swapped."
+        )
+    return replace(result, notes=(*notes, *result.notes))
+
+
+def _evidence(
+    context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool
+) -> tuple[dict[str, Any], list[str]]:
+    """Arguments of `zoomout_core.match`, and sentences about them."""
+    arguments: dict[str, Any] = {}
+    used, notes = [], []
+    if names:
+        regions, received = shared_regions(context, pair)
+        if regions:
+            arguments["regions"] = list(regions.values())
+            used.append(f"{_counted(regions)} of the same name")
+        if received:
+            notes.append("Names that the target has from an earlier transfer were not used as evidence.")
+    if same_up:
+        arguments["common_axes"] = (0, 0, 1)  # the surfaces are in world space
+        used.append("the same up axis")
+    if from_last:
+        last = _last_match(find_mesh(context, pair.target_name).data, pair)
+        if last is None:
+            notes.append("There is no match of these two, as they are now, to start from.")
+        else:
+            arguments["initial_map"] = last
+            used.append("the last match")
+    if used:
+        notes.insert(0, f"Evidence used: {', '.join(used)}.")
+    return arguments, notes
+
+
+def shared_regions(
+    context: Context, pair: ObjectPair
+) -> tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]:
+    """The regions of the same name on both objects, each a part of either, the largest first.
+
+    Returns:
+        The source's and the target's vertices for each, by what it is and its name; and whether there are more,
+        which the target has from an earlier transfer.
+    """
+    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+    if not target.vertex_groups and not target.material_slots:
+        return {}, False  # reading weights takes long
+    with mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()) as (evaluated, mesh):
+        of_source = _regions(evaluated, mesh, pair.source)
+    of_target = _regions(target, target.data, pair.target)
+    shared = {region: (of_source[region], of_target[region]) for region in of_source if region in of_target}
+    written = (transfer_report(target) or {"written": {}})["written"]
+    received = {GROUP: written.get("vertex_groups", ()), MATERIAL: written.get("materials", ())}
+    own = [(what, name) for what, name in shared if name not in received[what]]
+    size = {region: _smaller_share(shared[region], pair) for region in own}
+    largest = sorted(own, key=lambda region: -size[region])[:MOST_REGIONS]
+    return {region: shared[region] for region in largest}, len(own) < len(shared)
+
+
+def _regions(obj: Object, mesh: Mesh, surface: zo.Surface) -> NamedRegions:
+    """What an object's vertex groups and materials cover, where that is a part of it."""
+    regions: NamedRegions = {}
+    weights = mesh_data.read_weights(obj, mesh)
+    members = (weights.values >= MEMBER).tocsc()
+    for column, name in enumerate(weights.labels):
+        regions[GROUP, name] = members.indices[slice(*members.indptr[column : column + 2])]
+    names, face_slots = mesh_data.read_materials(obj, mesh)
+    corner_slot = np.repeat(face_slots.values, np.diff(surface.face_start))
+    for name in filter(None, dict.fromkeys(names)):
+        slots = [slot for slot, other in enumerate(names) if other == name]
+        regions[MATERIAL, name] = np.unique(surface.corner_vertex[np.isin(corner_slot, slots)])
+    return {region: found for region, found in regions.items() if 0 < len(found) < len(surface.vertices)}
+
+
+def _smaller_share(region: tuple[np.ndarray, np.ndarray], pair: ObjectPair) -> float:
+    return min(len(found) / len(of.vertices) for found, of in zip(region, (pair.source, pair.target), strict=True))
+
+
+def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
+    """The map of the match that is kept on the target's mesh, if it is one of this pair as it is now."""
+    try:
+        kept = stored_match.read(mesh, pair)
+    except zo.MeshError:  # one of them was edited since
+        return None
+    return None if kept is None else kept.surface_map
+
+
+def _counted(regions: Collection[tuple[str, str]]) -> str:
+    """How many there are of each sort, in words."""
+    numbers = {noun: sum(what == noun for what, _ in regions) for noun in (GROUP, MATERIAL)}
+    return " and ".join(f"{n} {noun}{'s' if n > 1 else ''}" for noun, n in numbers.items() if n)

@@ -1,0 +1,27 @@
+"""The report of the last transfer, kept on the target's mesh as a custom property."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from bpy.types import Object
+
+PROPERTY = "zoomout_report"
+
+
+def write(target: Object, report: dict[str, Any]) -> None:
+    """Keep a report in place of an earlier one."""
+    target.data[PROPERTY] = json.dumps(report)
+
+
+def transfer_report(target: Object) -> dict[str, Any] | None:
+    """What the last transfer to an object did, or None before the first.
+
+    Returns:
+        `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`:
+        a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: how many
+        vertices the target has, and how many of them are of low confidence.
+    """
+    text = target.data.get(PROPERTY)
+    return None if text is None else json.loads(text)
