@@ -9,7 +9,8 @@ from typing import Literal, TypeAlias
 from numpy.typing import ArrayLike
 
 from zoomout_core.correspondence.anchors import coordinates
-from zoomout_core.correspondence.assembly import on_surfaces
+from zoomout_core.correspondence.components.assembly import on_surfaces
+from zoomout_core.correspondence.components.main_parts import main_part_steps
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
@@ -20,7 +21,6 @@ from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
 from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
-from zoomout_core.correspondence.main_parts import main_part_steps
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.ranking import Candidate, rank_steps

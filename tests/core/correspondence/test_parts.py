@@ -23,10 +23,10 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
-from zoomout_core.correspondence.carrying import Motion
-from zoomout_core.correspondence.hems import hemmed
-from zoomout_core.correspondence.main_parts import main_part_steps
-from zoomout_core.correspondence.parts import Part, paired
+from zoomout_core.correspondence.components.carrying import Motion
+from zoomout_core.correspondence.components.hems import hemmed
+from zoomout_core.correspondence.components.main_parts import main_part_steps
+from zoomout_core.correspondence.components.parts import Part, paired
 from zoomout_core.progress import drain
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.surface import Surface

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoomout_core.correspondence.loose import LooseParts, map_parts
+from zoomout_core.correspondence.components.loose import LooseParts, map_parts
+from zoomout_core.correspondence.components.parts import MOST_PARTS
 from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.parts import MOST_PARTS
 from zoomout_core.correspondence.proxy import lifted
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points

@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from zoomout_core.correspondence.carrying import Moments, Motion, moved, products
-from zoomout_core.correspondence.hems import hemmed
+from zoomout_core.correspondence.components.carrying import Moments, Motion, moved, products
+from zoomout_core.correspondence.components.hems import hemmed
+from zoomout_core.correspondence.components.parts import MAP_ERROR, MOST_PARTS, Part, Side, paired
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.parts import MAP_ERROR, MOST_PARTS, Part, Side, paired
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points, project_to_embedding
 from zoomout_core.surface import Booleans, Floats, Integers

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from zoomout_core.correspondence.parts import Part
+from zoomout_core.correspondence.components.parts import Part
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.surface import Floats, Integers, unique_edges
 
