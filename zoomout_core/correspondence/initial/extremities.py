@@ -15,7 +15,7 @@ from itertools import islice, zip_longest
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis, is_new
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis, alike
 from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
 from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.nearest import nearest
@@ -115,13 +115,14 @@ def _best_maps(
         functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
         score = intrinsic_score(scores_of(functional_map, sample_map, source, target, side < 0))
         tried.append(_Tried(score, source.coordinates[sample_map], of_target, of_source))
-    by_score = sorted(tried, key=lambda one: one.score)
-    kept: list[_Tried] = []
-    for quota, by_merit in ((KEPT_CONSISTENT, tried), (KEPT, by_score)):
-        for one in by_merit:
-            if len(kept) < quota and is_new(one.place, [other.place for other in kept], SAME_MAP):
+    by_score = np.argsort([one.score for one in tried], kind="stable")
+    same = alike([one.place for one in tried], SAME_MAP)
+    kept: list[int] = []
+    for quota, by_merit in ((KEPT_CONSISTENT, range(len(tried))), (KEPT, by_score)):
+        for i in by_merit:
+            if len(kept) < quota and not same[i, kept].any():
                 # Of like maps always the same one, in whatever order they come.
-                kept.append(next(other for other in by_score if not is_new(one.place, [other.place], SAME_MAP)))
+                kept.append(int(by_score[np.argmax(same[i, by_score])]))
     return [
         anchored_hypothesis(
             f"extremities {one.pairs}" + ", mirrored" * (side < 0),
@@ -129,7 +130,7 @@ def _best_maps(
             target,
             Anchors(tips_source.places.features(one.of_source), tips_target.places.features(one.of_target, side)),
         )
-        for one in kept
+        for one in (tried[i] for i in kept)
     ]
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from zoomout_core.correspondence.anchors import Anchors
-from zoomout_core.surface import Floats
+from zoomout_core.surface import Booleans, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,3 +36,13 @@ def is_new(place: Floats, known: Iterable[Floats], tolerance: float) -> bool:
     """
     spread = ((place - place.mean(axis=0)) ** 2).sum()
     return all(((place - other) ** 2).sum() > tolerance * spread for other in known)
+
+
+def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
+    """(m, m) which of m maps are the same as which, by the coordinates (s, d) of their images; see `is_new`."""
+    flat = np.stack([np.ravel(place - place.mean(axis=0)) for place in places]).astype(np.float32)
+    means = np.stack([place.mean(axis=0) for place in places])
+    spread = (flat**2).sum(axis=1)
+    shift = ((means[:, None] - means) ** 2).sum(axis=2) * len(places[0])
+    distance = spread[:, None] + spread - 2 * flat @ flat.T + shift
+    return np.asarray(distance <= tolerance * spread[:, None])
