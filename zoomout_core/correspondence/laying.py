@@ -27,7 +27,8 @@ NEIGHBOURS = 8
 # What a sample's surroundings say of its turn, against what its neighbours' turns say: limbs say nothing of the
 # turn about their own axis, and take it from the body.
 COHERENCE = 0.3
-RELAXATIONS = 10
+# Blended so many times, matrices have only the length of rotations; then they are made rotations, and so forth.
+BLENDINGS, RELAXATIONS = 3, 3
 # Diffusion length, at unit area, that makes one field of the samples' turns.
 BLEND = 0.05
 # A normal that is off by a right angle weighs as much as a place that is off by this, at unit area.
@@ -145,8 +146,8 @@ def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
     between = target.distances[:, samples]
     weights = np.exp(-((between / REACH) ** 2))
     weights /= weights.sum(axis=1, keepdims=True)
-    moments = np.einsum("pq,qi,qj->pij", weights, there, here)
-    moments -= np.einsum("pi,pj->pij", weights @ there, weights @ here)
+    moments = (weights @ _products(there, here)).reshape(-1, 3, 3)
+    moments -= _products(weights @ there, weights @ here).reshape(-1, 3, 3)
     extent = np.linalg.svd(moments, compute_uv=False)
     moments /= np.maximum(extent[:, 0], 1e-300)[:, None, None]
     near = np.zeros(between.shape, dtype=bool)
@@ -155,9 +156,17 @@ def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
     turns = _spread_from_body(moments, extent[:, 1] / np.maximum(extent[:, 0], 1e-300), near)
     mean = near / near.sum(axis=1, keepdims=True)
     for _ in range(RELAXATIONS):
-        of_neighbours = (mean @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
-        turns = _nearest_rotations(moments + COHERENCE * of_neighbours)
+        blended = turns.reshape(-1, 9)
+        for _ in range(BLENDINGS):
+            blended = moments.reshape(-1, 9) + COHERENCE * mean @ blended
+            blended *= np.sqrt(3) / np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-300)
+        turns = _nearest_rotations(blended.reshape(-1, 3, 3))
     return turns
+
+
+def _products(a: Floats, b: Floats) -> Floats:
+    """(n, 9) the outer products of the rows of two arrays (n, 3)."""
+    return np.asarray((a[:, :, None] * b[:, None]).reshape(-1, 9))
 
 
 def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floats:
