@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis, is_new
+from zoomout_core.correspondence.ranking import intrinsic_score, scores_of
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples
 from zoomout_core.surface import Floats
@@ -23,22 +24,30 @@ PSEUDO_SCALAR_WEIGHTS = (0.3, 1.0, 3.0)
 MASK_WEIGHTS = (0.02, 0.3)
 # Fits whose images differ by less than this part of their variance would be refined to the same map.
 SAME_FIT = 0.1
+# So many that keep the orientation are refined, and so many that reverse it.
+KEPT = 5
 
 
 def descriptor_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
-    """The distinct fits of a few sizes and weights, both those that keep the orientation and those that reverse it."""
+    """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it."""
+    return [guess for sign in (1, -1) for guess in _best_fits(source, target, sign)]
+
+
+def _best_fits(source: Shape, target: Shape, sign: int) -> list[Hypothesis]:
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     sizes = [size for size in SIZES if size <= available]
-    hypotheses: list[Hypothesis] = []
+    scored: list[tuple[float, Hypothesis]] = []
     places: list[Floats] = []
-    for sign, size, weight, mask_weight in product((1, -1), sizes, PSEUDO_SCALAR_WEIGHTS, MASK_WEIGHTS):
+    for size, weight, mask_weight in product(sizes, PSEUDO_SCALAR_WEIGHTS, MASK_WEIGHTS):
         functional_map = _fit(source, target, size, sign * weight, mask_weight)
-        place = source.coordinates[nearest_samples(source.search, target.search, functional_map)]
+        sample_map = nearest_samples(source.search, target.search, functional_map)
+        place = source.coordinates[sample_map]
         if is_new(place, places, SAME_FIT):
-            origin = f"descriptors {size} {sign * weight:+g} {mask_weight:g}"
-            hypotheses.append(Hypothesis(origin, functional_map))
             places.append(place)
-    return hypotheses
+            score = intrinsic_score(scores_of(functional_map, sample_map, source, target, sign < 0))
+            origin = f"descriptors {size} {sign * weight:+g} {mask_weight:g}"
+            scored.append((score, Hypothesis(origin, functional_map)))
+    return [guess for _, guess in sorted(scored, key=lambda entry: entry[0])[:KEPT]]
 
 
 def _fit(source: Shape, target: Shape, size: int, weight: float, mask_weight: float) -> Floats:
