@@ -100,28 +100,25 @@ def _first_least(values: Floats, group: Integers) -> Integers:
 
 
 def project_to_embedding(
-    points: Floats, embedding: Floats, triangles: Integers, nearest: Integers, edges_away: int = 1
+    points: Floats, embedding: Floats, triangles: Integers, nearest: Integers
 ) -> tuple[Integers, Floats]:
     """Precise map: the closest point on an embedded surface, sought around the nearest vertex.
 
-    Looks at the triangles near the nearest vertex, as Ezuz and Ben-Chen (Deblurring and denoising of maps between
-    shapes, 2017) do in their local variant; memory stays bounded.
+    Looks at the triangles within two edges of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
+    denoising of maps between shapes, 2017) do in their local variant; memory stays bounded.
 
     Args:
         points: (q, k) queries in the embedding.
         embedding: (n, k) the surface's vertices in the embedding.
         triangles: (m, 3) vertex numbers; every vertex is used.
         nearest: (q,) the vertex of the embedding nearest to each query.
-        edges_away: how many edges the triangles may be away from it; 0 for those that meet there.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates.
     """
     n, m = len(embedding), len(triangles)
     at_vertex = coo_array((np.ones(3 * m, bool), (triangles.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m)).tocsr()
-    neighbours = at_vertex  # (n, m)
-    for _ in range(edges_away):
-        neighbours = ((at_vertex @ at_vertex.T) @ neighbours).tocsr()
+    neighbours = ((at_vertex @ at_vertex.T) @ at_vertex).tocsr()  # (n, m) triangles within two edges
     edges = (
         embedding[triangles[:, 1]] - embedding[triangles[:, 0]],
         embedding[triangles[:, 2]] - embedding[triangles[:, 0]],

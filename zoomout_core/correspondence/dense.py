@@ -77,9 +77,7 @@ def dense_steps(
         if near is None:
             near = nearest(queries, embedded)
             yield 0.6
-        # Images move little from round to round; the last round looks a little farther.
-        place = project_to_embedding(queries, embedded, source.mesh.triangles, near, int(i > 0))
-        dense = SurfaceMap(*place, source.mesh.triangles)
+        dense = SurfaceMap(*project_to_embedding(queries, embedded, source.mesh.triangles, near), source.mesh.triangles)
         near = dense.vertex
         functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
         images = target.basis.coefficients(dense.interpolate(source.mesh.vertices))[:size_of_images]

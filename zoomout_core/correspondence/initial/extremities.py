@@ -116,13 +116,14 @@ def _best_maps(
         score = intrinsic_score(scores_of(functional_map, sample_map, source, target, side < 0))
         tried.append(_Tried(score, source.coordinates[sample_map], of_target, of_source))
     by_score = np.argsort([one.score for one in tried], kind="stable")
+    by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
     same = alike([one.place for one in tried], SAME_MAP)
     kept: list[int] = []
     for quota, by_merit in ((KEPT_CONSISTENT, range(len(tried))), (KEPT, by_score)):
         for i in by_merit:
             if len(kept) < quota and not same[i, kept].any():
-                # Of like maps always the same one, in whatever order they come.
-                kept.append(int(by_score[np.argmax(same[i, by_score])]))
+                # Of like maps always the same one, in whatever order they come: that which most pairs hold in place.
+                kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
     return [
         anchored_hypothesis(
             f"extremities {one.pairs}" + ", mirrored" * (side < 0),
