@@ -18,7 +18,7 @@ from zoomout_core.surface import Floats
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04), (120, 0.04))
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
-FINISHING = 2
+FINISHING = 4
 FINISHING_WEIGHT = 0.05
 # Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
 VERTICES_PER_FUNCTION = 16
