@@ -18,7 +18,7 @@ from zoomout_core.surface import Floats
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04), (120, 0.04))
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
-FINISHING = 4
+FINISHING = 6
 FINISHING_WEIGHT = 0.05
 # Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
 VERTICES_PER_FUNCTION = 16
@@ -76,7 +76,7 @@ def dense_steps(
         queries, embedded = beside_places(*pair, laid, source, size, FINISHING_WEIGHT)
         if near is None:
             near = nearest(queries, embedded)
-            yield 0.6
+            yield 0.5 + 0.25 / finishing
         dense = SurfaceMap(*project_to_embedding(queries, embedded, source.mesh.triangles, near), source.mesh.triangles)
         near = dense.vertex
         functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]

@@ -224,9 +224,9 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     source, target = pair.source_shape, pair.target_shape
     middle = (start + 1) / 2
     how = candidate.mirrored, pair.k_final, pair.step
-    swapped = None if candidate.anchors is None else candidate.anchors.swapped()
+    swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
     there, functional_map = yield from spread(
-        dense_steps(source, target, candidate.functional_map, candidate.anchors, *how), start, middle, "Refining"
+        dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how), start, middle, "Refining"
     )
     back, _ = yield from spread(
         dense_steps(target, source, candidate.reverse_functional_map, swapped, *how, finishing=1),
@@ -279,19 +279,14 @@ def _hypotheses(pair: Pair, initial: Initial, evidence: Evidence, earlier: Hypot
     anchors = evidence.anchors(pair)
     if evidence.landmarks is not None:
         by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
-        hypotheses.insert(0, by_landmarks)
         assert by_landmarks.anchors is not None
         anchors = by_landmarks.anchors.and_those(anchors)
+        hypotheses.insert(0, replace(by_landmarks, anchors=None))
     if anchors is None:
         return hypotheses
-    # Whatever a guess begins with, places that are known hold it there.
-    known = anchors
-    return [
-        guess
-        if evidence.landmarks is not None and guess is hypotheses[0]
-        else replace(guess, anchors=known.and_those(guess.anchors))
-        for guess in hypotheses
-    ]
+    # Whatever a guess begins with, places that are known hold it there, to the end.
+    held = [anchors.and_those(guess.anchors) for guess in hypotheses]
+    return [replace(guess, anchors=both, final_anchors=both) for guess, both in zip(hypotheses, held, strict=True)]
 
 
 def _images(pair: Pair, earlier: Hypothesis | None) -> Integers | None:

@@ -70,6 +70,7 @@ class Candidate:
         reverse_functional_map: (k_source, k_target), of the map found in the other direction.
         sample_map: (s_t,) for each search sample of the target the number of its source sample.
         anchors: what holds the map in place, at all vertices.
+        final_anchors: what holds the final map in place, if the user knows anything of it.
         certainty: probability, in [0, 1], that this is the right one of the maps that treat the orientation
             as it does.
         scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with what
@@ -83,6 +84,7 @@ class Candidate:
     reverse_functional_map: Floats
     sample_map: Integers
     anchors: Anchors | None
+    final_anchors: Anchors | None
     certainty: float
     scores: dict[str, float]
 
@@ -339,6 +341,7 @@ def _candidate(entry: _Screened, source: Shape, target: Shape, disagreement: Dis
         reverse,
         sample_map,
         entry.hypothesis.anchors,
+        entry.hypothesis.final_anchors,
         0.0,
         scores,
     )

@@ -18,12 +18,14 @@ class Hypothesis:
     Attributes:
         origin: in words, for the report.
         functional_map: (k_target, k_source).
-        anchors: what holds the map in place while it is refined, if anything does.
+        anchors: what holds the map in place while it is compared with others, if anything does.
+        final_anchors: what holds it to the end. Guesses alone would only keep it from settling.
     """
 
     origin: str
     functional_map: Floats
     anchors: Anchors | None = None
+    final_anchors: Anchors | None = None
 
 
 def is_new(place: Floats, known: Iterable[Floats], tolerance: float) -> bool:
