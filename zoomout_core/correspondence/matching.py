@@ -45,6 +45,8 @@ SOURCES_OF_HYPOTHESES = (extremity_hypotheses, descriptor_hypotheses, rotation_h
 # Asked as well where a shape has no extremities to go by. Signs are many, and on 40 pairs of shapes with extremities
 # none was right where the others were wrong.
 SOURCES_WITHOUT_EXTREMITIES = (*SOURCES_OF_HYPOTHESES, sign_hypotheses)
+# How much more a landmark's functions weigh than those of guessed pairs.
+LANDMARKS_OVER_GUESSES = 2.0
 # Eigenfunctions that ranking needs, however small the final map.
 FEWEST_FUNCTIONS = 120
 
@@ -280,8 +282,8 @@ def _hypotheses(pair: Pair, initial: Initial, evidence: Evidence, earlier: Hypot
     if evidence.landmarks is not None:
         by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
         assert by_landmarks.anchors is not None
-        anchors = by_landmarks.anchors.and_those(anchors)
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
+        anchors = by_landmarks.anchors.scaled(LANDMARKS_OVER_GUESSES).and_those(anchors)
     if anchors is None:
         return hypotheses
     # Whatever a guess begins with, places that are known hold it there, to the end.
