@@ -20,7 +20,8 @@ from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.matching import MatchResult
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps, scores_of, total_score
+from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps
+from zoomout_core.correspondence.scores import scores_of, total_score
 from zoomout_core.progress import drain
 from zoomout_core.surface import Integers
 

@@ -10,8 +10,6 @@ from bpy.types import Object, Operator, PropertyGroup
 
 # An operator's own options hold for one call only; what is left open comes from the scene.
 ONCE = {"SKIP_SAVE"}
-
-
 # Options that say which evidence an automatic start weighs.
 EVIDENCE = ("names", "same_up", "from_last")
 
@@ -41,7 +39,6 @@ class MatchOptions:
         max=1000,
         options=ONCE,
     )
-
     names: BoolProperty(
         name="Names",
         description=(

@@ -18,6 +18,7 @@ from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts, positions_of_part
 from zoomout_core.correspondence.ranking import Disagreement
+from zoomout_core.correspondence.scores import correlation
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.projection import closest_points
@@ -78,7 +79,7 @@ class Evidence:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
             if len(self.common_axes):
-                agreement = _correlation(heights_target, heights_source[sample_map], target.weights)
+                agreement = correlation(heights_target, heights_source[sample_map], target.weights)
                 disagreements["axes"] = 1 - agreement
             if members:
                 overlaps = [
@@ -183,9 +184,3 @@ def _members_on_shape(vertices: Integers, surface: Surface, shape: Shape) -> Flo
     of_part = np.zeros(len(shape.proxy.full.vertices))
     of_part[vertex_of[of_surface & (vertex_of >= 0)]] = 1
     return np.asarray(of_part[shape.proxy.full_vertex])
-
-
-def _correlation(x: Floats, y: Floats, weights: Floats) -> float:
-    """Mean over the columns of the weighted correlation of two sets of functions (s, d)."""
-    x, y = (values - weights @ values / weights.sum() for values in (x, y))
-    return float(np.mean((weights @ (x * y)) / np.maximum(np.sqrt((weights @ x**2) * (weights @ y**2)), 1e-300)))

@@ -43,9 +43,9 @@ NOTABLE_REST = 0.03
 # To have another kind of guess tried, add a function of the source's and the target's shape.
 SOURCES_OF_HYPOTHESES = (extremity_hypotheses, descriptor_hypotheses, rotation_hypotheses)
 # Asked as well where a shape has no extremities to go by. Signs are many, and on 40 pairs of shapes with extremities
-# none was right where the others were wrong.
+# they added no success.
 SOURCES_WITHOUT_EXTREMITIES = (*SOURCES_OF_HYPOTHESES, sign_hypotheses)
-# How much more a landmark's functions weigh than those of guessed pairs.
+# How much more than those of guessed pairs a landmark's functions weigh.
 LANDMARKS_OVER_GUESSES = 2.0
 # Eigenfunctions that ranking needs, however small the final map.
 FEWEST_FUNCTIONS = 120

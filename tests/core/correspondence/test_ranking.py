@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.functional_map import functional_map_of
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
-from zoomout_core.correspondence.ranking import orientation_agreement, rank_steps, scores_of
+from zoomout_core.correspondence.ranking import rank_steps
+from zoomout_core.correspondence.scores import orientation_agreement, scores_of
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.progress import drain
 from zoomout_core.surface import Surface

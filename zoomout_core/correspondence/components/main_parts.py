@@ -15,7 +15,7 @@ SMALLEST_PART = 12
 # A component whose area is at least this part of the largest one's may be the body.
 COMPARABLE = 0.4
 # Components are compared by so many eigenvalues of stand-ins of so many vertices.
-EIGENVALUES, PROXY_VERTICES = 20, 1500
+EIGENVALUES, VERTICES = 20, 1500
 # Spectra that differ by less than this, in the mean logarithm, may be the same body's in two poses.
 ALIKE = 0.1
 
@@ -71,5 +71,5 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
 
 def _spectrum(part: WorkingMesh, count: int, seed: int) -> Floats:
     """(count - 1,) logarithms of the eigenvalues but the first, at unit area: the same in every pose."""
-    basis = drain(working_basis_steps(proxy_of(part, PROXY_VERTICES).mesh, count, seed))
+    basis = drain(working_basis_steps(proxy_of(part, VERTICES).mesh, count, seed))
     return np.log(np.maximum(basis.eigenvalues[1:], 1e-12))

@@ -11,8 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis, is_new
-from zoomout_core.correspondence.ranking import intrinsic_score, scores_of
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis, alike
+from zoomout_core.correspondence.scores import intrinsic_score, scores_of
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples
 from zoomout_core.surface import Floats
@@ -36,18 +36,21 @@ def descriptor_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
 def _best_fits(source: Shape, target: Shape, sign: int) -> list[Hypothesis]:
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     sizes = [size for size in SIZES if size <= available]
-    scored: list[tuple[float, Hypothesis]] = []
+    fits: list[Hypothesis] = []
     places: list[Floats] = []
+    scores: list[float] = []
     for size, weight, mask_weight in product(sizes, PSEUDO_SCALAR_WEIGHTS, MASK_WEIGHTS):
         functional_map = _fit(source, target, size, sign * weight, mask_weight)
         sample_map = nearest_samples(source.search, target.search, functional_map)
-        place = source.coordinates[sample_map]
-        if is_new(place, places, SAME_FIT):
-            places.append(place)
-            score = intrinsic_score(scores_of(functional_map, sample_map, source, target, sign < 0))
-            origin = f"descriptors {size} {sign * weight:+g} {mask_weight:g}"
-            scored.append((score, Hypothesis(origin, functional_map)))
-    return [guess for _, guess in sorted(scored, key=lambda entry: entry[0])[:KEPT]]
+        fits.append(Hypothesis(f"descriptors {size} {sign * weight:+g} {mask_weight:g}", functional_map))
+        places.append(source.coordinates[sample_map])
+        scores.append(intrinsic_score(scores_of(functional_map, sample_map, source, target, sign < 0)))
+    same = alike(places, SAME_FIT)
+    kept: list[int] = []
+    for i in np.argsort(scores, kind="stable"):
+        if len(kept) < KEPT and not same[i, kept].any():
+            kept.append(int(i))
+    return [fits[i] for i in kept]
 
 
 def _fit(source: Shape, target: Shape, size: int, weight: float, mask_weight: float) -> Floats:

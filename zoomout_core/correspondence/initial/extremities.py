@@ -15,12 +15,12 @@ from itertools import islice, zip_longest
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis, alike
+from zoomout_core.correspondence.initial.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
 from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import Places, places_on
-from zoomout_core.correspondence.ranking import intrinsic_score, scores_of
+from zoomout_core.correspondence.scores import intrinsic_score, scores_of
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
 
@@ -34,9 +34,8 @@ QUOTAS = (60, 30, 15, 8)
 # At so many levels of persistence, the leading tips are paired on their own too.
 LEVELS = 2
 # So many are kept whose distances are the most consistent, and so many in all, then those whose first maps, taken down
-# to functional maps of some size, score best. Maps closer than this part of the variance of biharmonic coordinates are
-# the same map.
-KEPT_CONSISTENT, KEPT, COARSE_SIZE, SAME_MAP = 8, 16, 20, 0.05
+# to functional maps of some size, score best.
+KEPT_CONSISTENT, KEPT, COARSE_SIZE = 8, 16, 20
 # Entries of the table of extensions that the search for pairings goes through at a time. With up to seven
 # extremities on either side no pairing is lost.
 BEAM = 1 << 18

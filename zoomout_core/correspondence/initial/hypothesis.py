@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.surface import Booleans, Floats
+
+# Maps whose images differ by less than this part of their variance are the same map.
+SAME_MAP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +31,13 @@ class Hypothesis:
     final_anchors: Anchors | None = None
 
 
-def is_new(place: Floats, known: Iterable[Floats], tolerance: float) -> bool:
-    """Whether a map is none of those that are known already.
+def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
+    """(m, m) whether each of m maps is the same as each other one.
 
     Args:
-        place: (s, d) coordinates of the images of all samples.
-        known: the same of other maps.
-        tolerance: the same map's mean squared difference, as a part of the variance of `place`.
+        places: of each map the coordinates (s, d) of the images of all samples.
+        tolerance: the largest mean squared difference of the same map, as a part of the variance of its places.
     """
-    spread = ((place - place.mean(axis=0)) ** 2).sum()
-    return all(((place - other) ** 2).sum() > tolerance * spread for other in known)
-
-
-def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
-    """(m, m) which of m maps are the same as which, by the coordinates (s, d) of their images; see `is_new`."""
     flat = np.stack([np.ravel(place - place.mean(axis=0)) for place in places]).astype(np.float32)
     means = np.stack([place.mean(axis=0) for place in places])
     spread = (flat**2).sum(axis=1)
