@@ -28,12 +28,13 @@ from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
 from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.threads import on_one_blas_thread, side_by_side
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
-PROXY_VERTICES = 6000
+PROXY_VERTICES = 4000
 # A map of less certainty than this comes with a note.
 SURE = 0.9
 # So comes a map that turns over a larger part of the surface.
@@ -82,6 +83,7 @@ class MatchResult:
         """The result of another candidate, by its number."""
         return drain(self.use_steps(candidate))
 
+    @on_one_blas_thread
     def use_steps(self, candidate: int) -> Steps[MatchResult]:
         """The same, stepped."""
         if not 0 <= candidate < len(self.candidates):
@@ -153,6 +155,7 @@ def match(
     )
 
 
+@on_one_blas_thread
 def match_steps(
     source: Surface,
     target: Surface,
@@ -179,12 +182,8 @@ def match_steps(
     source_part, target_part = yield from spread(
         main_part_steps(source, target, seed), 0.0, 0.02, "Comparing the parts"
     )
-    source_shape = yield from spread(
-        shape_steps(source_part, k, samples, seed, proxy_vertices), 0.02, 0.3, "Analysing the source"
-    )
-    target_shape = yield from spread(
-        shape_steps(target_part, k, samples, seed, proxy_vertices), 0.3, 0.6, "Analysing the target"
-    )
+    prepared = (shape_steps(part, k, samples, seed, proxy_vertices) for part in (source_part, target_part))
+    source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
     exact = landmarks if exact_landmarks else None
     pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)
     yield Progress(0.6, "Guessing")
@@ -224,18 +223,11 @@ def _check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | No
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:
     candidate = candidates[chosen]
     source, target = pair.source_shape, pair.target_shape
-    middle = (start + 1) / 2
     how = candidate.mirrored, pair.k_final, pair.step
     swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
-    there, functional_map = yield from spread(
-        dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how), start, middle, "Refining"
-    )
-    back, _ = yield from spread(
-        dense_steps(target, source, candidate.reverse_functional_map, swapped, *how, finishing=1),
-        middle,
-        0.95,
-        "Checking",
-    )
+    forwards = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
+    backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *how, finishing=1)
+    (there, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
     if pair.exact_landmarks is not None:
         there = pinned(there, pair, pair.exact_landmarks)
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
