@@ -17,6 +17,8 @@ BLOCK = 1 << 19
 # A query that still has rivals after this many triangles is as far off the surface as these are wide.
 MOST_CANDIDATES = 256
 FIRST_GUESSES = 3
+# In fewer dimensions than this, single precision cannot tell triangles apart.
+SINGLE_PRECISION_DIMENSION = 16
 
 
 def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tuple[Integers, Floats]:
@@ -99,60 +101,103 @@ def _first_least(values: Floats, group: Integers) -> Integers:
     return hit[np.flatnonzero(np.diff(group[hit], prepend=-1))]
 
 
+class Neighbourhoods:
+    """The triangles within two edges of each vertex of a mesh, prepared for many projections.
+
+    Attributes:
+        triangles: (m, 3) vertex numbers.
+        first_triangle: (n + 1,) where each vertex's entries in `triangle` begin.
+        triangle: numbers of the triangles near each vertex, one vertex after the other.
+        first_vertex: (n + 1,) where each vertex's entries in `vertex` begin.
+        vertex: numbers of those triangles' corners, each once, one vertex after the other.
+        corners: (len(triangle), 3) where among its vertex's entries in `vertex` a triangle's corners stand.
+    """
+
+    def __init__(self, triangles: Integers, n: int) -> None:
+        m = len(triangles)
+        ones, number = np.ones(3 * m, bool), np.repeat(np.arange(m), 3)
+        at_vertex = coo_array((ones, (triangles.ravel(), number)), shape=(n, m)).tocsr()
+        near = ((at_vertex @ at_vertex.T) @ at_vertex).tocsr()
+        around = (near @ at_vertex.T).tocsr()
+        around.sort_indices()
+        self.triangles = triangles
+        self.first_triangle, self.triangle = near.indptr, near.indices
+        self.first_vertex, self.vertex = around.indptr, around.indices
+        owner, of_triangle = (np.repeat(np.arange(n), np.diff(first)) for first in (around.indptr, near.indptr))
+        found = np.searchsorted(owner * n + self.vertex, of_triangle[:, None] * n + triangles[self.triangle])
+        self.corners = found - self.first_vertex[of_triangle, None]
+
+
 def project_to_embedding(
-    points: Floats, embedding: Floats, triangles: Integers, nearest: Integers
+    points: Floats, embedding: Floats, neighbourhoods: Neighbourhoods, nearest: Integers
 ) -> tuple[Integers, Floats]:
     """Precise map: the closest point on an embedded surface, sought around the nearest vertex.
 
     Looks at the triangles within two edges of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
-    denoising of maps between shapes, 2017) do in their local variant; memory stays bounded.
+    denoising of maps between shapes, 2017) do in their local variant; memory stays bounded. Where there are many
+    dimensions, it reckons in single precision.
 
     Args:
         points: (q, k) queries in the embedding.
         embedding: (n, k) the surface's vertices in the embedding.
-        triangles: (m, 3) vertex numbers; every vertex is used.
+        neighbourhoods: of the surface's triangles; every vertex is used.
         nearest: (q,) the vertex of the embedding nearest to each query.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates.
     """
-    n, m = len(embedding), len(triangles)
-    at_vertex = coo_array((np.ones(3 * m, bool), (triangles.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m)).tocsr()
-    neighbours = ((at_vertex @ at_vertex.T) @ at_vertex).tocsr()  # (n, m) triangles within two edges
-    edges = (
-        embedding[triangles[:, 1]] - embedding[triangles[:, 0]],
-        embedding[triangles[:, 2]] - embedding[triangles[:, 0]],
-    )
-    ab_ab, ab_ac, ac_ac = (np.einsum("mk,mk->m", x, y) for x, y in ((edges[0], edges[0]), edges, (edges[1], edges[1])))
-    a_ab, a_ac = (np.einsum("mk,mk->m", embedding[triangles[:, 0]], edge) for edge in edges)
-
+    dtype: type = np.float32 if embedding.shape[1] >= SINGLE_PRECISION_DIMENSION else np.float64
+    points, embedding = points.astype(dtype), embedding.astype(dtype)
+    triangles = neighbourhoods.triangles
+    a, b, c = (embedding[corner] for corner in triangles.T)
+    ab, ac = b - a, c - a
+    pairs = (ab, ab), (ab, ac), (ac, ac), (a, ab), (a, ac), (a, a)
+    ab_ab, ab_ac, ac_ac, a_ab, a_ac, a_a = (np.einsum("mk,mk->m", x, y).astype(np.float64) for x, y in pairs)
     triangle = np.zeros(len(points), dtype=np.int64)
     barycentric = np.zeros((len(points), 3))
-    count = np.diff(neighbours.indptr)[nearest]
     # Queries that share a nearest vertex share its candidates' rows in the cache.
     order = np.argsort(nearest, kind="stable")
-    per_block = max(1, BLOCK * 8 // (max(1, int(count.mean())) * max(8, embedding.shape[1])))
+    pairs_each = max(1, len(neighbourhoods.vertex) // max(1, len(embedding)))
+    per_block = max(1, BLOCK * 2 // (pairs_each * max(8, embedding.shape[1])))
     for block in np.array_split(order, max(1, len(order) // per_block)):
-        start, size = neighbours.indptr[nearest[block]], count[block]
-        query = np.repeat(np.arange(len(block)), size)
-        first = np.cumsum(size) - size
-        candidate = neighbours.indices[np.arange(size.sum()) - np.repeat(first - start, size)]
         # Inner products of each query with each vertex near it, once a pair.
-        key, pair = np.unique(query[:, None] * n + triangles[candidate], return_inverse=True)
-        pair_query, pair_vertex = np.divmod(key, n)
-        product = np.einsum("pk,pk->p", points[block][pair_query], embedding[pair_vertex])[pair.reshape(-1, 3)]
+        query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
+        all_products = np.einsum("pk,pk->p", points[block][query], embedding[pair_vertex])
+        query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
+        _, corners, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.corners, nearest[block])
+        product = all_products[first[query, None] + corners].astype(np.float64)
         ap_ab = product[:, 1] - product[:, 0] - a_ab[candidate]
         ap_ac = product[:, 2] - product[:, 0] - a_ac[candidate]
         dots = ap_ab, ap_ac, ab_ab[candidate], ab_ac[candidate], ac_ac[candidate]
         weights = barycentric_of_closest(dots)
         v, w = weights[:, 1], weights[:, 2]
         # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
-        offset = -2 * product[:, 0] + np.einsum("mk,mk->m", embedding, embedding)[triangles[candidate, 0]]
+        offset = a_a[candidate] - 2 * product[:, 0]
         distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
         hit = _first_least(distance, query)
         triangle[block] = candidate[hit]
         barycentric[block] = weights[hit]
     return triangle, barycentric
+
+
+def _lists(first: Integers, entries: Integers, chosen: Integers) -> tuple[Integers, Integers, Integers]:
+    """The lists of some owners, of those that are kept one after the other, again one after the other.
+
+    Args:
+        first: (n + 1,) where each owner's list begins.
+        entries: (e, ...) all lists.
+        chosen: (c,) owners.
+
+    Returns:
+        (p,) the position in `chosen` of each entry, (p, ...) the entries, and (c,) where each list begins among them.
+    """
+    size = np.diff(first)[chosen]
+    begin = np.cumsum(size) - size
+    return (
+        np.repeat(np.arange(len(chosen)), size),
+        entries[np.arange(size.sum()) - np.repeat(begin - first[chosen], size)],
+        begin,
+    )
 
 
 def _dots(ap: Floats, ab: Floats, ac: Floats) -> tuple[Floats, ...]:

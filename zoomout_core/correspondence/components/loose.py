@@ -14,7 +14,7 @@ from zoomout_core.correspondence.components.parts import MAP_ERROR, MOST_PARTS, 
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points, project_to_embedding
+from zoomout_core.projection import Neighbourhoods, closest_points, project_to_embedding
 from zoomout_core.surface import Booleans, Floats, Integers
 
 # Smaller parts than this, at unit area of the body, move as a whole: its map may bend them by mistake alone.
@@ -231,7 +231,9 @@ def _onto(
     facing = facing * np.where(agreement < 0, -1, 1)[piece_of, None]
     weight = NORMAL_WEIGHT * min(part.size, MAP_ERROR)
     embedded, queries = np.hstack([positions, weight * facing]), np.hstack([points, weight * normals])
-    triangle, barycentric = project_to_embedding(queries, embedded, corners, nearest(queries, embedded))
+    triangle, barycentric = project_to_embedding(
+        queries, embedded, Neighbourhoods(corners, len(embedded)), nearest(queries, embedded)
+    )
     residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, positions[corners[triangle]]) - points, axis=1)
     of_source = np.concatenate([piece.triangles for piece in pieces])[triangle]
     return Image(part.vertices, of_source, barycentric, _trust(most, residual)), residual
