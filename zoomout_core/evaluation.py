@@ -53,7 +53,7 @@ def geodesic_error(
     error = np.empty(image.shape)
     for start in range(0, len(picked), BLOCK):
         block = slice(start, start + BLOCK)
-        distance = dijkstra(graph, directed=False, indices=truth[block])
+        distance = dijkstra(graph, indices=truth[block])
         error[block] = distance[np.arange(len(distance)), image[block].T].T
     return error / np.sqrt(source.area)
 

@@ -269,7 +269,7 @@ def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
 
 
 def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
-    """(n, n) symmetric graph of a triangle mesh's edges, weighted by their lengths."""
+    """(n, n) graph of a triangle mesh's edges, weighted by their lengths; symmetric, as good as undirected."""
     edges, _ = unique_edges(triangles)
     length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T

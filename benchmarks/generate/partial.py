@@ -215,7 +215,7 @@ def _tips(whole: Whole, random: np.random.Generator) -> Integers:
 
 def _distances(surface: Surface, vertices: Integers | list[int]) -> Floats:
     """(len(vertices), n) distances along edges; infinite to other components."""
-    return np.asarray(dijkstra(edge_graph(surface.vertices, surface.triangles), directed=False, indices=vertices))
+    return np.asarray(dijkstra(edge_graph(surface.vertices, surface.triangles), indices=vertices))
 
 
 def _remoteness(whole: Whole, random: np.random.Generator) -> Floats:

@@ -147,7 +147,7 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     images = between.interpolate(source.mesh.vertices)
     graph = edge_graph(target.mesh.vertices, target.mesh.triangles)
-    distance = np.atleast_2d(dijkstra(graph, directed=False, indices=target_ids))
+    distance = np.atleast_2d(dijkstra(graph, indices=target_ids))
     kernel = np.exp(-((distance / PINNING) ** 2))
     missed = source.mesh.vertices[source_ids] - images[target_ids]
     bent = images + kernel.T @ np.linalg.lstsq(kernel[:, target_ids], missed, rcond=None)[0]
@@ -160,7 +160,7 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
-    distances = dijkstra(graph, directed=False, indices=source_ids)
+    distances = dijkstra(graph, indices=source_ids)
 
     def missed(functional_map: Floats, anchors: Anchors | None) -> float:
         at_landmarks = None if anchors is None else Anchors(anchors.source, anchors.target[target_ids])

@@ -54,7 +54,7 @@ class Places:
 def places_on(shape: Shape, vertices: Integers) -> Places:
     """The functions of the given vertices (m,) of the shape's mesh."""
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
-    distances = np.asarray(dijkstra(graph, directed=False, indices=vertices)).reshape(len(vertices), -1).T
+    distances = np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1).T
     distances = shape.basis.smoothed(distances, DISTANCE_TIME)
     i, j = np.triu_indices(len(vertices), k=1)
     upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])

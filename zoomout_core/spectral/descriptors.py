@@ -7,7 +7,7 @@ Guibas 2009. Pseudo-scalars <n, grad f x grad g> turn their sign under a reflect
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array
 
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.surface import Floats, Integers, WorkingMesh
@@ -82,8 +82,6 @@ def mean_curvature(mesh: WorkingMesh, stiffness: csc_array, areas: Floats) -> Fl
 
 def sum_at_vertices(triangles: Integers, values: Floats, n: int) -> Floats:
     """(n, d) sum of the triangles' values (m, d) at each vertex."""
-    sums = np.zeros((n, values.shape[1]))
-    for corner in triangles.T:
-        for column in range(values.shape[1]):
-            sums[:, column] += np.bincount(corner, values[:, column], minlength=n)
-    return sums
+    m = len(triangles)
+    at_vertex = csr_array((np.ones(3 * m), (triangles.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m))
+    return np.asarray(at_vertex @ values)

@@ -24,16 +24,19 @@ def farthest_points(points: Floats, count: int) -> Integers:
     count = min(count, len(points))
     columns = np.ascontiguousarray(points.T)
     chosen = np.empty(count, dtype=np.int64)
-    distance = np.full(len(points), np.inf)
-    seen = points.mean(axis=0)
-    for i in range(count):
-        squared = sum((column - x) ** 2 for column, x in zip(columns, seen, strict=True))
-        distance = squared if i == 0 else np.minimum(distance, squared)
-        if i == 1:
-            distance = squared  # the centroid was no sample
+    chosen[0] = np.argmax(_squared_distance(columns, columns.mean(axis=1)))
+    distance = _squared_distance(columns, columns[:, chosen[0]])
+    for i in range(1, count):
         chosen[i] = np.argmax(distance)
-        seen = points[chosen[i]]
+        np.minimum(distance, _squared_distance(columns, columns[:, chosen[i]]), out=distance)
     return chosen
+
+
+def _squared_distance(columns: Floats, point: Floats) -> Floats:
+    """(n,) of points, given by their coordinates (3, n), from one point (3,)."""
+    offset = columns - point[:, None]
+    offset *= offset
+    return np.asarray(offset[0] + offset[1] + offset[2])
 
 
 def voronoi_areas(points: Floats, areas: Floats, samples: Integers) -> Floats:

@@ -96,9 +96,9 @@ class Part:
     def distances(self) -> Floats:
         """(5,) quantiles of the geodesic distances between samples, at unit area: the same in every pose."""
         area = triangle_areas(self.rest, self.corners).sum()
-        distance = dijkstra(
-            edge_graph(self.rest, self.corners), directed=False, indices=self.samples[:DISTANCE_SOURCES]
-        )[:, self.samples]
+        distance = dijkstra(edge_graph(self.rest, self.corners), indices=self.samples[:DISTANCE_SOURCES])[
+            :, self.samples
+        ]
         return np.asarray(np.quantile(distance, QUANTILES) / np.sqrt(max(area, 1e-300)))
 
 
