@@ -4,22 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
+import numpy as np
+from scipy.spatial import cKDTree
+
 from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, beside_places, lay, lay_and_match
-from zoomout_core.correspondence.nearest import nearest
+from zoomout_core.correspondence.nearest import nearest, nearest_among
 from zoomout_core.correspondence.ranking import SCREENING_SIZE
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import project_to_embedding
-from zoomout_core.surface import Floats
+from zoomout_core.projection import Neighbourhoods, project_to_embedding
+from zoomout_core.surface import Floats, Integers
 
 # Rounds on samples that lay the target over the source, from coarse to fine: size of the functional map, and
 # the diffusion length over which images are smoothed.
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04), (120, 0.04))
+# The first of them look among the source's samples only, which are fewer than its vertices.
+COARSE = 3
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
 FINISHING = 6
 FINISHING_WEIGHT = 0.05
+# The first of these rounds looks among so many vertices around the nearest sample of the source.
+AROUND_SAMPLE = 48
 # Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
 VERTICES_PER_FUNCTION = 16
 
@@ -62,11 +69,13 @@ def dense_steps(
     rounds = _rounds(size, step)
     for i, (k, width) in enumerate(rounds):
         yield 0.5 * i / len(rounds)
-        vertex, _ = lay_and_match(vertex, source, target, target.sampled, at_samples, k, width, mirrored)
+        among = source.sampled.samples if i < COARSE else slice(None)
+        vertex, _ = lay_and_match(vertex, source, target, target.sampled, at_samples, k, width, mirrored, among)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
+    neighbourhoods = Neighbourhoods(source.mesh.triangles, len(eigenvectors))
     near = None
     for i in range(finishing):
         yield 0.5 + 0.5 * i / finishing
@@ -75,9 +84,9 @@ def dense_steps(
         pair = embeddings(source, target, functional_map, anchors)
         queries, embedded = beside_places(*pair, laid, source, size, FINISHING_WEIGHT)
         if near is None:
-            near = nearest(queries, embedded)
+            near = _nearest_near_samples(queries, embedded, source)
             yield 0.5 + 0.25 / finishing
-        dense = SurfaceMap(*project_to_embedding(queries, embedded, source.mesh.triangles, near), source.mesh.triangles)
+        dense = SurfaceMap(*project_to_embedding(queries, embedded, neighbourhoods, near), source.mesh.triangles)
         near = dense.vertex
         functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
         images = target.basis.coefficients(dense.interpolate(source.mesh.vertices))[:size_of_images]
@@ -89,6 +98,13 @@ def _rounds(size: int, step: int) -> list[tuple[int, float]]:
     largest, finest = LAYING[-1]
     rounds = [(min(k, size), width) for k, width in LAYING]
     return rounds + [(k, finest) for k in range(largest + step, size, step)]
+
+
+def _nearest_near_samples(queries: Floats, embedded: Floats, source: Shape) -> Integers:
+    """(n_t,) the source vertex nearest to each query, among those around the nearest sample."""
+    vertices, samples = source.mesh.vertices, source.sampled.samples
+    around = np.asarray(cKDTree(vertices).query(vertices[samples], min(AROUND_SAMPLE, len(vertices)))[1])
+    return nearest_among(queries, embedded, around[nearest(queries, embedded[samples])])
 
 
 def embeddings(source: Shape, target: Shape, functional_map: Floats, anchors: Anchors | None) -> tuple[Floats, Floats]:

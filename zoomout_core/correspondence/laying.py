@@ -21,9 +21,6 @@ from zoomout_core.surface import Booleans, Floats, Integers
 
 # Eigenfunctions that images are smoothed by.
 IMAGE_FUNCTIONS = 100
-# Two samples of a limb turn alike when they are nearer than this, at unit area.
-REACH = 0.2
-NEIGHBOURS = 8
 # What a sample's surroundings say of its turn, against what its neighbours' turns say: limbs say nothing of the
 # turn about their own axis, and take it from the body.
 COHERENCE = 0.3
@@ -31,6 +28,8 @@ COHERENCE = 0.3
 BLENDINGS, RELAXATIONS = 3, 3
 # Diffusion length, at unit area, that makes one field of the samples' turns.
 BLEND = 0.05
+# A blend whose determinant is a larger part of its cubed norm becomes a rotation in so many steps, to single precision.
+CLEAR_BLEND, NEWTON_STEPS = 0.05, 5
 # A normal that is off by a right angle weighs as much as a place that is off by this, at unit area.
 NORMAL_WEIGHT = 0.1
 
@@ -81,7 +80,7 @@ def lay(images: Floats, target: Shape, width: float, mirrored: bool, at: Integer
     centres, image_centres = np.hsplit(eigenvectors[rows, :k] @ both, 2)
     blending = np.exp(-(BLEND**2) * eigenvalues[:, None])
     field = eigenvectors[rows] @ (blending * (target.cell_coefficients @ turns.reshape(-1, 9)))
-    rotations = _nearest_rotations(field.reshape(-1, 3, 3))
+    rotations = _rotations_of_blends(field.reshape(-1, 3, 3))
     vertices, normals = target.mesh.vertices[rows] * sense, target.mesh.vertex_normals[rows] * sense
     offsets, normals = np.einsum("nij,cnj->cni", rotations, np.stack([vertices - centres, normals]))
     return Laid(image_centres + offsets, normals)
@@ -96,6 +95,7 @@ def lay_and_match(
     k: int,
     width: float,
     mirrored: bool,
+    among: Integers | slice = slice(None),
 ) -> tuple[Integers, Laid]:
     """One round on samples: lay the target by a map, and find the nearest vertices in spectrum and space.
 
@@ -108,6 +108,7 @@ def lay_and_match(
         k: size of the functional map.
         width: see `lay`.
         mirrored: see `lay`.
+        among: the source vertices to choose from.
 
     Returns:
         (s,) the next source vertices, and the laid samples.
@@ -116,14 +117,24 @@ def lay_and_match(
     laid = lay(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
     laid = laid.facing(source.mesh.vertex_normals[vertex], source, target)
     functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
-    pair = coordinates(sampled.rows, source.basis.eigenvectors, functional_map, anchors)
-    return nearest(*beside_places(*pair, laid, source, k, 1.0)), laid
+    anchors = None if anchors is None else Anchors(anchors.source[among], anchors.target)
+    pair = coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, anchors)
+    found = nearest(*beside_places(*pair, laid, source, k, 1.0, among))
+    return np.arange(len(source.mesh.vertices))[among][found], laid
 
 
 def beside_places(
-    queries: Floats, embedded: Floats, laid: Laid, source: Shape, k: int, weight: float
+    queries: Floats,
+    embedded: Floats,
+    laid: Laid,
+    source: Shape,
+    k: int,
+    weight: float,
+    at: Integers | slice = slice(None),
 ) -> tuple[Floats, Floats]:
     """Spectral coordinates (n_t, d) and (n_s, d) with the places and normals in space appended, in their scale.
+
+    Those of the source are of its vertices `at`.
 
     An error in place changes the first k eigenfunctions, at unit area, by their eigenvalues' sum / 2 times its
     square: that makes the two comparable.
@@ -132,7 +143,7 @@ def beside_places(
     normal_scale = scale * NORMAL_WEIGHT
     return (
         np.hstack([queries, scale * laid.positions, normal_scale * laid.normals]),
-        np.hstack([embedded, scale * source.mesh.vertices, normal_scale * source.mesh.vertex_normals]),
+        np.hstack([embedded, scale * source.mesh.vertices[at], normal_scale * source.mesh.vertex_normals[at]]),
     )
 
 
@@ -142,17 +153,11 @@ def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
     The surroundings' best rotation onto their images (Kabsch) where these have extent in all directions; along
     limbs, which have extent along their axis only, that and the turn of the neighbours nearer to the body.
     """
-    samples = target.search.samples[: len(target.distances)]
-    between = target.distances[:, samples]
-    weights = np.exp(-((between / REACH) ** 2))
-    weights /= weights.sum(axis=1, keepdims=True)
-    moments = (weights @ _products(there, here)).reshape(-1, 3, 3)
+    weights, near = target.surroundings
+    moments: Floats = (weights @ _products(there, here)).reshape(-1, 3, 3)
     moments -= _products(weights @ there, weights @ here).reshape(-1, 3, 3)
     extent = np.linalg.svd(moments, compute_uv=False)
     moments /= np.maximum(extent[:, 0], 1e-300)[:, None, None]
-    near = np.zeros(between.shape, dtype=bool)
-    np.put_along_axis(near, np.argsort(between, axis=1)[:, 1 : NEIGHBOURS + 1], True, axis=1)
-    near |= near.T
     turns = _spread_from_body(moments, extent[:, 1] / np.maximum(extent[:, 0], 1e-300), near)
     mean = near / near.sum(axis=1, keepdims=True)
     for _ in range(RELAXATIONS):
@@ -189,3 +194,26 @@ def _nearest_rotations(matrices: Floats) -> Floats:
     U, _, Vt = np.linalg.svd(matrices)
     U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     return np.asarray(U @ Vt)
+
+
+def _rotations_of_blends(matrices: Floats) -> Floats:
+    """(n, 3, 3) the same for many blends of rotations: polar factors by Newton's method (Higham 1986).
+
+    What no rotation prevails in is left to the singular value decomposition, which takes several times as long.
+    """
+    size = np.linalg.norm(matrices, axis=(1, 2))
+    clear = np.linalg.det(matrices) > CLEAR_BLEND * size**3
+    rotations = np.empty_like(matrices)
+    rotations[~clear] = _nearest_rotations(matrices[~clear])
+    rows = np.ascontiguousarray(np.moveaxis(matrices[clear] * np.sqrt(3) / size[clear, None, None], 0, -1))
+    for _ in range(NEWTON_STEPS):
+        a, b, c = rows
+        cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
+        rows = (rows + cofactors / (a * cofactors[0]).sum(axis=0)) / 2
+    rotations[clear] = np.moveaxis(rows, -1, 0)
+    return rotations
+
+
+def _cross(x: Floats, y: Floats) -> Floats:
+    """(3, n) cross products of vectors given by their coordinates (3, n)."""
+    return np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])

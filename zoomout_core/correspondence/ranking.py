@@ -169,7 +169,7 @@ def _laid(candidate: Candidate, source: Shape, target: Shape) -> Candidate:
         either.append(replace(candidate, mirrored=not candidate.mirrored))
     scored = []
     for one in either:
-        scores = one.scores | fit_in_space(one.functional_map, one.anchors, one.mirrored, source, target)
+        scores = one.scores | fit_in_space(one.sample_map, one.anchors, one.mirrored, source, target)
         doubt = DOUBT_OF_MIRRORS * (one.mirrored and len(either) > 1)
         scored.append(replace(one, scores=scores | {"total": total_score(scores) + doubt}))
     return min(scored, key=lambda one: one.scores["total"])

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoomout_core.correspondence.anchors import Anchors, coordinates
+from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.functional_map import commutativity_error, frequency_error
 from zoomout_core.correspondence.laying import lay_and_match
-from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.surface import Floats, Integers
 
 # Size of the functional maps that orientation and fit in space are judged by.
 SMOOTH_SIZE = 30
-# Maps are laid over the source in so many rounds, smoothed over such a diffusion length, at unit area.
-LAYING_ROUNDS, LAYING_WIDTH = 2, 0.08
+# Maps are laid over the source smoothed over such a diffusion length, at unit area.
+LAYING_WIDTH = 0.08
 # Evenly spread triangles that tell whether a map keeps the orientation.
 ORIENTATION_SAMPLES = 2000
 # What the user knows of the map, by what it disagrees with: a map flips for two to four of the total score. Distances
@@ -43,7 +42,8 @@ def scores_of(
     values = source.basis.eigenvalues, target.basis.eigenvalues
     image = sample_map[: len(target.distances_between)]
     between_target = target.distances_between[:, : len(image)]
-    between_source = source.distances_between[np.ix_(source.nearest_distance_sample[image], image)]
+    # In two steps, rows first, this takes a fifth of the time that it takes in one.
+    between_source = source.distances_between[source.nearest_distance_sample[image]].take(image, axis=1)
     sign = -1 if reverses_orientation else 1
     return {
         "commutativity": commutativity_error(functional_map, *values),
@@ -78,12 +78,12 @@ def orientation_agreement(sample_map: Integers, source: Shape, target: Shape) ->
 
 
 def fit_in_space(
-    functional_map: Floats, anchors: Anchors | None, mirrored: bool, source: Shape, target: Shape
+    sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: Shape, target: Shape
 ) -> dict[str, float]:
     """How well the target, laid over the source by a map, fits it.
 
     Args:
-        functional_map: (k_target, k_source).
+        sample_map: (s_t,) for each search sample of the target the number of its source sample.
         anchors: what holds the map in place, at all vertices.
         mirrored: lay the target's mirror image.
         source: the shape that the map lands on.
@@ -95,10 +95,11 @@ def fit_in_space(
     """
     samples = target.search.samples
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])
-    vertex = nearest(*coordinates(target.search.rows, source.basis.eigenvectors, functional_map, at_samples))
+    vertex = source.search.samples[sample_map]
     k = min(SMOOTH_SIZE, len(target.basis.eigenvalues), len(source.basis.eigenvalues))
-    for _ in range(LAYING_ROUNDS):
-        vertex, laid = lay_and_match(vertex, source, target, target.search, at_samples, k, LAYING_WIDTH, mirrored)
+    how = target.search, at_samples, k, LAYING_WIDTH, mirrored
+    for among in (source.sampled.samples, slice(None)):
+        vertex, laid = lay_and_match(vertex, source, target, *how, among)
     off = np.linalg.norm(laid.positions - source.mesh.vertices[vertex], axis=1)
     facing = np.einsum("ij,ij->i", laid.normals, source.mesh.vertex_normals[vertex])
     return {"place": float(target.weights @ off), "facing": float(target.weights @ (1 - facing))}

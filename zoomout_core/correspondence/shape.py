@@ -16,11 +16,13 @@ from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_sign
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
-from zoomout_core.surface import Floats, Integers, WorkingMesh, edge_graph
+from zoomout_core.surface import Booleans, Floats, Integers, WorkingMesh, edge_graph
 
 # The search for the right map runs on this many samples; distances are known from the first of them.
 SEARCH_SAMPLES = 400
 DISTANCE_SAMPLES = 200
+# Two samples of a limb turn alike when they are nearer than this, at unit area; so many of them are neighbours.
+REACH, NEIGHBOURS = 0.2, 8
 # Mean curvature is looked at on these scales (diffusion times at unit area), after cutting off its spikes.
 CURVATURE_TIMES = (5e-3, 2e-3, 8e-4, 3e-4)
 CURVATURE_LIMIT = 60.0
@@ -74,17 +76,29 @@ class Shape:
     def distances(self) -> Floats:
         """(d, n) geodesic distances, along edges, from the first search samples to all vertices."""
         graph = edge_graph(self.mesh.vertices, self.mesh.triangles)
-        return np.asarray(dijkstra(graph, directed=False, indices=self.search.samples[:DISTANCE_SAMPLES]))
+        return np.asarray(dijkstra(graph, indices=self.search.samples[:DISTANCE_SAMPLES]))
 
     @cached_property
     def distances_between(self) -> Floats:
-        """(d, s) geodesic distances from the first search samples to all of them."""
-        return np.ascontiguousarray(self.distances[:, self.search.samples])
+        """(d, s) geodesic distances from the first search samples to all of them, in single precision."""
+        return self.distances[:, self.search.samples].astype(np.float32)
 
     @cached_property
     def nearest_distance_sample(self) -> Integers:
         """(s,) for each search sample the nearest one of those that distances are known from."""
         return np.argmin(self.distances_between, axis=0)
+
+    @cached_property
+    def surroundings(self) -> tuple[Floats, Booleans]:
+        """(d, d) what each sample that distances are known from weighs in another's surroundings, and which are near.
+
+        Weights sum to one in each row; nearness is mutual.
+        """
+        between = self.distances_between[:, : len(self.distances)]
+        weights = np.exp(-((between / REACH) ** 2))
+        near = np.zeros(between.shape, dtype=bool)
+        np.put_along_axis(near, np.argsort(between, axis=1)[:, 1 : NEIGHBOURS + 1], True, axis=1)
+        return weights / weights.sum(axis=1, keepdims=True), near | near.T
 
     @cached_property
     def cell_coefficients(self) -> Floats:
