@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from threading import Lock
 
 import fast_simplification
 import numpy as np
@@ -19,6 +20,8 @@ from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 
 # A mesh that is larger by less than this is not worth decimating.
 WORTHWHILE = 1.25
+# The library keeps its mesh in global variables and lets other threads run meanwhile: two at once would get one mesh.
+DECIMATING = Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,8 @@ def proxy_of(part: WorkingMesh, count: int | None) -> Proxy:
     """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small."""
     if count is None or len(part.vertices) <= WORTHWHILE * count:
         return Proxy(part, part, part.vertices)
-    points, triangles = fast_simplification.simplify(part.vertices, part.oriented_triangles, target_count=2 * count)
+    with DECIMATING:
+        points, triangles = fast_simplification.simplify(part.vertices, part.oriented_triangles, target_count=2 * count)
     working = Surface(points, triangles).working
     mesh, _ = working.part(0)
     vertices = np.empty_like(mesh.vertices)

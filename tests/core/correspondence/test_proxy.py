@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
+import pytest
 from creatures import creature
 
 from zoomout_core.correspondence.proxy import lifted, proxy_of
@@ -28,6 +33,25 @@ def test_a_small_mesh_stands_for_itself() -> None:
         assert proxy.mesh is part
         np.testing.assert_array_equal(proxy.place.vertex, np.arange(3000))
         np.testing.assert_array_equal(proxy.full_vertex, np.arange(3000))
+
+
+@pytest.fixture
+def threads_that_take_turns() -> Iterator[None]:
+    """Threads change after nearly every instruction: what goes wrong rarely otherwise goes wrong at once."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(interval)
+
+
+@pytest.mark.usefixtures("threads_that_take_turns")
+def test_two_stand_ins_made_at_the_same_time_are_those_of_their_own_meshes() -> None:
+    parts = [creature(count, seed).surface.working for count, seed in ((30000, 0), (20000, 1))]
+    alone = [proxy_of(part, 3000) for part in parts]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda part: proxy_of(part, 3000), parts * 4))
+    for proxy, expected in zip(together, alone * 4, strict=True):
+        np.testing.assert_array_equal(proxy.mesh.triangles, expected.mesh.triangles)
 
 
 def test_a_map_between_stand_ins_is_lifted_to_the_surfaces() -> None:
