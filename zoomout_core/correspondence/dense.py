@@ -16,11 +16,14 @@ from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import Neighbourhoods, project_to_embedding
 from zoomout_core.surface import Floats, Integers
 
-# Rounds on samples that lay the target over the source, from coarse to fine: size of the functional map, and
-# the diffusion length over which images are smoothed.
-LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04), (120, 0.04))
-# The first of them look among the source's samples only, which are fewer than its vertices.
-COARSE = 3
+# Rounds on samples: size of the functional map, diffusion length over which images are smoothed, and weight of places
+# in space. The first ones lay the target over the source, which settles the sense of its limbs. Shapes that are nearly
+# isometric agree better along the surface than any target can be laid, so then the map grows once more, with less
+# regard to space.
+ROUNDS = (
+    *((30, 0.08, 1.0), (60, 0.06, 1.0), (120, 0.04, 1.0), (120, 0.04, 1.0)),
+    *((30, 0.04, 0.2), (50, 0.04, 0.2), (70, 0.04, 0.2), (90, 0.04, 0.2), (120, 0.04, 0.2)),
+)
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
 FINISHING = 6
@@ -67,10 +70,11 @@ def dense_steps(
     yield 0.0
     vertex = nearest(*coordinates(target.sampled.rows, eigenvectors, functional_map, at_samples))
     rounds = _rounds(size, step)
-    for i, (k, width) in enumerate(rounds):
+    for i, (k, width, weight) in enumerate(rounds):
         yield 0.5 * i / len(rounds)
-        among = source.sampled.samples if i < COARSE else slice(None)
-        vertex, _ = lay_and_match(vertex, source, target, target.sampled, at_samples, k, width, mirrored, among)
+        # While the target is but laid, and the map still to grow, the source's samples are close enough.
+        among = source.sampled.samples if weight == 1.0 and k < size else slice(None)
+        vertex, _ = lay_and_match(vertex, source, target, target.sampled, at_samples, k, width, mirrored, among, weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
@@ -93,11 +97,11 @@ def dense_steps(
     return dense, functional_map
 
 
-def _rounds(size: int, step: int) -> list[tuple[int, float]]:
-    """Sizes of the functional map with widths of smoothing: those of `LAYING`, then growth to the final size."""
-    largest, finest = LAYING[-1]
-    rounds = [(min(k, size), width) for k, width in LAYING]
-    return rounds + [(k, finest) for k in range(largest + step, size, step)]
+def _rounds(size: int, step: int) -> list[tuple[int, float, float]]:
+    """Those of `ROUNDS`, as far as the final size allows, then growth to it."""
+    largest, width, weight = ROUNDS[-1]
+    growth = ((k, width, weight) for k in range(largest + step, size, step))
+    return [*((min(k, size), width, weight) for k, width, weight in ROUNDS), *growth]
 
 
 def _nearest_near_samples(queries: Floats, embedded: Floats, source: Shape) -> Integers:

@@ -96,6 +96,7 @@ def lay_and_match(
     width: float,
     mirrored: bool,
     among: Integers | slice = slice(None),
+    weight: float = 1.0,
 ) -> tuple[Integers, Laid]:
     """One round on samples: lay the target by a map, and find the nearest vertices in spectrum and space.
 
@@ -109,6 +110,7 @@ def lay_and_match(
         width: see `lay`.
         mirrored: see `lay`.
         among: the source vertices to choose from.
+        weight: of places in space, beside eigenfunctions.
 
     Returns:
         (s,) the next source vertices, and the laid samples.
@@ -119,7 +121,7 @@ def lay_and_match(
     functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
     anchors = None if anchors is None else Anchors(anchors.source[among], anchors.target)
     pair = coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, anchors)
-    found = nearest(*beside_places(*pair, laid, source, k, 1.0, among))
+    found = nearest(*beside_places(*pair, laid, source, k, weight, among))
     return np.arange(len(source.mesh.vertices))[among][found], laid
 
 
