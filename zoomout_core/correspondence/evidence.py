@@ -17,8 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts, positions_of_part
-from zoomout_core.correspondence.ranking import Disagreement
-from zoomout_core.correspondence.scores import correlation
+from zoomout_core.correspondence.scores import Disagreement, correlation
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.projection import closest_points
@@ -156,7 +155,7 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
 
 
 def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:
-    """What gives the mean distance, at unit area, between the landmarks and where a map sends their partners."""
+    """What gives the sum of the distances, at unit area, between the landmarks and where a map sends their partners."""
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
@@ -166,7 +165,7 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
         at_landmarks = None if anchors is None else Anchors(anchors.source, anchors.target[target_ids])
         rows = target.basis.eigenvectors[target_ids]
         image = nearest(*coordinates(rows, source.basis.eigenvectors, functional_map, at_landmarks))
-        return float(distances[np.arange(len(image)), image].mean())
+        return float(distances[np.arange(len(image)), image].sum())
 
     return missed
 

@@ -24,6 +24,7 @@ from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
+from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
@@ -41,11 +42,6 @@ SURE = 0.9
 NOTABLE_FOLDS = 0.05
 # And one that leaves more than this part of either surface without a partner.
 NOTABLE_REST = 0.03
-# To have another kind of guess tried, add a function of the source's and the target's shape.
-SOURCES_OF_HYPOTHESES = (extremity_hypotheses, descriptor_hypotheses, rotation_hypotheses)
-# Asked as well where a shape has no extremities to go by. Signs are many, and on 40 pairs of shapes with extremities
-# they added no success.
-SOURCES_WITHOUT_EXTREMITIES = (*SOURCES_OF_HYPOTHESES, sign_hypotheses)
 # How much more than those of guessed pairs a landmark's functions weigh.
 LANDMARKS_OVER_GUESSES = 2.0
 # Eigenfunctions that ranking needs, however small the final map.
@@ -189,8 +185,9 @@ def match_steps(
     yield Progress(0.6, "Guessing")
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
     evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
-    hypotheses = _hypotheses(pair, initial, evidence, earlier)
-    ranking = rank_steps(hypotheses, source_shape, target_shape, evidence.disagreement(pair))
+    disagreement = evidence.disagreement(pair)
+    hypotheses = _hypotheses(pair, initial, evidence, disagreement, earlier)
+    ranking = rank_steps(hypotheses, source_shape, target_shape, disagreement)
     candidates = yield from spread(ranking, 0.62, 0.75, "Comparing candidates")
     return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
 
@@ -259,15 +256,23 @@ def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: S
     return tuple(text.format(share) for share, text in notes if share > NOTABLE_REST)
 
 
-def _hypotheses(pair: Pair, initial: Initial, evidence: Evidence, earlier: Hypothesis | None) -> list[Hypothesis]:
+def _hypotheses(
+    pair: Pair, initial: Initial, evidence: Evidence, disagreement: Disagreement, earlier: Hypothesis | None
+) -> list[Hypothesis]:
     source, target = pair.source_shape, pair.target_shape
     if initial == "given" and earlier is not None:
         return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
-    clear = has_extremities(source) and has_extremities(target)
-    sources = SOURCES_OF_HYPOTHESES if clear else SOURCES_WITHOUT_EXTREMITIES
-    hypotheses = [guess for guesses in sources for guess in guesses(source, target)]
+    # To have another kind of guess tried, add a function of the two shapes here.
+    hypotheses = [
+        *extremity_hypotheses(source, target, disagreement),
+        *descriptor_hypotheses(source, target, disagreement),
+        *rotation_hypotheses(source, target),
+    ]
+    if not (has_extremities(source) and has_extremities(target)):
+        # They are many, and on 40 pairs of shapes with extremities they added no success.
+        hypotheses += sign_hypotheses(source, target)
     if earlier is not None:
         hypotheses.insert(0, earlier)
     anchors = evidence.anchors(pair)

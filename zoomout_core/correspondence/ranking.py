@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.correspondence.laying import sides_are_known
-from zoomout_core.correspondence.scores import fit_in_space, orientation_agreement, scores_of, total_score
+from zoomout_core.correspondence.scores import (
+    Disagreement,
+    fit_in_space,
+    nothing_known,
+    orientation_agreement,
+    scores_of,
+    total_score,
+)
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples, upsample
 from zoomout_core.surface import Floats, Integers
@@ -35,10 +42,6 @@ DOUBT_OF_MIRRORS = 0.5
 # distance in space is 1, with their rate in the distance's logarithm.
 RIVALRY, LARGEST_LEAD = 3.85, 20.0
 MISFIT, MISFIT_RATE = 18.73, 5.43
-
-# How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
-# the target, and what holds it in place, at all vertices.
-Disagreement: TypeAlias = Callable[[Floats, Integers, Anchors | None], dict[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +86,6 @@ class _Screened:
 
 
 _Map = TypeVar("_Map", _Screened, Candidate)
-
-
-def nothing_known(_map: Floats, _samples: Integers, _anchors: Anchors | None) -> dict[str, float]:
-    """The disagreement of a map with no evidence."""
-    return {}
 
 
 def rank_steps(

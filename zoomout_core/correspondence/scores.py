@@ -7,6 +7,9 @@ cannot see a human turned front to back, pseudo-scalars are noise on shapes that
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 
 from zoomout_core.correspondence.anchors import Anchors
@@ -25,6 +28,15 @@ ORIENTATION_SAMPLES = 2000
 # are at unit area, other disagreements from 0 to 1. Regions hold every map in place as well, which suffices to
 # set flips right; a larger weight lets names that are swapped by mistake flip maps that are clear.
 EVIDENCE = {"landmarks": 20.0, "earlier map": 10.0, "axes": 2.0, "regions": 2.0}
+
+# How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
+# the target, and what holds it in place, at all vertices.
+Disagreement: TypeAlias = Callable[[Floats, Integers, Anchors | None], dict[str, float]]
+
+
+def nothing_known(_map: Floats, _samples: Integers, _anchors: Anchors | None) -> dict[str, float]:
+    """The disagreement of a map with no evidence."""
+    return {}
 
 
 def scores_of(

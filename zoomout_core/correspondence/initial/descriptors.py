@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis, alike
-from zoomout_core.correspondence.scores import intrinsic_score, scores_of
+from zoomout_core.correspondence.scores import Disagreement, nothing_known, scores_of, total_score
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples
 from zoomout_core.surface import Floats
@@ -28,12 +28,18 @@ SAME_FIT = 0.1
 KEPT = 5
 
 
-def descriptor_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
-    """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it."""
-    return [guess for sign in (1, -1) for guess in _best_fits(source, target, sign)]
+def descriptor_hypotheses(source: Shape, target: Shape, disagreement: Disagreement = nothing_known) -> list[Hypothesis]:
+    """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it.
+
+    Args:
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        disagreement: with what is known of the map.
+    """
+    return [guess for sign in (1, -1) for guess in _best_fits(source, target, sign, disagreement)]
 
 
-def _best_fits(source: Shape, target: Shape, sign: int) -> list[Hypothesis]:
+def _best_fits(source: Shape, target: Shape, sign: int, disagreement: Disagreement) -> list[Hypothesis]:
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     sizes = [size for size in SIZES if size <= available]
     fits: list[Hypothesis] = []
@@ -42,9 +48,10 @@ def _best_fits(source: Shape, target: Shape, sign: int) -> list[Hypothesis]:
     for size, weight, mask_weight in product(sizes, PSEUDO_SCALAR_WEIGHTS, MASK_WEIGHTS):
         functional_map = _fit(source, target, size, sign * weight, mask_weight)
         sample_map = nearest_samples(source.search, target.search, functional_map)
+        evidence = disagreement(functional_map, sample_map, None)
         fits.append(Hypothesis(f"descriptors {size} {sign * weight:+g} {mask_weight:g}", functional_map))
         places.append(source.coordinates[sample_map])
-        scores.append(intrinsic_score(scores_of(functional_map, sample_map, source, target, sign < 0)))
+        scores.append(total_score(scores_of(functional_map, sample_map, source, target, sign < 0) | evidence))
     same = alike(places, SAME_FIT)
     kept: list[int] = []
     for i in np.argsort(scores, kind="stable"):

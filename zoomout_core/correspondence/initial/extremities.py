@@ -20,7 +20,7 @@ from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
 from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import Places, places_on
-from zoomout_core.correspondence.scores import intrinsic_score, scores_of
+from zoomout_core.correspondence.scores import Disagreement, nothing_known, scores_of, total_score
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
 
@@ -74,16 +74,23 @@ class Extremities:
         return Extremities(places, self.average_distance[:count], self.persistence[:count])
 
 
-def extremity_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
+def extremity_hypotheses(source: Shape, target: Shape, disagreement: Disagreement = nothing_known) -> list[Hypothesis]:
     """The maps that pairings of extremities suggest; none where a shape has too few of them.
 
     They keep the orientation. Where sides are not known, those that reverse it come too.
+
+    Args:
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        disagreement: with what is known of the map.
     """
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
     sides = (1,) if sides_are_known(source, target) else (1, -1)
-    return [guess for side in sides for guess in _best_maps(source, target, tips_source, tips_target, side)]
+    return [
+        guess for side in sides for guess in _best_maps(source, target, tips_source, tips_target, side, disagreement)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +109,12 @@ class _Tried:
 
 
 def _best_maps(
-    source: Shape, target: Shape, tips_source: Extremities, tips_target: Extremities, side: int
+    source: Shape,
+    target: Shape,
+    tips_source: Extremities,
+    tips_target: Extremities,
+    side: int,
+    disagreement: Disagreement,
 ) -> list[Hypothesis]:
     """The distinct maps of pairings that keep best what an isometry keeps."""
     at_source = tips_source.places.at(source.search.samples)
@@ -112,8 +124,9 @@ def _best_maps(
     for of_target, of_source in _all_pairings(tips_target, tips_source):
         sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
         functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
-        score = intrinsic_score(scores_of(functional_map, sample_map, source, target, side < 0))
-        tried.append(_Tried(score, source.coordinates[sample_map], of_target, of_source))
+        scores = scores_of(functional_map, sample_map, source, target, side < 0)
+        scores |= disagreement(functional_map, sample_map, None)
+        tried.append(_Tried(total_score(scores), source.coordinates[sample_map], of_target, of_source))
     by_score = np.argsort([one.score for one in tried], kind="stable")
     by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
     same = alike([one.place for one in tried], SAME_MAP)
