@@ -55,7 +55,7 @@ class MatchOptions:
         options=ONCE,
     )
     from_last: BoolProperty(
-        name="Start from the Last Match",
+        name="Last Match",
         description="The match of these two that was made before is about right: after a small change of options",
         default=False,
         options=ONCE,
