@@ -16,12 +16,14 @@ from zoomout_core.surface import Floats, Integers
 BLOCK = 1 << 19
 # A query that still has rivals after this many triangles is as far off the surface as these are wide.
 MOST_CANDIDATES = 256
-FIRST_GUESSES = 3
+FIRST_GUESSES = 6
 # In fewer dimensions than this, single precision cannot tell triangles apart.
 SINGLE_PRECISION_DIMENSION = 16
 
 
-def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tuple[Integers, Floats]:
+def closest_points(
+    points: Floats, vertices: Floats, triangles: Integers, tolerance: float = 0.0
+) -> tuple[Integers, Floats]:
     """The closest point of a triangle mesh in space, for every query point.
 
     Exact, but for points so far from the surface that more than 256 triangles are about as close.
@@ -30,6 +32,7 @@ def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tup
         points: (q, 3) queries.
         vertices: (n, 3) positions, in the same unit.
         triangles: (m, 3) vertex numbers.
+        tolerance: a point of the mesh that is as near as this is near enough, in the same unit.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
@@ -43,11 +46,12 @@ def closest_points(points: Floats, vertices: Floats, triangles: Integers) -> tup
     for block in np.array_split(np.arange(len(points)), 1 + len(points) * count // BLOCK):
         near = np.reshape(tree.query(points[block], count)[1], (len(block), count))
         found.improve(np.repeat(block, count), near.ravel())
+    far = np.flatnonzero(found.distance > tolerance)
     # Triangles by size, so that a few large ones do not widen the search among the small ones.
     size = np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius)))
     for group in np.unique(np.clip(size, -2, 6)):
         members = np.flatnonzero(np.clip(size, -2, 6) == group)
-        _search(found, cKDTree(centre[members]), members, radius[members])
+        _search(found, far, cKDTree(centre[members]), members, radius[members])
     return found.triangle, found.barycentric
 
 
@@ -75,10 +79,9 @@ class _Closest:
         self.distance[chosen] = distance[pick]
 
 
-def _search(found: _Closest, tree: cKDTree, members: Integers, radius: Floats) -> None:
-    """Look among triangles of about one size, more and more of them, until none can be closer."""
+def _search(found: _Closest, queries: Integers, tree: cKDTree, members: Integers, radius: Floats) -> None:
+    """Look among triangles of about one size, more and more of them, until none can be closer to some queries."""
     reach = float(radius.max())
-    queries = np.arange(len(found.points))
     count = min(4, len(members))
     while len(queries):
         unresolved = []

@@ -15,11 +15,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
+from zoomout_core.projection import Neighbourhoods, closest_points, project_to_embedding
 from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 
 # A mesh that is larger by less than this is not worth decimating.
 WORTHWHILE = 1.25
+# An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
+NEAR_ENOUGH = 1e-3
 # The library keeps its mesh in global variables and lets other threads run meanwhile: two at once would get one mesh.
 DECIMATING = Lock()
 
@@ -32,20 +34,27 @@ class Proxy:
         full: the part.
         mesh: what stands in for it, of unit area.
         vertices: (n, 3) the stand-in's vertices in the frame of the part.
+        merged: (n_full,) the stand-in's vertex that each vertex of the part was merged into.
     """
 
     full: WorkingMesh
     mesh: WorkingMesh
     vertices: Floats
+    merged: Integers
 
     @cached_property
     def place(self) -> SurfaceMap:
-        """For every vertex of the part the closest point of the stand-in."""
+        """For every vertex of the part the closest point of the stand-in, near the vertex that it was merged into.
+
+        Where a limb touches another one, that keeps it on its own side.
+        """
         if self.mesh is self.full:
             corner = np.empty(len(self.vertices), dtype=np.int64)
             corner[self.mesh.triangles.ravel()] = np.arange(self.mesh.triangles.size)
             return SurfaceMap(corner // 3, np.eye(3)[corner % 3], self.mesh.triangles)
-        return SurfaceMap(*closest_points(self.full.vertices, self.vertices, self.mesh.triangles), self.mesh.triangles)
+        near = Neighbourhoods(self.mesh.triangles, len(self.vertices))
+        closest = project_to_embedding(self.full.vertices, self.vertices, near, self.merged)
+        return SurfaceMap(*closest, self.mesh.triangles)
 
     @cached_property
     def full_vertex(self) -> Integers:
@@ -56,15 +65,20 @@ class Proxy:
 def proxy_of(part: WorkingMesh, count: int | None) -> Proxy:
     """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small."""
     if count is None or len(part.vertices) <= WORTHWHILE * count:
-        return Proxy(part, part, part.vertices)
+        return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
+    given = part.vertices, part.oriented_triangles
     with DECIMATING:
-        points, triangles = fast_simplification.simplify(part.vertices, part.oriented_triangles, target_count=2 * count)
+        *_, collapses = fast_simplification.simplify(*given, target_count=2 * count, return_collapses=True)
+        points, triangles, merged = fast_simplification.replay_simplification(*given, collapses)
     working = Surface(points, triangles).working
     mesh, _ = working.part(0)
     vertices = np.empty_like(mesh.vertices)
     used = mesh.vertex_of >= 0
     vertices[mesh.vertex_of[used]] = points[used]
-    return Proxy(part, mesh, vertices)
+    merged = mesh.vertex_of[merged]
+    astray = merged < 0  # into a splinter that is no part of the stand-in
+    merged[astray] = cKDTree(vertices).query(part.vertices[astray])[1]
+    return Proxy(part, mesh, vertices, merged)
 
 
 def lifted(between: SurfaceMap, source: Proxy, target: Proxy) -> SurfaceMap:
@@ -77,4 +91,4 @@ def lifted(between: SurfaceMap, source: Proxy, target: Proxy) -> SurfaceMap:
         return between
     images = target.place.interpolate(between.interpolate(source.vertices))
     triangles = source.full.triangles
-    return SurfaceMap(*closest_points(images, source.full.vertices, triangles), triangles)
+    return SurfaceMap(*closest_points(images, source.full.vertices, triangles, NEAR_ENOUGH), triangles)
