@@ -79,11 +79,15 @@ def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) ->
 
 
 def _spectral_error(there: SurfaceMap, functional_map: Floats, source: Shape, target: Shape) -> Floats:
-    """(n_t,) disagreement of the eigenfunctions at the two ends, as a distance at unit area.
+    """(n_t,) disagreement of the eigenfunctions at the two ends, as a distance at unit area."""
+    k_target, k_source = functional_map.shape
+    mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
+    return spectral_distance(target.basis.eigenvectors[:, :k_target], mapped, target.basis.eigenvalues[:k_target])
+
+
+def spectral_distance(rows: Floats, others: Floats, eigenvalues: Floats) -> Floats:
+    """(n,) difference of values of the first eigenfunctions (n, k), as a distance at unit area.
 
     A step d changes the first k eigenfunctions, on average, by d times the root of half their eigenvalues' sum.
     """
-    k_target, k_source = functional_map.shape
-    mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
-    difference = np.linalg.norm(target.basis.eigenvectors[:, :k_target] - mapped, axis=1)
-    return np.asarray(difference / np.sqrt(target.basis.eigenvalues[:k_target].sum() / 2))
+    return np.asarray(np.linalg.norm(rows - others, axis=1) / np.sqrt(eigenvalues.sum() / 2))

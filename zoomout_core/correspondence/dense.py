@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.anchors import Anchors, coordinates
-from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, beside_places, lay, lay_and_match
+from zoomout_core.correspondence.confidence import spectral_distance
+from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, Laid, beside_places, lay, lay_and_match
 from zoomout_core.correspondence.nearest import nearest, nearest_among
 from zoomout_core.correspondence.ranking import SCREENING_SIZE
 from zoomout_core.correspondence.shape import Shape
@@ -16,18 +17,19 @@ from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import Neighbourhoods, project_to_embedding
 from zoomout_core.surface import Floats, Integers
 
-# Rounds on samples: size of the functional map, diffusion length over which images are smoothed, and weight of places
-# in space. The first ones lay the target over the source, which settles the sense of its limbs. Shapes that are nearly
-# isometric agree better along the surface than any target can be laid, so then the map grows once more, with less
-# regard to space.
-ROUNDS = (
-    *((30, 0.08, 1.0), (60, 0.06, 1.0), (120, 0.04, 1.0), (120, 0.04, 1.0)),
-    *((30, 0.04, 0.2), (50, 0.04, 0.2), (70, 0.04, 0.2), (90, 0.04, 0.2), (120, 0.04, 0.2)),
-)
+# Rounds on samples: size of the functional map, and diffusion length over which images are smoothed. First the target
+# is laid over the source, which settles the sense of its limbs.
+LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04))
+# Then the map grows once more, with less regard to space: along the surface, shapes that are nearly isometric agree
+# better than any target can be laid.
+SETTLING, SETTLING_WEIGHT = (30, 50, 70, 90, 120), 0.2
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
 FINISHING = 6
 FINISHING_WEIGHT = 0.05
+# These weights are for shapes whose images miss, squared, by so much more along the surface than in space. The less
+# alike shapes are, the larger is that ratio, and the weights grow with its square, within limits.
+USUAL_RATIO, LEAST_REGARD, MOST_REGARD = 2.5, 0.2, 4.0
 # The first of these rounds looks among so many vertices around the nearest sample of the source.
 AROUND_SAMPLE = 48
 # Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
@@ -69,12 +71,18 @@ def dense_steps(
     eigenvectors = source.basis.eigenvectors
     yield 0.0
     vertex = nearest(*coordinates(target.sampled.rows, eigenvectors, functional_map, at_samples))
-    rounds = _rounds(size, step)
-    for i, (k, width, weight) in enumerate(rounds):
-        yield 0.5 * i / len(rounds)
-        # While the target is but laid, and the map still to grow, the source's samples are close enough.
-        among = source.sampled.samples if weight == 1.0 and k < size else slice(None)
-        vertex, _ = lay_and_match(vertex, source, target, target.sampled, at_samples, k, width, mirrored, among, weight)
+    how = target.sampled, at_samples
+    for i, (k, width) in enumerate(LAYING):
+        yield 0.2 * i / len(LAYING)
+        # While the map is still to grow, the source's samples are close enough.
+        among = source.sampled.samples if k < size else slice(None)
+        vertex, laid = lay_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
+    regard = _regard_for_space(vertex, laid, source, target, size)
+    settling = [*(min(k, size) for k in SETTLING), *range(SETTLING[-1] + step, size, step)]
+    for i, k in enumerate(settling):
+        yield 0.2 + 0.3 * i / len(settling)
+        weight = regard * SETTLING_WEIGHT
+        vertex, _ = lay_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
@@ -86,7 +94,7 @@ def dense_steps(
         laid = lay(images, target, width, mirrored)
         laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
         pair = embeddings(source, target, functional_map, anchors)
-        queries, embedded = beside_places(*pair, laid, source, size, FINISHING_WEIGHT)
+        queries, embedded = beside_places(*pair, laid, source, size, regard * FINISHING_WEIGHT)
         if near is None:
             near = _nearest_near_samples(queries, embedded, source)
             yield 0.5 + 0.25 / finishing
@@ -97,11 +105,22 @@ def dense_steps(
     return dense, functional_map
 
 
-def _rounds(size: int, step: int) -> list[tuple[int, float, float]]:
-    """Those of `ROUNDS`, as far as the final size allows, then growth to it."""
-    largest, width, weight = ROUNDS[-1]
-    growth = ((k, width, weight) for k in range(largest + step, size, step))
-    return [*((min(k, size), width, weight) for k, width, weight in ROUNDS), *growth]
+def _regard_for_space(vertex: Integers, laid: Laid, source: Shape, target: Shape, size: int) -> float:
+    """What to multiply the weight of places in space by, from how far a map misses in space and along the surface.
+
+    Args:
+        vertex: (s,) the source vertex of each of the target's samples.
+        laid: the samples, laid over the source.
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        size: of the functional map.
+    """
+    images = source.basis.eigenvectors[vertex, :size]
+    mapped = images @ target.sampled.fit(images, size).T
+    along = spectral_distance(target.sampled.rows[:, :size], mapped, target.basis.eigenvalues[:size])
+    across = np.linalg.norm(laid.positions - source.mesh.vertices[vertex], axis=1)
+    ratio = (along.mean() / max(across.mean(), 1e-9)) ** 2
+    return float(np.clip((ratio / USUAL_RATIO) ** 2, LEAST_REGARD, MOST_REGARD))
 
 
 def _nearest_near_samples(queries: Floats, embedded: Floats, source: Shape) -> Integers:
