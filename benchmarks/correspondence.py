@@ -103,6 +103,7 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
 
 
 def _matched(method: str, pair: PairOfMeshes, **start: Any) -> tuple[zo.MatchResult, Map]:
+    zo.forget_shapes()
     begin = perf_counter()
     result = zo.match(pair.source, pair.target, **start)
     figures = {

@@ -2,6 +2,8 @@
 
 import bpy
 
+import zoomout_core as zo
+
 from .operators.match import ZOOMOUT_OT_match
 from .operators.transfer import ZOOMOUT_OT_transfer
 from .panels import ZOOMOUT_PT_match, ZOOMOUT_PT_transfer
@@ -22,3 +24,4 @@ def unregister() -> None:
     """Take them away again."""
     del bpy.types.Scene.zoomout
     _unregister_classes()
+    zo.forget_shapes()

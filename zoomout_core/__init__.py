@@ -1,6 +1,7 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.correspondence.kept_shapes import forget_shapes
 from zoomout_core.correspondence.matching import MatchResult, match, match_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import zoomout
@@ -25,6 +26,7 @@ __all__ = [
     "commutativity_error",
     "drain",
     "eigenbasis",
+    "forget_shapes",
     "geodesic_error",
     "match",
     "match_steps",

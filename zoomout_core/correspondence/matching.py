@@ -21,11 +21,12 @@ from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
 from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
+from zoomout_core.correspondence.kept_shapes import kept_shape_steps
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.scores import Disagreement
-from zoomout_core.correspondence.shape import Shape, shape_steps
+from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
 from zoomout_core.surface import Floats, Integers, Surface
@@ -178,7 +179,7 @@ def match_steps(
     source_part, target_part = yield from spread(
         main_part_steps(source, target, seed), 0.0, 0.02, "Comparing the parts"
     )
-    prepared = (shape_steps(part, k, samples, seed, proxy_vertices) for part in (source_part, target_part))
+    prepared = (kept_shape_steps(part, k, samples, seed, proxy_vertices) for part in (source_part, target_part))
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
     exact = landmarks if exact_landmarks else None
     pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)

@@ -1,0 +1,76 @@
+"""What was prepared for one match serves the next, as long as the mesh is the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.correspondence import kept_shapes
+from zoomout_core.correspondence.kept_shapes import kept_shape_steps
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.progress import drain
+from zoomout_core.surface import Surface, WorkingMesh
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept() -> Iterator[None]:
+    zo.forget_shapes()
+    yield
+    zo.forget_shapes()
+
+
+@pytest.fixture(scope="module")
+def part() -> WorkingMesh:
+    return creature(1500).surface.working
+
+
+def prepared(part: WorkingMesh, k: int = 30) -> Shape:
+    return drain(kept_shape_steps(part, k, 100, 0, None))
+
+
+def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
+    again = Surface(*(array.copy() for array in (creature(1500).surface.vertices, part.triangles))).working
+    assert again is not part
+    assert prepared(again) is prepared(part)
+
+
+@pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
+def test_any_difference_makes_it_another_shape(part: WorkingMesh, field: str) -> None:
+    value = getattr(part, field)
+    if isinstance(value, float):
+        other = 2 * value
+    else:
+        other = value.copy()
+        other[:2] = value[1::-1] if value.dtype != bool else ~value[:2]
+    assert prepared(part) is not prepared(replace(part, **{field: other}))
+
+
+def test_other_numbers_make_it_another_shape(part: WorkingMesh) -> None:
+    assert len(prepared(part, 30).basis.eigenvalues) == 30
+    assert len(prepared(part, 20).basis.eigenvalues) == 20
+
+
+def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = prepared(part, 20), prepared(part, 21)
+    monkeypatch.setattr(kept_shapes, "MOST_BYTES", 2.5 * kept_shapes._bytes(second))
+    assert prepared(part, 20) is first
+    prepared(part, 22)  # there is no room for three
+    assert prepared(part, 20) is first
+    assert prepared(part, 21) is not second
+
+
+def test_a_shape_that_is_too_large_is_not_kept(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_shapes, "MOST_BYTES", 1000)
+    assert prepared(part) is not prepared(part)
+
+
+def test_a_second_match_gives_the_same_map() -> None:
+    source, target = creature(1500).surface, creature(1200, seed=1).surface
+    maps = [zo.match(source, target).surface_map for _ in range(2)]
+    np.testing.assert_array_equal(maps[0].triangle, maps[1].triangle)
+    np.testing.assert_array_equal(maps[0].barycentric, maps[1].barycentric)
