@@ -5,13 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 from creatures import creature
+from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.proxy import lifted, proxy_of
 from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.files import read_surface
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import Surface
 
@@ -76,3 +79,13 @@ def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
     proxy = proxy_of(part, 3000)
     distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
     assert np.quantile(distance, 0.99) < 0.01
+
+
+@pytest.mark.parametrize("name", ["dense_080", "mc_081"])
+def test_dense_and_sliver_meshes_have_stand_ins_that_lie_on_them(benchmark_data: Path, name: str) -> None:
+    part, _ = read_surface(benchmark_data / "faust_discretisation" / f"{name}.ply").working.part(0)
+    for count in (3000, 4000):
+        proxy = proxy_of(part, count)
+        # Both ways: no vertex of the stand-in is off the mesh, and none of the mesh off its place on the stand-in.
+        assert cKDTree(part.vertices).query(proxy.vertices)[0].max() < 0.02
+        assert np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1).max() < 0.02
