@@ -21,7 +21,8 @@ from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
 
 # Final size of the functional map and number of samples of each preset.
-DETAIL = {"fast": (60, 500), "balanced": (120, 1000), "fine": (200, 1500)}
+# Size of the functional map, samples, and vertices of the stand-ins.
+DETAIL = {"fast": (60, 500, 2000), "balanced": (120, 1000, 4000), "fine": (200, 1500, 8000)}
 STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1"}
 
@@ -41,7 +42,7 @@ def match_options(command: Any) -> Any:
             type=click.Choice(list(DETAIL)),
             default="balanced",
             show_default=True,
-            help="How many eigenfunctions and samples to use.",
+            help="How fine a stand-in for the mesh to match, and by how many eigenfunctions and samples.",
         ),
         click.option(
             "--common-axis",
@@ -87,8 +88,9 @@ def start_arguments(
     Raises:
         MeshError: options that do not fit together, or a file or a direction that cannot be used.
     """
-    k_final, samples = DETAIL[detail]
-    arguments: dict[str, Any] = {"k_final": k_final, "samples": samples, "seed": seed, "initial": initial}
+    k_final, samples, proxy_vertices = DETAIL[detail]
+    arguments: dict[str, Any] = {"k_final": k_final, "samples": samples, "proxy_vertices": proxy_vertices}
+    arguments |= {"seed": seed, "initial": initial}
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
