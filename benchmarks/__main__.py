@@ -10,6 +10,7 @@ import click
 
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import refinement as refinement_table
+from benchmarks import speed as speed_tables
 
 
 @click.group()
@@ -49,6 +50,13 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
 def refinement(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """ZoomOut alone, with all given, beside another implementation of it."""
     report({"rows": refinement_table.run(data, pairs)}, data, json_file)
+
+
+@main.command()
+@common_options
+def speed(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How long a match takes, from 5k to 840k vertices, where the time goes, and another implementation beside it."""
+    report(speed_tables.run(data, pairs), data, json_file)
 
 
 def report(tables: dict[str, list[dict[str, Any]]], data: Path, json_file: Path | None) -> None:

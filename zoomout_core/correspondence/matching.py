@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Literal, TypeAlias
@@ -187,7 +188,8 @@ def match_steps(
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
     evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
     disagreement = evidence.disagreement(pair)
-    hypotheses = _hypotheses(pair, initial, evidence, disagreement, earlier)
+    guessing = _hypotheses_steps(pair, initial, evidence, disagreement, earlier)
+    hypotheses = yield from spread(guessing, 0.6, 0.62, "Guessing")
     ranking = rank_steps(hypotheses, source_shape, target_shape, disagreement)
     candidates = yield from spread(ranking, 0.62, 0.75, "Comparing candidates")
     return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
@@ -257,21 +259,25 @@ def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: S
     return tuple(text.format(share) for share, text in notes if share > NOTABLE_REST)
 
 
-def _hypotheses(
+def _hypotheses_steps(
     pair: Pair, initial: Initial, evidence: Evidence, disagreement: Disagreement, earlier: Hypothesis | None
-) -> list[Hypothesis]:
+) -> Generator[float, None, list[Hypothesis]]:
+    """What the match may begin with; yields the fraction done."""
     source, target = pair.source_shape, pair.target_shape
     if initial == "given" and earlier is not None:
         return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
+    clear = True
+    for number, shape in enumerate((source, target)):
+        clear &= has_extremities(shape)
+        yield 0.2 * (number + 1)
     # To have another kind of guess tried, add a function of the two shapes here.
-    hypotheses = [
-        *extremity_hypotheses(source, target, disagreement),
-        *descriptor_hypotheses(source, target, disagreement),
-        *rotation_hypotheses(source, target),
-    ]
-    if not (has_extremities(source) and has_extremities(target)):
+    hypotheses = extremity_hypotheses(source, target, disagreement)
+    yield 0.8
+    hypotheses += descriptor_hypotheses(source, target, disagreement)
+    hypotheses += rotation_hypotheses(source, target)
+    if not clear:
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
     if earlier is not None:

@@ -1,0 +1,169 @@
+"""How long a match takes, from a few thousand vertices to a million, beside pyFMaps on the same pairs in one run."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from pyFM.mesh import TriMesh
+from pyFM.refine.zoomout import zoomout_refine
+from pyFM.spectral import FM_to_p2p
+from trimesh.remesh import subdivide
+
+import zoomout_core as zo
+from benchmarks.datasets import load_pair
+from zoomout_core.files import read_surface
+from zoomout_core.surface import Floats, Integers, Surface
+
+Record = dict[str, Any]
+
+REPEATS = 3
+# The peer: sizes of its maps, its samples, and the largest meshes that it ends on within ten minutes.
+K_INITIAL, K_FINAL, STEP, SAMPLES = 20, 200, 5, 1000
+MOST_OF_PEER = 60_000
+# Subdivided meshes get noise of this part of their mean edge, so that the two do not share their spectra exactly.
+NOISE = 0.05
+
+
+@dataclass(frozen=True)
+class SizedPair:
+    """Two meshes with places that correspond.
+
+    Attributes:
+        name: of the pair.
+        target: the map starts from it.
+        source: and lands on it.
+        target_vertex: (c,) vertices of the target.
+        source_vertex: (c,) where they belong on the source.
+    """
+
+    name: str
+    target: Surface
+    source: Surface
+    target_vertex: Integers
+    source_vertex: Integers
+
+    def error(self, vertex: Integers) -> float:
+        """Mean distance in space of a vertex map (n_t,) from the truth, over the root of the area, times 1000."""
+        off = self.source.vertices[vertex[self.target_vertex]] - self.source.vertices[self.source_vertex]
+        return float(1000 * np.linalg.norm(off, axis=1).mean() / np.sqrt(self.source.area))
+
+
+def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
+    """Make the tables.
+
+    `rows`, for each pair and system: median seconds of a match of two meshes that were never seen, and of another
+    match with the same source; the longest time between two steps; the most memory that the process has taken so
+    far; the mean error. The peer is given the true map of size 20, ours nothing.
+
+    `stages`: where the seconds of the first go.
+
+    Args:
+        data: the folder of the sets; those that are missing are left out.
+        pairs: use so many pairs, the smallest first.
+    """
+    rows: list[Record] = []
+    stages: list[Record] = []
+    for number, pair in enumerate(_pairs(data)):
+        if number == pairs:
+            break
+        for system, measured in (("zoomout_core", _ours), ("pyFMaps", _peer)):
+            if system == "zoomout_core" or len(pair.target.vertices) <= MOST_OF_PEER:
+                row, of_stages = measured(pair)
+                about = {"pair": pair.name, "vertices": len(pair.target.vertices), "system": system}
+                rows.append(about | row | {"peak MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024})
+                stages += [about | {"stage": stage, "seconds": seconds} for stage, seconds in of_stages.items()]
+    return {"rows": rows, "stages": stages}
+
+
+def _pairs(data: Path) -> Iterator[SizedPair]:
+    if (data / "tosca_r").is_dir():
+        pair = load_pair(data / "tosca_r", "horse0", "horse6")
+        yield SizedPair("horse0 horse6, remeshed", pair.target, pair.source, pair.target_vertex, pair.source_vertex)
+    # Meshes of one class share their vertex order, so the identity is the truth.
+    for names, levels in ((("horse0", "horse6"), 0), *((("michael0", "michael10"), level) for level in range(3))):
+        paths = [data / "tosca_full" / f"{name}.off" for name in names]
+        if all(path.is_file() for path in paths):
+            target, source = (_subdivided(read_surface(path), levels, seed) for seed, path in enumerate(paths))
+            identity = np.arange(len(target.vertices))
+            name = " ".join(names) + f", subdivided {levels} times" * (levels > 0)
+            yield SizedPair(name, target, source, identity, identity)
+
+
+def _subdivided(surface: Surface, levels: int, seed: int) -> Surface:
+    """Each triangle cut into four, so many times over, with noise."""
+    vertices, triangles = surface.vertices, surface.triangles
+    for _ in range(levels):
+        vertices, triangles = subdivide(vertices, triangles)
+        edge = np.linalg.norm(vertices[triangles[:, 0]] - vertices[triangles[:, 1]], axis=1).mean()
+        vertices = vertices + NOISE * edge * np.random.default_rng(seed).standard_normal(vertices.shape)
+    return Surface(vertices, triangles)
+
+
+def _ours(pair: SizedPair) -> tuple[Record, dict[str, float]]:
+    runs = [_stepped(pair, warm=False) for _ in range(REPEATS)]
+    warm = [_stepped(pair, warm=True)[0] for _ in range(REPEATS)]
+    result = runs[-1][3]
+    stages = {stage: median(run[1][stage] for run in runs) for stage in runs[0][1]}
+    return {
+        "seconds": median(seconds for seconds, *_ in runs),
+        "warm source": median(warm),
+        "longest step": median(longest for _, _, longest, _ in runs),
+        "mean error": pair.error(result.surface_map.vertex),
+    }, stages
+
+
+def _stepped(pair: SizedPair, warm: bool) -> tuple[float, dict[str, float], float, zo.MatchResult]:
+    """Seconds, seconds by stage, the longest step, and the result, of a match of meshes as they come from a file."""
+    zo.forget_shapes()
+    source, target = (Surface(surface.vertices, surface.triangles) for surface in (pair.source, pair.target))
+    if warm:
+        zo.match(source, source)
+    stage, longest = "Reading the meshes", 0.0
+    stages: dict[str, float] = {}
+    start = last = perf_counter()
+    steps = zo.match_steps(source, target)
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as finished:
+            result = finished.value
+            break
+        finally:
+            now = perf_counter()
+            stages[stage] = stages.get(stage, 0.0) + now - last
+            longest, last = max(longest, now - last), now
+        stage = progress.stage
+    return last - start, stages, longest, result
+
+
+def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:
+    """Its own eigenbases and samples; the start is the truth."""
+    stages: dict[str, float] = {}
+
+    def timed(stage: str, work: Callable[[], Any]) -> Any:
+        start = perf_counter()
+        done = work()
+        stages[stage] = perf_counter() - start
+        return done
+
+    source, target = (TriMesh(surface.vertices, surface.triangles) for surface in (pair.source, pair.target))
+    timed("eigenbases", lambda: [mesh.process(k=K_FINAL, verbose=False) for mesh in (source, target)])
+    samples = timed("sampling", lambda: [mesh.farthest_point_sampling(SAMPLES) for mesh in (source, target)])
+    rows: list[Floats] = [source.eigenvectors[pair.source_vertex], target.eigenvectors[pair.target_vertex]]
+    start = np.linalg.lstsq(rows[1][:, :K_INITIAL], rows[0][:, :K_INITIAL], rcond=None)[0]
+    eigenvectors = source.eigenvectors, target.eigenvectors
+
+    def refined() -> Integers:
+        C = zoomout_refine(start, *eigenvectors, nit=(K_FINAL - K_INITIAL) // STEP, step=STEP, subsample=samples)
+        return np.asarray(FM_to_p2p(C, *eigenvectors))
+
+    vertex = timed("refinement and map", refined)
+    seconds = sum(stages.values())
+    return {"seconds": seconds, "warm source": None, "longest step": None, "mean error": pair.error(vertex)}, stages

@@ -1,0 +1,63 @@
+"""The table of seconds: both systems on the same pair, stages that add up, errors against the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import write_off
+from creatures import creature
+
+from benchmarks import speed
+from benchmarks.__main__ import main
+
+
+@pytest.fixture(scope="module")
+def horses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two poses of one mesh."""
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "tosca_full").mkdir()
+    for name, bend in (("horse0", 0.0), ("horse6", 0.9)):
+        write_off(folder / "tosca_full" / f"{name}.off", creature(900, 0, bend).surface)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tables(horses: Path) -> dict[str, list[dict]]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(speed, "REPEATS", 1)
+        return speed.run(horses, None)
+
+
+def test_both_systems_are_measured_on_the_same_pair(tables: dict[str, list[dict]]) -> None:
+    ours, peer = tables["rows"]
+    assert (ours["system"], peer["system"]) == ("zoomout_core", "pyFMaps")
+    assert ours["pair"] == peer["pair"] == "horse0 horse6"
+    assert ours["vertices"] == peer["vertices"] == 900
+    assert max(ours["mean error"], peer["mean error"]) < 30
+    assert 0 < ours["longest step"] < ours["seconds"]
+
+
+def test_stages_add_up(tables: dict[str, list[dict]]) -> None:
+    for row in tables["rows"]:
+        seconds = [stage["seconds"] for stage in tables["stages"] if stage["system"] == row["system"]]
+        assert len(seconds) > 2
+        assert sum(seconds) == pytest.approx(row["seconds"])
+
+
+def test_subdivided_meshes_keep_their_order_and_their_shape() -> None:
+    poses = [creature(900, 0, bend).surface for bend in (0.0, 0.9)]
+    fine = [speed._subdivided(pose, 1, seed) for seed, pose in enumerate(poses)]
+    np.testing.assert_array_equal(fine[0].triangles, fine[1].triangles)
+    assert len(fine[0].triangles) == 4 * len(poses[0].triangles)
+    for before, after in zip(poses, fine, strict=True):
+        off = np.linalg.norm(after.vertices[: len(before.vertices)] - before.vertices, axis=1)
+        assert 0 < off.mean() < 0.01
+
+
+def test_a_folder_without_these_meshes_is_refused(tmp_path: Path) -> None:
+    refused = CliRunner().invoke(main, ["speed", "--data", str(tmp_path)])
+    assert refused.exit_code == 1
+    assert "give the folder of the sets" in refused.output
