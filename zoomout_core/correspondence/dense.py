@@ -25,7 +25,7 @@ LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04))
 SETTLING, SETTLING_WEIGHT = (30, 50, 70, 90, 120), 0.2
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
-FINISHING = 6
+FINISHING = 3
 FINISHING_WEIGHT = 0.05
 # These weights are for shapes whose images miss, squared, by so much more along the surface than in space. The less
 # alike shapes are, the larger is that ratio, and the weights grow with its square, within limits.
