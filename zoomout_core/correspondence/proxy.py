@@ -21,7 +21,7 @@ from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 # A mesh that is larger by less than this is not worth decimating.
 WORTHWHILE = 1.25
 # An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
-NEAR_ENOUGH = 1e-3
+NEAR_ENOUGH = 3e-3
 # The library keeps its mesh in global variables and lets other threads run meanwhile: two at once would get one mesh.
 DECIMATING = Lock()
 
