@@ -20,8 +20,7 @@ from zoomout_core.files import read_surface
 from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
 
-# Final size of the functional map and number of samples of each preset.
-# Size of the functional map, samples, and vertices of the stand-ins.
+# Final size of the functional map, number of samples, and vertices of the stand-ins, of each preset.
 DETAIL = {"fast": (60, 500, 2000), "balanced": (120, 1000, 4000), "fine": (200, 1500, 8000)}
 STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1"}

@@ -17,7 +17,7 @@ BLOCK = 1 << 19
 # A query that still has rivals after this many triangles is as far off the surface as these are wide.
 MOST_CANDIDATES = 256
 FIRST_GUESSES = 6
-# In fewer dimensions than this, single precision cannot tell triangles apart.
+# In fewer dimensions than this, single precision cannot tell neighbours apart.
 SINGLE_PRECISION_DIMENSION = 16
 
 

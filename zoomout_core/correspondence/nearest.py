@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zoomout_core.projection import SINGLE_PRECISION_DIMENSION
 from zoomout_core.surface import Floats, Integers
 
 # Entries of the block of inner products that is looked at together: bounds the memory.
 BLOCK = 1 << 24
-# Up to this dimension a tree beats products; below the next, float32 cannot tell neighbours apart.
+# Up to this dimension a tree beats products.
 TREE_DIMENSION = 8
-SINGLE_PRECISION_DIMENSION = 16
 
 
 def nearest(queries: Floats, points: Floats) -> Integers:

@@ -25,8 +25,9 @@ LAYING_WIDTH = 0.08
 # Evenly spread triangles that tell whether a map keeps the orientation.
 ORIENTATION_SAMPLES = 2000
 # What the user knows of the map, by what it disagrees with: a map flips for two to four of the total score. Distances
-# are at unit area, other disagreements from 0 to 1. Regions hold every map in place as well, which suffices to
-# set flips right; a larger weight lets names that are swapped by mistake flip maps that are clear.
+# are at unit area, those of landmarks summed, other disagreements from 0 to 1. Regions hold every map in place as
+# well, which suffices to set flips right; a larger weight lets names that are swapped by mistake flip maps that are
+# clear.
 EVIDENCE = {"landmarks": 20.0, "earlier map": 10.0, "axes": 2.0, "regions": 2.0}
 
 # How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
@@ -125,24 +126,13 @@ def total_score(scores: dict[str, float]) -> float:
     return float(
         2 * np.log(max(scores.get("place", 1), 1e-9))
         + np.log(max(scores.get("facing", 1), 1e-9))
-        + intrinsic_score(scores)
-        + _evidence_score(scores)
-    )
-
-
-def intrinsic_score(scores: dict[str, float]) -> float:
-    """The weighted sum of what `scores_of` tells."""
-    return float(
-        np.log(max(scores["commutativity"], 1e-9))
+        + np.log(max(scores["commutativity"], 1e-9))
         + np.log(max(scores["frequency"], 1e-9))
         + 0.75 * np.log(max(scores["distance"], 1e-9))
         + 0.7 * np.log(max(1 - scores["curvature"], 1e-9))
         - 1.2 * scores["handedness"]
+        + sum(weight * scores.get(name, 0.0) for name, weight in EVIDENCE.items())
     )
-
-
-def _evidence_score(scores: dict[str, float]) -> float:
-    return sum(weight * scores.get(name, 0.0) for name, weight in EVIDENCE.items())
 
 
 def correlation(x: Floats, y: Floats, weights: Floats) -> float:
