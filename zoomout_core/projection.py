@@ -7,16 +7,19 @@ products alone (Ericson, Real-Time Collision Detection, 5.1.5), so the same code
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.surface import Floats, Integers
 
 # Pairs of a point and a triangle that are looked at together: bounds the memory.
-BLOCK = 1 << 19
+BLOCK = 1 << 17
 # A query that still has rivals after this many triangles is as far off the surface as these are wide.
 MOST_CANDIDATES = 256
-FIRST_GUESSES = 6
+# So many triangles are at a vertex, as a rule.
+RING = 6
+MANY_QUERIES = 10_000
+SMALLEST = np.finfo(np.float64).tiny
 # In fewer dimensions than this, single precision cannot tell neighbours apart.
 SINGLE_PRECISION_DIMENSION = 16
 
@@ -32,34 +35,58 @@ def closest_points(
         points: (q, 3) queries.
         vertices: (n, 3) positions, in the same unit.
         triangles: (m, 3) vertex numbers.
-        tolerance: a point of the mesh that is as near as this is near enough, in the same unit.
+        tolerance: by how much more than the least a distance may be, in the same unit.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
     """
+    found = _Closest(points, vertices, triangles)
+    # The triangles at the nearest vertex are a good first guess, and rule out most others.
+    used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
+    nearest = used[_query(_tree(vertices[used]), points, 1)[1]]
+    first, at_vertex = _triangles_at(triangles, len(vertices))
+    for block in np.array_split(np.arange(len(points)), 1 + len(points) * RING // BLOCK):
+        query, candidate, _ = _lists(first, at_vertex, nearest[block])
+        found.improve(block[query], candidate)
+    far = np.flatnonzero(found.distance > tolerance)
+    if len(far) == 0:
+        return found.triangle, found.barycentric
+    # A small triangle cannot be closer by more than the tolerance than the vertex that is nearest.
     corners = vertices[triangles]
     centre = corners.mean(axis=1)
-    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    found = _Closest(points, corners)
-    # A triangle that is near is a good first guess, and rules out most others.
-    tree, count = cKDTree(centre), min(FIRST_GUESSES, len(triangles))
-    for block in np.array_split(np.arange(len(points)), 1 + len(points) * count // BLOCK):
-        near = np.reshape(tree.query(points[block], count)[1], (len(block), count))
-        found.improve(np.repeat(block, count), near.ravel())
-    far = np.flatnonzero(found.distance > tolerance)
-    # Triangles by size, so that a few large ones do not widen the search among the small ones.
-    size = np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius)))
-    for group in np.unique(np.clip(size, -2, 6)):
-        members = np.flatnonzero(np.clip(size, -2, 6) == group)
-        _search(found, far, cKDTree(centre[members]), members, radius[members])
+    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+    # The others by size, so that a few large ones do not widen the search among the small ones.
+    size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius))), -2, 6)
+    for group in np.unique(size[radius > tolerance]):
+        members = np.flatnonzero((size == group) & (radius > tolerance))
+        _search(found, far, _tree(centre[members]), members, radius[members])
     return found.triangle, found.barycentric
+
+
+def _tree(points: Floats) -> cKDTree:
+    """A search tree that is not balanced: built in a third of the time, and searched as fast."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
+def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
+    """Distances and numbers of a tree's points nearest to each query, looked up on both cores where they are many."""
+    distance, number = tree.query(points, count, workers=2 if len(points) > MANY_QUERIES else 1)
+    return np.asarray(distance), np.asarray(number)
+
+
+def _triangles_at(triangles: Integers, n: int) -> tuple[Integers, Integers]:
+    """(n + 1,) where each vertex's entries begin, and (3m,) the triangles at the vertices, one after the other."""
+    m = len(triangles)
+    ones = np.ones(3 * m, dtype=np.int8)
+    table = csc_array((ones, triangles.ravel(), 3 * np.arange(m + 1)), shape=(n, m)).tocsr()
+    return table.indptr, table.indices
 
 
 class _Closest:
     """The closest points found so far, as `closest_points` returns them, and their distances (q,)."""
 
-    def __init__(self, points: Floats, corners: Floats) -> None:
-        self.points, self.corners = points, corners
+    def __init__(self, points: Floats, vertices: Floats, triangles: Integers) -> None:
+        self.points, self.vertices, self.triangles = points, vertices, triangles
         self.triangle = np.zeros(len(points), dtype=np.int64)
         self.barycentric = np.zeros((len(points), 3))
         self.distance = np.full(len(points), np.inf)
@@ -68,15 +95,25 @@ class _Closest:
         """Look at pairs (p,) of a query, in ascending order, and a triangle."""
         if len(queries) == 0:
             return
-        a, b, c = (self.corners[candidates, i] for i in range(3))
-        weights = barycentric_of_closest(_dots(self.points[queries] - a, b - a, c - a))
-        foot = np.einsum("pi,pix->px", weights, self.corners[candidates])
-        distance = np.linalg.norm(foot - self.points[queries], axis=1)
+        # Coordinates apart, (3, p): sums over a last axis of three take twice as long.
+        a, ab, ac = self.vertices[self.triangles[candidates]].transpose(1, 2, 0).copy()
+        ap = self.points[queries].T - a
+        ab -= a
+        ac -= a
+        dots = tuple((u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) for u, v in _pairs_of(ap, ab, ac))
+        weights = barycentric_of_closest(dots)
+        off = ap - weights[:, 1] * ab - weights[:, 2] * ac
+        distance = np.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
         pick = _first_least(distance, queries)
         pick = pick[distance[pick] < self.distance[queries[pick]]]
         chosen = queries[pick]
         self.triangle[chosen], self.barycentric[chosen] = candidates[pick], weights[pick]
         self.distance[chosen] = distance[pick]
+
+
+def _pairs_of(ap: Floats, ab: Floats, ac: Floats) -> tuple[tuple[Floats, Floats], ...]:
+    """The vectors whose inner products `barycentric_of_closest` takes."""
+    return (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
 
 
 def _search(found: _Closest, queries: Integers, tree: cKDTree, members: Integers, radius: Floats) -> None:
@@ -86,7 +123,8 @@ def _search(found: _Closest, queries: Integers, tree: cKDTree, members: Integers
     while len(queries):
         unresolved = []
         for block in np.array_split(queries, 1 + len(queries) * count // BLOCK):
-            distance, near = (np.reshape(part, (len(block), count)) for part in tree.query(found.points[block], count))
+            parts = _query(tree, found.points[block], count)
+            distance, near = (np.reshape(part, (len(block), count)) for part in parts)
             row, column = np.nonzero(distance - radius[near] < found.distance[block, None])
             found.improve(block[row], members[near[row, column]])
             unresolved.append(block[distance[:, -1] - reach < found.distance[block]])
@@ -105,7 +143,12 @@ def _first_least(values: Floats, group: Integers) -> Integers:
 
 
 class Neighbourhoods:
-    """The triangles within two edges of each vertex of a mesh, prepared for many projections.
+    """The triangles within a few edges of each vertex of a mesh, prepared for many projections.
+
+    Args:
+        triangles: (m, 3) vertex numbers.
+        n: number of vertices.
+        edges: how far the triangles' nearest corners are at most, counted in edges, from 0.
 
     Attributes:
         triangles: (m, 3) vertex numbers.
@@ -116,11 +159,13 @@ class Neighbourhoods:
         corners: (len(triangle), 3) where among its vertex's entries in `vertex` a triangle's corners stand.
     """
 
-    def __init__(self, triangles: Integers, n: int) -> None:
+    def __init__(self, triangles: Integers, n: int, edges: int = 1) -> None:
         m = len(triangles)
         ones, number = np.ones(3 * m, bool), np.repeat(np.arange(m), 3)
         at_vertex = coo_array((ones, (triangles.ravel(), number)), shape=(n, m)).tocsr()
-        near = ((at_vertex @ at_vertex.T) @ at_vertex).tocsr()
+        near = at_vertex
+        for _ in range(edges):
+            near = (near @ at_vertex.T @ at_vertex).tocsr()
         around = (near @ at_vertex.T).tocsr()
         around.sort_indices()
         self.triangles = triangles
@@ -203,10 +248,6 @@ def _lists(first: Integers, entries: Integers, chosen: Integers) -> tuple[Intege
     )
 
 
-def _dots(ap: Floats, ab: Floats, ac: Floats) -> tuple[Floats, ...]:
-    return tuple(np.einsum("...x,...x->...", x, y) for x, y in ((ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)))
-
-
 def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
     """Barycentric coordinates of the point of a triangle abc that is closest to p.
 
@@ -217,28 +258,25 @@ def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
         (..., 3) weights of a, b, c, non-negative, summing to one; a degenerate triangle gives a point of it.
     """
     ap_ab, ap_ac, ab_ab, ab_ac, ac_ac = dots
-    bp_ab, bp_ac = ap_ab - ab_ab, ap_ac - ab_ac
-    cp_ab, cp_ac = ap_ab - ab_ac, ap_ac - ac_ac
-    va = bp_ab * cp_ac - cp_ab * bp_ac
-    vb = cp_ab * ap_ac - ap_ab * cp_ac
-    vc = ap_ab * bp_ac - bp_ab * ap_ac
-    along_bc = bp_ac - bp_ab
+    bc_bc = ab_ab - 2 * ab_ac + ac_ac
+    bp_bc = ap_ac - ab_ac - ap_ab + ab_ab
 
-    def ratio(numerator: Floats, denominator: Floats) -> Floats:
-        return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator > 0)
+    def clipped(along: Floats, length: Floats) -> Floats:
+        return np.minimum(np.maximum(along / np.maximum(length, SMALLEST), 0), 1)
 
-    zero, one = np.zeros_like(ap_ab), np.ones_like(ap_ab)
-    on_ab, on_ac = ratio(ap_ab, ab_ab), ratio(ap_ac, ac_ac)
-    on_bc = ratio(along_bc, along_bc + cp_ab - cp_ac)
-    total = va + vb + vc
-    regions = [
-        (ap_ab <= 0) & (ap_ac <= 0),
-        (bp_ab >= 0) & (bp_ac <= bp_ab),
-        (cp_ac >= 0) & (cp_ab <= cp_ac),
-        (vc <= 0) & (ap_ab >= 0) & (bp_ab <= 0),
-        (vb <= 0) & (ap_ac >= 0) & (cp_ac <= 0),
-        (va <= 0) & (along_bc >= 0) & (cp_ab - cp_ac >= 0),
-    ]
-    v = np.select(regions, [zero, one, zero, on_ab, zero, 1 - on_bc], ratio(vb, total))
-    w = np.select(regions, [zero, zero, one, zero, on_ac, on_bc], ratio(vc, total))
+    # The closest point of each side, and the square of its distance less |p - a|^2.
+    on_ab, on_ac, on_bc = clipped(ap_ab, ab_ab), clipped(ap_ac, ac_ac), clipped(bp_bc, bc_bc)
+    to_ab = on_ab * (on_ab * ab_ab - 2 * ap_ab)
+    to_ac = on_ac * (on_ac * ac_ac - 2 * ap_ac)
+    to_bc = on_bc * (on_bc * bc_bc - 2 * bp_bc) + ab_ab - 2 * ap_ab
+    is_bc, is_ab = to_bc < np.minimum(to_ab, to_ac), to_ab <= to_ac
+    v = np.where(is_bc, 1 - on_bc, on_ab * is_ab)
+    w = np.where(is_bc, on_bc, on_ac * ~is_ab)
+    # Over the inside the foot of the perpendicular is closer than all sides.
+    whole: Floats = ab_ab * ac_ac - ab_ac * ab_ac
+    of_b: Floats = ac_ac * ap_ab - ab_ac * ap_ac
+    of_c: Floats = ab_ab * ap_ac - ab_ac * ap_ab
+    inside = (of_b > 0) & (of_c > 0) & (of_b + of_c < whole)
+    np.divide(of_b, whole, out=v, where=inside)
+    np.divide(of_c, whole, out=w, where=inside)
     return np.stack([np.maximum(1 - v - w, 0), v, w], axis=-1)

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 # What an array holds, for the reader: numpy's own types differ too much from version to version to be checked.
@@ -170,6 +170,7 @@ class Surface:
         face_start: Integers,
         triangle_corners: ArrayLike | None,
     ) -> None:
+        self._working: WorkingMesh | None = None
         self.vertices: Floats = _checked_points(vertices)
         _check_faces(self.vertices, corner_vertex, face_start)
         self.corner_vertex = corner_vertex
@@ -202,10 +203,13 @@ class Surface:
         """Total area, in squared units of the vertices."""
         return float(triangle_areas(self.vertices, self.triangles).sum())
 
-    @cached_property
+    @property
     def working(self) -> WorkingMesh:
         """The welded copy of unit area that bases and maps are computed on."""
-        return _working_mesh(self)
+        # Up to Python 3.11 a cached_property lets no other surface's be computed in another thread meanwhile.
+        if self._working is None:
+            self._working = _working_mesh(self)
+        return self._working
 
     @property
     def components(self) -> Integers:
@@ -262,10 +266,38 @@ def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
     Returns:
         (e, 2) vertex numbers, the smaller first, and (m, 3) the edge from each corner to the next.
     """
-    pairs = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    pairs.sort(axis=1)
-    keys, edge_of = np.unique(pairs[:, 0] * (triangles.max() + 1) + pairs[:, 1], return_inverse=True)
-    return np.stack(np.divmod(keys, triangles.max() + 1), axis=1), edge_of.reshape(-1, 3)
+    side, first = _sides_by_edge(triangles)
+    edge_of = np.empty(triangles.size, dtype=np.int64)
+    edge_of[side] = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    low, high = _ends(triangles)
+    chosen = side[first[:-1]]
+    return np.stack([low[chosen], high[chosen]], axis=1), edge_of.reshape(-1, 3)
+
+
+def _ends(triangles: Integers) -> tuple[Integers, Integers]:
+    """(3m,) the smaller and the larger vertex of each side of triangles (m, 3), from a corner to the next."""
+    following = np.roll(triangles, -1, axis=1)
+    return np.minimum(triangles, following).ravel(), np.maximum(triangles, following).ravel()
+
+
+def _sides_by_edge(triangles: Integers) -> tuple[Integers, Integers]:
+    """The sides of triangles (m, 3), numbered 3 t + corner, one undirected edge after the other.
+
+    They are counted into the rows of a sparse matrix, which takes a third of the time that sorting them does.
+
+    Returns:
+        (3m,) the sides by the vertices that they connect, and (e + 1,) where each edge's begin among them.
+    """
+    low, high = _ends(triangles)
+    n = int(high.max(initial=-1)) + 1
+    one_each = np.ones(len(low), dtype=np.int8), low, np.arange(len(low) + 1)
+    by_low = csc_array(one_each, shape=(n, len(low))).tocsr()
+    table = csr_array((by_low.indices, high[by_low.indices], by_low.indptr), shape=(n, n))
+    table.sort_indices()
+    side = table.data
+    begins = np.ones(len(side), dtype=bool)
+    begins[1:] = (np.diff(table.indices) != 0) | (np.diff(low[side]) != 0)
+    return side, np.append(np.flatnonzero(begins), len(side))
 
 
 def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
@@ -278,7 +310,12 @@ def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
 
 def _area_normals(vertices: Floats, triangles: Integers) -> Floats:
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return np.cross(b - a, c - a)
+    return _cross(b - a, c - a)
+
+
+def _cross(u: Floats, v: Floats) -> Floats:
+    """(m, 3) cross products of vectors (m, 3): several times as fast as numpy's."""
+    return np.stack([u[:, i - 2] * v[:, i - 1] - u[:, i - 1] * v[:, i - 2] for i in range(3)], axis=1)
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -347,8 +384,8 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
         raise MeshError(
             f"A face names vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered from 0."
         )
-    usable = np.abs(vertices[corner_vertex]) <= LARGEST_COORDINATE  # and so no NaN
-    broken = np.unique(corner_vertex[~usable.all(axis=1)])
+    usable = (np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1)  # and so no NaN
+    broken = np.unique(corner_vertex[~usable[corner_vertex]])
     if len(broken):
         raise MeshError(
             f"{len(broken)} vertices have coordinates that are not finite or beyond all measure "
@@ -362,6 +399,8 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
 def _triangulate(vertices: Floats, corner_vertex: Integers, face_start: Integers) -> Integers:
     """(m, 3) corner numbers: quads along the diagonal that folds nothing, larger faces by fans or ears."""
     sizes = np.diff(face_start)
+    if (sizes == 3).all():
+        return np.arange(len(corner_vertex)).reshape(-1, 3)
     parts = [face_start[:-1][sizes == 3, None] + np.arange(3)]
     faces = [np.flatnonzero(sizes == 3)]
     for size in np.unique(sizes[sizes > 3]):
@@ -428,14 +467,18 @@ def _ears(points: Floats, normal: Floats) -> Integers:
 
 
 def _working_mesh(surface: Surface) -> WorkingMesh:
-    welded = _weld(surface.vertices, surface.triangles)
-    triangles = welded[surface.triangles]
+    triangles = surface.triangles
+    sides_by_edge = _sides_by_edge(triangles)
+    welded = _weld(surface.vertices, triangles, *sides_by_edge)
+    triangles = welded[triangles]
     proper = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
-    triangles = triangles[proper]
-    used, compact = np.unique(triangles, return_inverse=True)
-    triangles = compact.reshape(-1, 3)
-    number = np.full(len(surface.vertices), -1)
-    number[used] = np.arange(len(used))
+    if not (proper.all() and (triangles == surface.triangles).all()):
+        triangles = triangles[proper]
+        sides_by_edge = _sides_by_edge(triangles)
+    used = np.zeros(len(surface.vertices), dtype=bool)
+    used[triangles] = True
+    number = np.where(used, np.cumsum(used) - 1, -1)
+    triangles = number[triangles]
 
     scale = float(np.sqrt(surface.area))
     points = surface.vertices[used]
@@ -445,7 +488,7 @@ def _working_mesh(surface: Surface) -> WorkingMesh:
     return WorkingMesh(
         vertices=points,
         triangles=triangles,
-        flipped=_flipped(points, triangles),
+        flipped=_flipped(points, triangles, *sides_by_edge),
         vertex_of=np.where(referenced, number[welded], -1),
         triangle_of=np.flatnonzero(proper),
         component=_component(points, triangles),
@@ -453,19 +496,26 @@ def _working_mesh(surface: Surface) -> WorkingMesh:
     )
 
 
-def _weld(vertices: Floats, triangles: Integers) -> Integers:
-    """(n,) the vertex that stands for each: coinciding border vertices become one, all others stay."""
-    edges, edge_of = unique_edges(triangles)
-    border = np.unique(edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1])
+def _weld(vertices: Floats, triangles: Integers, side: Integers, first: Integers) -> Integers:
+    """(n,) the vertex that stands for each: coinciding border vertices become one, all others stay.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        side: their sides by edge, and where each edge's
+        first: begin, as of `_sides_by_edge`.
+    """
+    alone = side[first[:-1][np.diff(first) == 1]]
+    border = np.unique(np.concatenate([triangles.ravel()[alone], np.roll(triangles, -1, axis=1).ravel()[alone]]))
     stands_for = np.arange(len(vertices))
     if len(border) == 0:
         return stands_for
     points = vertices[border]
-    extent = float(np.ptp(vertices[np.unique(triangles)], axis=0).max())
+    extent = float(np.ptp(vertices[triangles.ravel()], axis=0).max())
     lattice = np.rint((points - points.min(axis=0)) / (extent * WELD_TOLERANCE)).astype(np.int64)
     keys = (lattice[:, 0] << 42) | (lattice[:, 1] << 21) | lattice[:, 2]
-    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
-    stands_for[border] = border[first[group]]
+    _, begin, group = np.unique(keys, return_index=True, return_inverse=True)
+    stands_for[border] = border[begin[group]]
     return stands_for
 
 
@@ -473,31 +523,62 @@ def _component(vertices: Floats, triangles: Integers) -> Integers:
     """(n,) connected components, numbered by falling area."""
     n = len(vertices)
     rows, columns = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
-    _, label = connected_components(
+    count, label = connected_components(
         coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(n, n)), directed=False
     )
+    if count == 1:
+        return label.astype(np.int64)
     area = np.bincount(label[triangles[:, 0]], triangle_areas(vertices, triangles))
     rank = np.empty(len(area), dtype=int)
     rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
     return rank[label]
 
 
-def _flipped(vertices: Floats, triangles: Integers) -> Booleans:
+def _flipped(vertices: Floats, triangles: Integers, side: Integers, first: Integers) -> Booleans:
     """(m,) which triangles to turn so that neighbours agree and normals point outwards.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        side: their sides by edge, and where each edge's
+        first: begin, as of `_sides_by_edge`.
+    """
+    m, count = len(triangles), np.diff(first)
+    pair = first[:-1][count == 2]  # manifold edges alone carry an orientation across
+    left, right = side[pair], side[pair + 1]
+    forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
+    agree = forward[left] != forward[right]
+    left, right = left // 3, right // 3
+    if agree.all():
+        turned = np.zeros(m, dtype=bool)
+        _, patch = connected_components(coo_array((agree, (left, right)), shape=(m, m)), directed=False)
+        oriented = triangles
+    else:
+        turned, patch = _agreeing(m, left, right, agree)
+        oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
+    area, volume = _area_and_volume(vertices[oriented], patch)
+    has_border = np.zeros(len(area), dtype=bool)
+    has_border[patch[side[np.repeat(count != 2, count)] // 3]] = True
+    inward = volume < -np.where(has_border, FLAT_VOLUME, NO_VOLUME) * _sphere(area)
+    return turned ^ inward[patch]
+
+
+def _agreeing(m: int, left: Integers, right: Integers, agree: Booleans) -> tuple[Booleans, Integers]:
+    """Which of m triangles to turn so that neighbours wind alike.
 
     The orientation double cover: each triangle stands there twice, kept and turned; neighbours that agree
     are joined copy to copy, the others crosswise. A sheet that contains one copy of each triangle is a
     consistent winding.
+
+    Args:
+        m: number of triangles.
+        left: (e,) one of the two triangles at an edge.
+        right: (e,) the other one.
+        agree: (e,) whether they wind alike.
+
+    Returns:
+        (m,) whether to turn each, and (m,) the number of the patch that each belongs to.
     """
-    m = len(triangles)
-    edges, edge_of = unique_edges(triangles)
-    forward = triangles < np.roll(triangles, -1, axis=1)
-    order = np.argsort(edge_of.ravel(), kind="stable")
-    count = np.bincount(edge_of.ravel(), minlength=len(edges))
-    first = (np.cumsum(count) - count)[count == 2]  # manifold edges alone carry an orientation across
-    left, right = order[first], order[first + 1]
-    agree = forward.ravel()[left] != forward.ravel()[right]
-    left, right = left // 3, right // 3
     rows = np.concatenate([left, left + m])
     columns = np.concatenate([np.where(agree, right, right + m), np.where(agree, right + m, right)])
     _, sheet = connected_components(
@@ -508,15 +589,7 @@ def _flipped(vertices: Floats, triangles: Integers) -> Booleans:
     turned = kept[sheet[m:]] > kept[sheet[:m]]
     tie = kept[sheet[m:]] == kept[sheet[:m]]
     turned[tie] = sheet[m:][tie] < sheet[:m][tie]
-
-    patch = np.minimum(sheet[:m], sheet[m:])
-    oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
-    area, volume = _area_and_volume(vertices[oriented], patch)
-    has_border = np.zeros(m, dtype=bool)
-    has_border[patch[np.flatnonzero((count != 2)[edge_of].any(axis=1))]] = True
-    flat = np.where(has_border, FLAT_VOLUME, NO_VOLUME)
-    inward = volume < -flat[: len(volume)] * _sphere(area)
-    return turned ^ inward[patch]
+    return turned, np.minimum(sheet[:m], sheet[m:])
 
 
 def _area_and_volume(corners: Floats, patch: Integers) -> tuple[Floats, Floats]:
@@ -527,9 +600,9 @@ def _area_and_volume(corners: Floats, patch: Integers) -> tuple[Floats, Floats]:
         patch: (m,) number of the patch that each triangle belongs to.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    area_normal = np.cross(b - a, c - a)
-    centre = corners.mean(axis=1)
-    size = np.linalg.norm(area_normal, axis=1) / 2
+    area_normal = _cross(b - a, c - a)
+    centre = (a + b + c) / 3
+    size = np.sqrt(np.einsum("mx,mx->m", area_normal, area_normal)) / 2
     area = np.bincount(patch, size)
     middle = np.stack([np.bincount(patch, size * centre[:, i]) for i in range(3)], axis=1)
     middle = middle / np.where(area > 0, area, 1)[:, None]

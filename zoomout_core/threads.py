@@ -6,26 +6,32 @@ busy they wait for each other, many times as long as the products take.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from threading import Lock
+from typing import Any, ParamSpec, TypeVar
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import threadpool_limits
 
-Yielded = TypeVar("Yielded")
 First = TypeVar("First")
 Second = TypeVar("Second")
+Yielded = TypeVar("Yielded")
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
+
+# Seconds after which the caller has the word again, though no step has ended: half of what users notice.
+PATIENCE = 0.05
 
 
 def side_by_side(
     first: Generator[float, None, First], second: Generator[float, None, Second]
 ) -> Generator[float, None, tuple[First, Second]]:
-    """Run two stepped computations, a step of each at a time, on as many threads.
+    """Run two stepped computations in as many threads; the caller never waits long, however long their steps are.
 
-    Nothing runs on while the caller has the word. numpy and scipy let go of the interpreter in long operations.
+    numpy and scipy let go of the interpreter in long operations. Closed halfway, it waits for nothing: the steps that
+    are under way end by themselves, and nothing follows them.
 
     Yields:
         The fraction done.
@@ -33,37 +39,74 @@ def side_by_side(
     Returns:
         What the two return.
     """
-    running: dict[int, Generator[float, None, First] | Generator[float, None, Second]] = {0: first, 1: second}
-    fractions = [0.0, 0.0]
-    results: dict[int, First | Second] = {}
-    with ThreadPoolExecutor(max_workers=2) as pool:
+    results = yield from _in_threads((first, second))
+    return results[0], results[1]
+
+
+def in_background(work: Callable[[], Result]) -> Generator[float, None, Result]:
+    """Run a function that takes long in a thread; yields 0 now and then, and returns what it returns."""
+
+    def single_step() -> Generator[float, None, Result]:
+        yield from ()
+        return work()
+
+    (result,) = yield from _in_threads((single_step(),))
+    return result
+
+
+def _in_threads(computations: Sequence[Generator[float, None, Any]]) -> Generator[float, None, list[Any]]:
+    fractions, results = [0.0] * len(computations), [None] * len(computations)
+    running: dict[Future[float], int] = {}
+    pool = ThreadPoolExecutor(max_workers=len(computations))
+    try:
+        running = {pool.submit(next, steps): number for number, steps in enumerate(computations)}
         while running:
-            futures = {number: pool.submit(next, steps) for number, steps in running.items()}
-            for number, future in futures.items():
+            for future in wait(running, PATIENCE, FIRST_COMPLETED).done:
+                number = running.pop(future)
                 try:
                     fractions[number] = future.result()
+                    running[pool.submit(next, computations[number])] = number
                 except StopIteration as finished:
                     fractions[number], results[number] = 1.0, finished.value
-                    del running[number]
-            yield sum(fractions) / 2
-    return results[0], results[1]  # type: ignore[return-value]
+            yield sum(fractions) / len(fractions)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for future, number in running.items():
+            # A generator cannot be closed while it runs.
+            future.add_done_callback(lambda _, steps=computations[number]: steps.close())  # type: ignore[misc]
+    return results
+
+
+class _OneBlasThread:
+    """A context in which BLAS keeps to one thread; what was before is back when the last to enter it has left."""
+
+    def __init__(self) -> None:
+        self._lock, self._entered, self._limits = Lock(), 0, ExitStack()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._entered == 0:
+                self._limits.enter_context(threadpool_limits(1, user_api="blas"))
+            self._entered += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._entered -= 1
+            if self._entered == 0:
+                self._limits.close()
+
+
+_one_blas_thread = _OneBlasThread()
 
 
 def on_one_blas_thread(
     steps: Callable[Arguments, Generator[Yielded, None, Result]],
 ) -> Callable[Arguments, Generator[Yielded, None, Result]]:
-    """Keep BLAS to one thread in each step of a stepped computation; between them it is as the caller left it."""
+    """Keep BLAS to one thread from the first step of a stepped computation until it ends or is closed."""
 
     @wraps(steps)
     def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Generator[Yielded, None, Result]:
-        running = steps(*args, **kwargs)
-        controller = ThreadpoolController()
-        while True:
-            try:
-                with controller.limit(limits=1, user_api="blas"):
-                    yielded = next(running)
-            except StopIteration as finished:
-                return finished.value
-            yield yielded
+        with _one_blas_thread:
+            return (yield from steps(*args, **kwargs))
 
     return limited

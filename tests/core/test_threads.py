@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Generator
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from zoomout_core.progress import drain
-from zoomout_core.threads import on_one_blas_thread, side_by_side
+from zoomout_core.threads import in_background, on_one_blas_thread, side_by_side
 
 
 def counting(steps: int, result: str, meeting: threading.Barrier | None = None) -> Generator[float, None, str]:
@@ -29,7 +30,7 @@ def test_the_longer_one_goes_on_alone() -> None:
     assert drain(side_by_side(counting(1, "short"), counting(9, "long"))) == ("short", "long")
     fractions = list(side_by_side(counting(1, "short"), counting(9, "long")))
     assert fractions == sorted(fractions)
-    assert len(fractions) == 10
+    assert fractions[-1] == 1
 
 
 def test_an_error_in_one_of_them_reaches_the_caller() -> None:
@@ -41,19 +42,39 @@ def test_an_error_in_one_of_them_reaches_the_caller() -> None:
         drain(side_by_side(counting(5, "well"), failing()))
 
 
-def test_steps_that_are_left_halfway_can_be_closed() -> None:
-    closed = []
+def test_a_long_step_does_not_keep_the_caller_waiting() -> None:
+    go_on = threading.Event()
+    steps = in_background(lambda: go_on.wait(timeout=10))
+    assert [next(steps) for _ in range(3)] == [0, 0, 0]
+    go_on.set()
+    assert drain(steps) is True
 
-    def careful() -> Generator[float, None, None]:
+
+def test_an_error_in_the_background_reaches_the_caller() -> None:
+    with pytest.raises(ZeroDivisionError):
+        drain(in_background(lambda: 1 // 0))
+
+
+def test_steps_that_are_left_halfway_are_not_waited_for_and_closed_when_they_end() -> None:
+    closed, go_on = [], threading.Event()
+
+    def careful(wait: bool) -> Generator[float, None, None]:
         try:
             while True:
                 yield 0.5
+                if wait:
+                    go_on.wait(timeout=10)
         finally:
             closed.append(True)
 
-    both = side_by_side(careful(), careful())
+    both = side_by_side(careful(True), careful(False))
+    next(both)
     next(both)
     both.close()
+    go_on.set()
+    end = time.monotonic() + 10
+    while len(closed) < 2 and time.monotonic() < end:
+        time.sleep(0.001)
     assert len(closed) == 2
 
 
@@ -61,18 +82,18 @@ def threads_of_blas() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_blas_has_one_thread_within_a_step_and_the_callers_between() -> None:
-    @on_one_blas_thread
-    def looking() -> Generator[set[int], None, set[int]]:
-        yield threads_of_blas()
-        return threads_of_blas()
+@on_one_blas_thread
+def looking() -> Generator[set[int], None, set[int]]:
+    yield threads_of_blas()
+    return threads_of_blas()
 
+
+def test_blas_has_one_thread_until_all_computations_have_ended() -> None:
     with threadpool_limits(2, user_api="blas"):
-        assert threads_of_blas() == {2}
-        steps = looking()
-        assert next(steps) == {1}
-        assert threads_of_blas() == {2}
-        with pytest.raises(StopIteration) as finished:
-            next(steps)
-        assert finished.value.value == {1}
+        first, second = looking(), looking()
+        assert next(first) == {1}
+        assert next(second) == {1}
+        assert drain(first) == {1}
+        assert threads_of_blas() == {1}
+        second.close()
         assert threads_of_blas() == {2}

@@ -22,7 +22,7 @@ from zoomout_core.surface import Floats, Integers
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04))
 # Then the map grows once more, with less regard to space: along the surface, shapes that are nearly isometric agree
 # better than any target can be laid.
-SETTLING, SETTLING_WEIGHT = (30, 50, 70, 90, 120), 0.2
+SETTLING, SETTLING_WEIGHT, STEEPNESS = (30, 50, 70, 90, 120), 0.2, 4
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.
 FINISHING = 3
@@ -81,7 +81,7 @@ def dense_steps(
     settling = [*(min(k, size) for k in SETTLING), *range(SETTLING[-1] + step, size, step)]
     for i, k in enumerate(settling):
         yield 0.2 + 0.3 * i / len(settling)
-        weight = regard * SETTLING_WEIGHT
+        weight = SETTLING_WEIGHT * regard * min(1.0, regard) ** STEEPNESS
         vertex, _ = lay_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(IMAGE_FUNCTIONS, available)

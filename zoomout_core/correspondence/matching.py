@@ -30,8 +30,8 @@ from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
-from zoomout_core.surface import Floats, Integers, Surface
-from zoomout_core.threads import on_one_blas_thread, side_by_side
+from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
+from zoomout_core.threads import in_background, on_one_blas_thread, side_by_side
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
@@ -177,8 +177,9 @@ def match_steps(
     axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
     yield Progress(0.0, "Reading the meshes")
     k = max(k_final, FEWEST_FUNCTIONS)
+    yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
     source_part, target_part = yield from spread(
-        main_part_steps(source, target, seed), 0.0, 0.02, "Comparing the parts"
+        main_part_steps(source, target, seed), 0.01, 0.02, "Comparing the parts"
     )
     prepared = (kept_shape_steps(part, k, samples, seed, proxy_vertices) for part in (source_part, target_part))
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
@@ -193,6 +194,12 @@ def match_steps(
     ranking = rank_steps(hypotheses, source_shape, target_shape, disagreement)
     candidates = yield from spread(ranking, 0.62, 0.75, "Comparing candidates")
     return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
+
+
+def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
+    """The surface's working mesh, in a single step."""
+    yield from ()
+    return surface.working
 
 
 def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object) -> None:
@@ -231,8 +238,8 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     if pair.exact_landmarks is not None:
         there = pinned(there, pair, pair.exact_landmarks)
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
-    yield Progress(0.95, "Carrying over to all vertices")
-    surface_map, confidence, notes = on_surfaces(pair, there, confidence)
+    carrying = in_background(lambda: on_surfaces(pair, there, confidence))
+    surface_map, confidence, notes = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
     notes = (*_notes_on_rest(there, back, source, target), *notes)
     if over > NOTABLE_FOLDS:
         notes = (

@@ -1,20 +1,20 @@
 """Decimated stand-ins: a map needs a few thousand vertices, whatever the size of the mesh.
 
 At 200 eigenfunctions a stand-in of 5,000 vertices gives as exact a map as the full mesh, and every stage of
-the match shrinks with it. Decimation is by quadric error (Garland and Heckbert 1997).
+the match shrinks with it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
 from functools import cached_property
-from threading import Lock
 
-import fast_simplification
 import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.decimation import decimated_steps
 from zoomout_core.projection import Neighbourhoods, closest_points, project_to_embedding
 from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 
@@ -22,8 +22,6 @@ from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 WORTHWHILE = 1.25
 # An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
 NEAR_ENOUGH = 3e-3
-# The library keeps its mesh in global variables and lets other threads run meanwhile: two at once would get one mesh.
-DECIMATING = Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +50,17 @@ class Proxy:
             corner = np.empty(len(self.vertices), dtype=np.int64)
             corner[self.mesh.triangles.ravel()] = np.arange(self.mesh.triangles.size)
             return SurfaceMap(corner // 3, np.eye(3)[corner % 3], self.mesh.triangles)
-        near = Neighbourhoods(self.mesh.triangles, len(self.vertices))
-        closest = project_to_embedding(self.full.vertices, self.vertices, near, self.merged)
-        return SurfaceMap(*closest, self.mesh.triangles)
+        triangles, n = self.mesh.triangles, len(self.vertices)
+        around = Neighbourhoods(triangles, n, edges=0)
+        triangle, barycentric = project_to_embedding(self.full.vertices, self.vertices, around, self.merged)
+        # Where the closest point lies on the rim of the triangles around the vertex, it may lie beyond.
+        weight = np.where(triangles[triangle] == self.merged[:, None], barycentric, 0).sum(axis=1)
+        rim = np.flatnonzero(weight <= 0)
+        beyond = project_to_embedding(
+            self.full.vertices[rim], self.vertices, Neighbourhoods(triangles, n), self.merged[rim]
+        )
+        triangle[rim], barycentric[rim] = beyond
+        return SurfaceMap(triangle, barycentric, triangles)
 
     @cached_property
     def full_vertex(self) -> Integers:
@@ -62,19 +68,15 @@ class Proxy:
         return np.asarray(cKDTree(self.full.vertices).query(self.vertices)[1])
 
 
-def proxy_of(part: WorkingMesh, count: int | None) -> Proxy:
-    """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small."""
+def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, Proxy]:
+    """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small.
+
+    Yields the fraction done.
+    """
     if count is None or len(part.vertices) <= WORTHWHILE * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
-    given = part.vertices, part.oriented_triangles
-    with DECIMATING:
-        points, triangles, collapses = fast_simplification.simplify(
-            *given, target_count=2 * count, return_collapses=True
-        )
-        # Only where vertices went is taken from the replay: a few of its points are far off.
-        *_, merged = fast_simplification.replay_simplification(*given, collapses)
-    working = Surface(points, triangles).working
-    mesh, _ = working.part(0)
+    points, triangles, merged = yield from decimated_steps(part.vertices, part.oriented_triangles, count)
+    mesh, _ = Surface(points, triangles).working.part(0)
     vertices = np.empty_like(mesh.vertices)
     used = mesh.vertex_of >= 0
     vertices[mesh.vertex_of[used]] = points[used]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.correspondence.proxy import Proxy, proxy_of
+from zoomout_core.correspondence.proxy import Proxy, proxy_steps
 from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
@@ -156,7 +156,7 @@ def shape_steps(
         proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
     """
     yield 0.0
-    proxy = proxy_of(part, proxy_vertices)
+    proxy = yield from proxy_steps(part, proxy_vertices)
     mesh = proxy.mesh
     yield 0.0
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)

@@ -6,7 +6,7 @@ from collections.abc import Generator
 
 import numpy as np
 
-from zoomout_core.correspondence.proxy import proxy_of
+from zoomout_core.correspondence.proxy import proxy_steps
 from zoomout_core.progress import drain
 from zoomout_core.spectral.eigenbasis import working_basis_steps
 from zoomout_core.surface import Floats, MeshError, Surface, WorkingMesh, triangle_areas
@@ -71,5 +71,5 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
 
 def _spectrum(part: WorkingMesh, count: int, seed: int) -> Floats:
     """(count - 1,) logarithms of the eigenvalues but the first, at unit area: the same in every pose."""
-    basis = drain(working_basis_steps(proxy_of(part, VERTICES).mesh, count, seed))
+    basis = drain(working_basis_steps(drain(proxy_steps(part, VERTICES)).mesh, count, seed))
     return np.log(np.maximum(basis.eigenvalues[1:], 1e-12))
