@@ -53,3 +53,13 @@ def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:
         except StopIteration as finished:
             return finished.value
         yield Progress(start + (end - start) * progress.fraction, progress.stage)
+
+
+def scaled(steps: Generator[float, None, Result], start: float, end: float) -> Generator[float, None, Result]:
+    """A part of a longer computation that yields fractions, its own running from `start` to `end`."""
+    while True:
+        try:
+            fraction = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        yield start + (end - start) * fraction

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 First = TypeVar("First")
 Second = TypeVar("Second")
 Yielded = TypeVar("Yielded")
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
@@ -41,6 +42,19 @@ def side_by_side(
     """
     results = yield from _in_threads((first, second))
     return results[0], results[1]
+
+
+def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> Generator[float, None, list[Result]]:
+    """What a function returns for each item, by two threads in turns; yields the fraction done."""
+    results: list[Any] = [None] * len(items)
+
+    def every_other(first: int) -> Generator[float, None, None]:
+        for i in range(first, len(items), 2):
+            results[i] = function(items[i])
+            yield (i + 1) / len(items)
+
+    yield from side_by_side(every_other(0), every_other(1))
+    return results
 
 
 def in_background(work: Callable[[], Result]) -> Generator[float, None, Result]:

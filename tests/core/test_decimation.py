@@ -21,7 +21,7 @@ def fine_creature() -> Surface:
 
 def test_a_large_mesh_keeps_its_surface_and_its_topology() -> None:
     working = fine_creature().working
-    points, triangles, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, 3000))
+    points, triangles, _ = drain(decimated_steps(working.vertices, working.oriented_triangles, 3000))
     assert 2900 < len(points) < 3100
     result = Surface(points, triangles).working
     assert result.component.max() == 0
@@ -49,7 +49,7 @@ def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
     """A tube of four long sides on a body of very many vertices: its vertices are far apart, so none merge."""
     body = fine_creature().working
     ring = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) * 0.02
-    tube = np.concatenate([ring + (0, 0, 2 + 0.1 * level) for level in range(9)])
+    tube = np.concatenate([np.add(ring, (0, 0, 2 + 0.1 * level)) for level in range(9)])
     quads = np.array(
         [[4 * i + j, 4 * i + (j + 1) % 4, 4 * i + 4 + (j + 1) % 4, 4 * i + 4 + j] for i in range(8) for j in range(4)]
     )

@@ -14,7 +14,7 @@ from zoomout_core.correspondence.nearest import nearest, nearest_among
 from zoomout_core.correspondence.ranking import SCREENING_SIZE
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import Neighbourhoods, project_to_embedding
+from zoomout_core.projection import project_to_embedding
 from zoomout_core.surface import Floats, Integers
 
 # Rounds on samples: size of the functional map, and diffusion length over which images are smoothed. First the target
@@ -87,7 +87,6 @@ def dense_steps(
     size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
-    neighbourhoods = Neighbourhoods(source.mesh.triangles, len(eigenvectors))
     near = None
     for i in range(finishing):
         yield 0.5 + 0.5 * i / finishing
@@ -98,7 +97,7 @@ def dense_steps(
         if near is None:
             near = _nearest_near_samples(queries, embedded, source)
             yield 0.5 + 0.25 / finishing
-        dense = SurfaceMap(*project_to_embedding(queries, embedded, neighbourhoods, near), source.mesh.triangles)
+        dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
         near = dense.vertex
         functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
         images = target.basis.coefficients(dense.interpolate(source.mesh.vertices))[:size_of_images]

@@ -64,10 +64,11 @@ class Evidence:
         here = target.search.samples
         missed = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
         members = list(zip(*self._members(pair), strict=True))
-        heights_target, heights_source = (
+        heights = [
             _positions(surface, shape)[shape.search.samples] @ self.common_axes.T
             for surface, shape in ((pair.target, target), (pair.source, source))
-        )
+            if len(self.common_axes)
+        ]
 
         def known(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
             there = source.search.samples[sample_map]
@@ -77,8 +78,8 @@ class Evidence:
             if self.earlier is not None:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
-            if len(self.common_axes):
-                agreement = correlation(heights_target, heights_source[sample_map], target.weights)
+            if heights:
+                agreement = correlation(heights[0], heights[1][sample_map], target.weights)
                 disagreements["axes"] = 1 - agreement
             if members:
                 overlaps = [

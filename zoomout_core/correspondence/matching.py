@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from itertools import chain
 from numbers import Integral
+from operator import attrgetter
 from typing import Literal, TypeAlias
 
 from numpy.typing import ArrayLike
@@ -16,7 +18,7 @@ from zoomout_core.correspondence.confidence import confidence_of, share_without_
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
-from zoomout_core.correspondence.initial.extremities import extremity_hypotheses, has_extremities
+from zoomout_core.correspondence.initial.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.correspondence.initial.given import given_hypothesis, proximity_hypothesis
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
@@ -31,7 +33,7 @@ from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, spread
 from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
-from zoomout_core.threads import in_background, on_one_blas_thread, side_by_side
+from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
@@ -48,6 +50,22 @@ NOTABLE_REST = 0.03
 LANDMARKS_OVER_GUESSES = 2.0
 # Eigenfunctions that ranking needs, however small the final map.
 FEWEST_FUNCTIONS = 120
+
+
+# To have another kind of guess tried, add a function of the two shapes, and of what tells how far a map disagrees with
+# what is known.
+GUESSES: tuple[Callable[[Shape, Shape, Disagreement], list[Hypothesis]], ...] = (
+    extremity_hypotheses,
+    descriptor_hypotheses,
+)
+# What guesses need of each shape alone, so that it may be worked out for both at once, and is kept with them.
+ANALYSES: tuple[Callable[[Shape], object], ...] = (
+    extremities,
+    attrgetter("descriptors"),
+    attrgetter("pseudo_scalars"),
+    attrgetter("curvature"),
+    attrgetter("surroundings"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +199,11 @@ def match_steps(
     source_part, target_part = yield from spread(
         main_part_steps(source, target, seed), 0.01, 0.02, "Comparing the parts"
     )
-    prepared = (kept_shape_steps(part, k, samples, seed, proxy_vertices) for part in (source_part, target_part))
+    ahead = ANALYSES if initial in ("auto", "landmarks") else ()
+    prepared = (
+        _analysis_steps(kept_shape_steps(part, k, samples, seed, proxy_vertices), ahead)
+        for part in (source_part, target_part)
+    )
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
     exact = landmarks if exact_landmarks else None
     pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)
@@ -190,10 +212,22 @@ def match_steps(
     evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
     disagreement = evidence.disagreement(pair)
     guessing = _hypotheses_steps(pair, initial, evidence, disagreement, earlier)
-    hypotheses = yield from spread(guessing, 0.6, 0.62, "Guessing")
+    ahead_of_carrying = in_background(lambda: (target_shape.proxy.place, source_shape.neighbourhoods))
+    hypotheses, _ = yield from spread(side_by_side(guessing, ahead_of_carrying), 0.6, 0.62, "Guessing")
     ranking = rank_steps(hypotheses, source_shape, target_shape, disagreement)
     candidates = yield from spread(ranking, 0.62, 0.75, "Comparing candidates")
     return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
+
+
+def _analysis_steps(
+    preparing: Generator[float, None, Shape], ahead: tuple[Callable[[Shape], object], ...]
+) -> Generator[float, None, Shape]:
+    """A prepared shape that has been asked for what will be needed of it."""
+    shape = yield from preparing
+    for analyse in ahead:
+        yield 0.97
+        analyse(shape)
+    return shape
 
 
 def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
@@ -275,16 +309,9 @@ def _hypotheses_steps(
         return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
-    clear = True
-    for number, shape in enumerate((source, target)):
-        clear &= has_extremities(shape)
-        yield 0.2 * (number + 1)
-    # To have another kind of guess tried, add a function of the two shapes here.
-    hypotheses = extremity_hypotheses(source, target, disagreement)
-    yield 0.8
-    hypotheses += descriptor_hypotheses(source, target, disagreement)
-    hypotheses += rotation_hypotheses(source, target)
-    if not clear:
+    guesses = yield from for_each(lambda guess: guess(source, target, disagreement), GUESSES)
+    hypotheses = [*chain.from_iterable(guesses), *rotation_hypotheses(source, target)]
+    if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
     if earlier is not None:

@@ -21,7 +21,9 @@ from zoomout_core.correspondence.scores import (
 )
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples, upsample
+from zoomout_core.progress import scaled
 from zoomout_core.surface import Floats, Integers
+from zoomout_core.threads import for_each
 
 # Sizes of the functional maps on which hypotheses are screened, and the survivors compared.
 SCREENING_SIZE = 30
@@ -104,20 +106,15 @@ def rank_steps(
     Returns:
         Candidates, the most likely first; those of mirror images come after all others.
     """
-    screened = []
-    for i, hypothesis in enumerate(hypotheses):
-        screened.append(_screen(hypothesis, source, target, disagreement))
-        yield 0.6 * (i + 1) / len(hypotheses)
-    kept = _leading(screened, [entry.score for entry in screened], source, target)
-    refined = []
-    for i, entry in enumerate(kept):
-        refined.append(_candidate(entry, source, target, disagreement))
-        yield 0.6 + 0.2 * (i + 1) / len(kept)
-    leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, target)
-    candidates = []
-    for i, candidate in enumerate(leading):
-        candidates.append(_laid(candidate, source, target))
-        yield 0.8 + 0.2 * (i + 1) / len(leading)
+    shapes = source, target
+    screening = for_each(lambda hypothesis: _screen(hypothesis, *shapes, disagreement), hypotheses)
+    screened = yield from scaled(screening, 0.0, 0.6)
+    kept = _leading(screened, [entry.score for entry in screened], *shapes)
+    refining = for_each(lambda entry: _candidate(entry, *shapes, disagreement), kept)
+    refined = yield from scaled(refining, 0.6, 0.8)
+    leading = _leading(refined, [candidate.scores["total"] for candidate in refined], *shapes)
+    laying = for_each(lambda candidate: _laid(candidate, *shapes), leading)
+    candidates = yield from scaled(laying, 0.8, 1.0)
     return in_order(candidates, source, target)
 
 

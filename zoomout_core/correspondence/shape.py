@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import TypeVar, cast
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -12,11 +13,13 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.correspondence.proxy import Proxy, proxy_steps
 from zoomout_core.correspondence.zoomout import SampledBasis
+from zoomout_core.projection import Neighbourhoods
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
 from zoomout_core.surface import Booleans, Floats, Integers, WorkingMesh, edge_graph
+from zoomout_core.threads import side_by_side
 
 # The search for the right map runs on this many samples; distances are known from the first of them.
 SEARCH_SAMPLES = 400
@@ -35,6 +38,8 @@ COARSE_FUNCTIONS, FINE_FUNCTIONS = 61, 101
 SIGNATURE_BANDS = 12
 PSEUDO_SCALAR_TIME = 3e-4
 
+Result = TypeVar("Result")
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -45,12 +50,14 @@ class Shape:
         stiffness: (n, n) stiffness matrix.
         basis: eigenfunctions.
         sampled: the basis at farthest-point samples.
+        distances: (d, n) geodesic distances, along edges, from the first samples to all vertices, at unit area.
     """
 
     proxy: Proxy
     stiffness: csc_array
     basis: SpectralBasis
     sampled: SampledBasis
+    distances: Floats
 
     @property
     def mesh(self) -> WorkingMesh:
@@ -63,6 +70,11 @@ class Shape:
         return SampledBasis.of(self.basis, self.sampled.samples[:SEARCH_SAMPLES])
 
     @cached_property
+    def neighbourhoods(self) -> Neighbourhoods:
+        """Of the mesh's triangles, for precise maps onto them."""
+        return Neighbourhoods(self.mesh.triangles, len(self.mesh.vertices))
+
+    @cached_property
     def coordinates(self) -> Floats:
         """(s, 19) biharmonic coordinates of the search samples: maps with like images are the same map."""
         return np.asarray(self.search.rows[:, 1:20] / self.basis.eigenvalues[1:20])
@@ -71,12 +83,6 @@ class Shape:
     def weights(self) -> Floats:
         """(s,) the part of the area that each search sample stands for."""
         return voronoi_areas(self.mesh.vertices, self.basis.areas, self.search.samples)
-
-    @cached_property
-    def distances(self) -> Floats:
-        """(d, n) geodesic distances, along edges, from the first search samples to all vertices."""
-        graph = edge_graph(self.mesh.vertices, self.mesh.triangles)
-        return np.asarray(dijkstra(graph, indices=self.search.samples[:DISTANCE_SAMPLES]))
 
     @cached_property
     def distances_between(self) -> Floats:
@@ -143,6 +149,19 @@ class Shape:
         return self.basis.coefficients(bands), unit_columns(pairs, np.linalg.norm(pairs, axis=0))
 
 
+def once_per_shape(function: Callable[[Shape], Result]) -> Callable[[Shape], Result]:
+    """Keep what a function of a shape returns with the shape, as a cached property does."""
+    name = f"{function.__module__}.{function.__qualname__}"
+
+    @wraps(function)
+    def kept(shape: Shape) -> Result:
+        if name not in shape.__dict__:
+            shape.__dict__[name] = function(shape)
+        return cast(Result, shape.__dict__[name])
+
+    return kept
+
+
 def shape_steps(
     part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None = None
 ) -> Generator[float, None, Shape]:
@@ -161,8 +180,19 @@ def shape_steps(
     yield 0.0
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
     k = min(k, len(areas) - 1)
-    eigenvalues, eigenvectors = yield from eigenpairs_steps(stiffness, areas, k, seed)
-    basis = SpectralBasis(eigenvalues, eigenvectors, areas, mesh.vertices)
-    yield 0.95
     chosen = farthest_points(mesh.vertices, max(samples, k))
-    return Shape(proxy, stiffness, basis, SampledBasis.of(basis, chosen))
+    eigenpairs = eigenpairs_steps(stiffness, areas, k, seed)
+    pairs, distances = yield from side_by_side(eigenpairs, _distance_steps(mesh, chosen[:DISTANCE_SAMPLES]))
+    basis = SpectralBasis(*pairs, areas, mesh.vertices)
+    return Shape(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)
+
+
+def _distance_steps(mesh: WorkingMesh, samples: Integers) -> Generator[float, None, Floats]:
+    """(d, n) geodesic distances from samples to all vertices, yielding the fraction done."""
+    graph = edge_graph(mesh.vertices, mesh.triangles)
+    found: list[Floats] = []
+    # dijkstra keeps the interpreter to itself, so not for long at a time.
+    for few in np.array_split(samples, 8):
+        yield len(found) / 8
+        found.append(dijkstra(graph, indices=few))
+    return np.concatenate(found)

@@ -21,7 +21,7 @@ from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import Places, places_on
 from zoomout_core.correspondence.scores import Disagreement, nothing_known, scores_of, total_score
-from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.shape import Shape, once_per_shape
 from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
 
 # Rise of the average distance above the pass to a higher maximum, at unit area: heads have 0.14 and more,
@@ -147,10 +147,11 @@ def _best_maps(
     ]
 
 
+@once_per_shape
 def extremities(shape: Shape) -> Extremities:
     """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 12."""
     average = _average_distance(shape)
-    vertices, persistence = _persistent_maxima(average, shape.mesh)
+    vertices, persistence = _maxima(shape)
     count = int(np.clip((persistence > PERSISTENCE).sum(), FEWEST, MOST))
     vertices, persistence = vertices[:count], persistence[:count]
     return Extremities(places_on(shape, vertices), average[vertices], persistence)
@@ -158,10 +159,16 @@ def extremities(shape: Shape) -> Extremities:
 
 def has_extremities(shape: Shape) -> bool:
     """Whether enough tips stand out clearly to go by them."""
-    _, persistence = _persistent_maxima(_average_distance(shape), shape.mesh)
+    _, persistence = _maxima(shape)
     return int((persistence > PERSISTENCE).sum()) >= FEWEST
 
 
+@once_per_shape
+def _maxima(shape: Shape) -> tuple[Integers, Floats]:
+    return _persistent_maxima(_average_distance(shape), shape.mesh)
+
+
+@once_per_shape
 def _average_distance(shape: Shape) -> Floats:
     """(n,) geodesic distance to all of the surface."""
     owner = np.argmin(shape.distances, axis=0)
