@@ -18,6 +18,8 @@ def register() -> None:
     """Make the operators, the panels and the scene's settings known to Blender."""
     _register_classes()
     bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
+    if __package__.startswith("bl_ext."):  # installed, so that Blender has a folder for it
+        zo.store_shapes(bpy.utils.extension_path_user(__package__, path="shapes", create=True))
 
 
 def unregister() -> None:
@@ -25,3 +27,4 @@ def unregister() -> None:
     del bpy.types.Scene.zoomout
     _unregister_classes()
     zo.forget_shapes()
+    zo.store_shapes(None)

@@ -1,7 +1,7 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
-from zoomout_core.correspondence.kept_shapes import forget_shapes
+from zoomout_core.correspondence.kept_shapes import forget_shapes, store_shapes
 from zoomout_core.correspondence.matching import MatchResult, match, match_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import zoomout
@@ -33,6 +33,7 @@ __all__ = [
     "orthonormality_error",
     "read_point_cloud",
     "read_surface",
+    "store_shapes",
     "transfer",
     "zoomout",
 ]

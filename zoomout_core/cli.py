@@ -9,10 +9,12 @@ from zipfile import BadZipFile
 
 import click
 import numpy as np
+from platformdirs import user_cache_dir
 from tqdm import tqdm
 
 from zoomout_core.correspondence.confidence import cycle_error
 from zoomout_core.correspondence.evidence import checked_axes
+from zoomout_core.correspondence.kept_shapes import store_shapes
 from zoomout_core.correspondence.matching import MatchResult, match_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
@@ -21,8 +23,14 @@ from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
 
 # Final size of the functional map, number of samples, and vertices of the stand-ins, of each preset.
-DETAIL = {"fast": (60, 500, 2000), "balanced": (120, 1000, 4000), "fine": (200, 1500, 8000)}
+DETAIL = {
+    "fast": (60, 500, 2000),
+    "balanced": (120, 1000, 4000),
+    "fine": (200, 1500, 8000),
+    "full": (200, 2000, None),
+}
 STARTS = ("auto", "landmarks", "proximity")
+NO_CACHE = "off"
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1"}
 
 
@@ -41,7 +49,18 @@ def match_options(command: Any) -> Any:
             type=click.Choice(list(DETAIL)),
             default="balanced",
             show_default=True,
-            help="How fine a stand-in for the mesh to match, and by how many eigenfunctions and samples.",
+            help="How fine a stand-in for the mesh to match, and by how many eigenfunctions and samples; full: none, "
+            "which takes many times as long.",
+        ),
+        click.option(
+            "--cache",
+            default=user_cache_dir("zoomout", appauthor=False),
+            envvar="ZOOMOUT_CACHE",
+            show_default=True,
+            show_envvar=True,
+            expose_value=False,
+            callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
+            help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
         ),
         click.option(
             "--common-axis",

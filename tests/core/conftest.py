@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from creatures import Creature, creature
+
+# Tests keep nothing in the cache of this machine's user.
+os.environ["ZOOMOUT_CACHE"] = "off"
 
 BENCHMARK_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 

@@ -10,6 +10,8 @@ from contextlib import suppress
 
 # As in tests/blender: wheels of extensions that this machine's user has installed would shadow the packages here.
 os.environ.setdefault("BLENDER_USER_EXTENSIONS", tempfile.mkdtemp())
+# Nor do tests keep anything in the cache of this machine's user.
+os.environ["ZOOMOUT_CACHE"] = "off"
 
 with suppress(ImportError):
     import bpy  # noqa: F401

@@ -1,6 +1,6 @@
 """Prepared shapes, kept for the next match: one source is often matched with many targets, and again.
 
-A shape is known by its content, so what was edited is prepared anew. Nothing is written to disk.
+A shape is known by its content, so what was edited is prepared anew. `store_shapes` has them written to disk, too.
 """
 
 from __future__ import annotations
@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Generator
 from hashlib import blake2b
+from os import PathLike
 from threading import Lock
 
 import numpy as np
 
 from zoomout_core.correspondence.shape import Shape, shape_steps
+from zoomout_core.correspondence.stored_shapes import MOST_BYTES as MOST_BYTES_ON_DISK
+from zoomout_core.correspondence.stored_shapes import ShapeFolder
 from zoomout_core.surface import WorkingMesh
 
 # The shapes kept take at most so many bytes: some ten of the usual size.
@@ -22,6 +25,7 @@ PER_VERTEX = 300
 
 _kept: OrderedDict[bytes, Shape] = OrderedDict()
 _lock = Lock()
+_folder: ShapeFolder | None = None
 
 
 def kept_shape_steps(
@@ -30,9 +34,15 @@ def kept_shape_steps(
     """`shape_steps`, or at once the shape that it returned for the same mesh and numbers before."""
     key = _content(part, k, samples, seed, proxy_vertices)
     with _lock:
-        shape = _kept.pop(key, None)
+        shape, folder = _kept.pop(key, None), _folder
+    if shape is None and folder is not None:
+        yield 0.0
+        shape = folder.load(key, part)
     if shape is None:
         shape = yield from shape_steps(part, k, samples, seed, proxy_vertices)
+        if folder is not None:
+            yield 1.0
+            folder.save(key, shape)
     with _lock:
         _kept[key] = shape  # last, as the one used most recently
         while sum(map(_bytes, _kept.values())) > MOST_BYTES:
@@ -40,8 +50,21 @@ def kept_shape_steps(
     return shape
 
 
+def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTES_ON_DISK) -> None:
+    """Have shapes that are prepared from now on written to a folder, and read from it, also by other processes.
+
+    Args:
+        folder: where; made if it is missing. None to leave the disk alone again, as it is at first.
+        most_bytes: what they may take there; those used longest ago go first.
+    """
+    global _folder
+    stored = None if folder is None else ShapeFolder(folder, most_bytes)
+    with _lock:
+        _folder = stored
+
+
 def forget_shapes() -> None:
-    """Let go of all shapes that were kept."""
+    """Let go of all shapes that were kept in memory."""
     with _lock:
         _kept.clear()
 
