@@ -9,7 +9,9 @@ from typing import Any
 import click
 
 from benchmarks import correspondence as correspondence_tables
+from benchmarks import profile as profile_table
 from benchmarks import refinement as refinement_table
+from benchmarks import scale as scale_tables
 from benchmarks import speed as speed_tables
 
 
@@ -57,6 +59,21 @@ def refinement(data: Path, pairs: int | None, json_file: Path | None) -> None:
 def speed(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """How long a match takes, from 5k to 840k vertices, where the time goes, and another implementation beside it."""
     report(speed_tables.run(data, pairs), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the growth to this image file.")
+def scale(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """How the cost grows with vertices, eigenfunctions and samples: fitted exponents."""
+    report(scale_tables.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+def profile(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """Which functions the time of a match goes to."""
+    report(profile_table.run(data, pairs), data, json_file)
 
 
 def report(tables: dict[str, list[dict[str, Any]]], data: Path, json_file: Path | None) -> None:

@@ -70,7 +70,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
     """
     rows: list[Record] = []
     stages: list[Record] = []
-    for number, pair in enumerate(_pairs(data)):
+    for number, pair in enumerate(sized_pairs(data)):
         if number == pairs:
             break
         for system, measured in (("zoomout_core", _ours), ("pyFMaps", _peer)):
@@ -82,7 +82,8 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
     return {"rows": rows, "stages": stages}
 
 
-def _pairs(data: Path) -> Iterator[SizedPair]:
+def sized_pairs(data: Path) -> Iterator[SizedPair]:
+    """Pairs of meshes from a few thousand vertices to a million, the smallest first."""
     if (data / "tosca_r").is_dir():
         pair = load_pair(data / "tosca_r", "horse0", "horse6")
         yield SizedPair("horse0 horse6, remeshed", pair.target, pair.source, pair.target_vertex, pair.source_vertex)
@@ -90,14 +91,14 @@ def _pairs(data: Path) -> Iterator[SizedPair]:
     for names, levels in ((("horse0", "horse6"), 0), *((("michael0", "michael10"), level) for level in range(3))):
         paths = [data / "tosca_full" / f"{name}.off" for name in names]
         if all(path.is_file() for path in paths):
-            target, source = (_subdivided(read_surface(path), levels, seed) for seed, path in enumerate(paths))
+            target, source = (subdivided(read_surface(path), levels, seed) for seed, path in enumerate(paths))
             identity = np.arange(len(target.vertices))
             name = " ".join(names) + f", subdivided {levels} times" * (levels > 0)
             yield SizedPair(name, target, source, identity, identity)
 
 
-def _subdivided(surface: Surface, levels: int, seed: int) -> Surface:
-    """Each triangle cut into four, so many times over, with noise."""
+def subdivided(surface: Surface, levels: int, seed: int) -> Surface:
+    """A surface with each triangle cut into four, so many times over, with noise."""
     vertices, triangles = surface.vertices, surface.triangles
     for _ in range(levels):
         vertices, triangles = subdivide(vertices, triangles)
@@ -106,23 +107,27 @@ def _subdivided(surface: Surface, levels: int, seed: int) -> Surface:
     return Surface(vertices, triangles)
 
 
-def _ours(pair: SizedPair) -> tuple[Record, dict[str, float]]:
-    runs = [_stepped(pair, warm=False) for _ in range(REPEATS)]
-    warm = [_stepped(pair, warm=True)[0] for _ in range(REPEATS)]
-    result = runs[-1][3]
-    stages = {stage: median(run[1][stage] for run in runs) for stage in runs[0][1]}
-    return {
-        "seconds": median(seconds for seconds, *_ in runs),
-        "warm source": median(warm),
-        "longest step": median(longest for _, _, longest, _ in runs),
-        "mean error": pair.error(result.surface_map.vertex),
-    }, stages
+@dataclass(frozen=True)
+class TimedMatch:
+    """A match, and how long it took.
+
+    Attributes:
+        seconds: in all.
+        stages: seconds of each stage.
+        longest_step: the longest time between two steps.
+        result: of the match.
+    """
+
+    seconds: float
+    stages: dict[str, float]
+    longest_step: float
+    result: zo.MatchResult
 
 
-def _stepped(pair: SizedPair, warm: bool) -> tuple[float, dict[str, float], float, zo.MatchResult]:
-    """Seconds, seconds by stage, the longest step, and the result, of a match of meshes as they come from a file."""
+def timed_match(source: Surface, target: Surface, warm: bool = False) -> TimedMatch:
+    """Match two meshes as they come from a file; the source was seen before if `warm`."""
     zo.forget_shapes()
-    source, target = (Surface(surface.vertices, surface.triangles) for surface in (pair.source, pair.target))
+    source, target = (Surface(surface.vertices, surface.triangles) for surface in (source, target))
     if warm:
         zo.match(source, source)
     stage, longest = "Reading the meshes", 0.0
@@ -140,7 +145,18 @@ def _stepped(pair: SizedPair, warm: bool) -> tuple[float, dict[str, float], floa
             stages[stage] = stages.get(stage, 0.0) + now - last
             longest, last = max(longest, now - last), now
         stage = progress.stage
-    return last - start, stages, longest, result
+    return TimedMatch(last - start, stages, longest, result)
+
+
+def _ours(pair: SizedPair) -> tuple[Record, dict[str, float]]:
+    runs = [timed_match(pair.source, pair.target) for _ in range(REPEATS)]
+    warm = [timed_match(pair.source, pair.target, warm=True) for _ in range(REPEATS)]
+    return {
+        "seconds": median(run.seconds for run in runs),
+        "warm source": median(run.seconds for run in warm),
+        "longest step": median(run.longest_step for run in runs),
+        "mean error": pair.error(runs[-1].result.surface_map.vertex),
+    }, {stage: median(run.stages[stage] for run in runs) for stage in runs[0].stages}
 
 
 def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:

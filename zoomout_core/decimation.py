@@ -44,27 +44,33 @@ def decimated_steps(
     merged = np.arange(len(vertices))
     area = triangle_areas(vertices, triangles).sum()
     close = CLOSE * np.sqrt(area / count)
+    most = len(vertices)
     yield 0.0
     random = np.random.default_rng(0)
     while len(vertices) > PER_STAGE:
-        into = yield from _thinned_steps(vertices, triangles, close, random)
+        into = yield from _thinned_steps(vertices, triangles, close, random, _done(most, len(vertices), count))
         kept, number = np.unique(into, return_inverse=True)
         if len(kept) < count or len(kept) > NOTABLE * len(vertices):
             break
         triangles = number[triangles]
         triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
         vertices, merged = vertices[kept], number[merged]
-        yield 0.5
+        yield _done(most, len(vertices), count)
     while 2 * count < len(triangles):
         stage = max(count, min(len(vertices) - PER_STAGE, len(vertices) // 2))
         points, triangles, into = _simplified(vertices, triangles, stage)
         merged = into[merged]
         finished = stage == count or len(points) > NOTABLE * len(vertices)
         vertices = points
-        yield 0.8
+        yield _done(most, len(vertices), count)
         if finished:
             break
     return vertices, triangles, merged
+
+
+def _done(most: int, left: int, count: int) -> float:
+    """The fraction done of a decimation from `most` to `count` vertices."""
+    return float(np.clip(np.log(most / left) / max(np.log(most / count), 1e-9), 0, 1))
 
 
 def _simplified(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
@@ -79,21 +85,21 @@ def _simplified(vertices: Floats, triangles: Integers, count: int) -> tuple[Floa
 
 
 def _thinned_steps(
-    vertices: Floats, triangles: Integers, close: float, random: np.random.Generator
+    vertices: Floats, triangles: Integers, close: float, random: np.random.Generator, done: float
 ) -> Generator[float, None, Integers]:
     """(n,) for each vertex one that stays: itself, or one at the other end of a short edge.
 
-    Those that stay are a maximal independent set of the graph of short edges (Luby 1986).
+    Those that stay are a maximal independent set of the graph of short edges (Luby 1986). Yields the fraction done.
     """
     n = len(vertices)
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     offset = vertices[tail] - vertices[head]
     short = np.einsum("ex,ex->e", offset, offset) < close**2
     tail, head = tail[short], head[short]
-    yield 0.1
+    yield done
     ends = np.concatenate([tail, head]), np.concatenate([head, tail])
     graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(n, n)).tocsr()
-    yield 0.2
+    yield done
     inhabited = np.flatnonzero(np.diff(graph.indptr))
     first = graph.indptr[inhabited]
 
@@ -109,7 +115,7 @@ def _thinned_steps(
         chosen: Booleans = undecided & (priority > most_around(np.where(undecided, priority, -1)))
         stays |= chosen
         undecided &= ~chosen & (most_around(np.where(chosen, priority, -1)) < 0)
-        yield 0.3
+        yield done
         if not undecided.any():
             break
     stays |= undecided

@@ -36,13 +36,13 @@ def drain(steps: Generator[object, None, Result]) -> Result:
 
 def spread(steps: Generator[float, None, Result], start: float, end: float, stage: str) -> Steps[Result]:
     """Report the fractions that a part yields as progress of the whole, from `start` to `end`."""
-    inner: Iterator[float] = steps
+    inner: Iterator[float] = scaled(steps, start, end)
     while True:
         try:
             fraction = next(inner)
         except StopIteration as finished:
             return finished.value
-        yield Progress(start + (end - start) * min(1.0, fraction), stage)
+        yield Progress(min(end, fraction), stage)
 
 
 def within(steps: Steps[Result], start: float, end: float) -> Steps[Result]:

@@ -51,7 +51,7 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> Gener
     def every_other(first: int) -> Generator[float, None, None]:
         for i in range(first, len(items), 2):
             results[i] = function(items[i])
-            yield (i + 1) / len(items)
+            yield i / len(items)
 
     yield from side_by_side(every_other(0), every_other(1))
     return results

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from conftest import write_off
 from creatures import creature
 
-from benchmarks import speed
+from benchmarks import profile, scale, speed
 from benchmarks.__main__ import main
 
 
@@ -49,7 +49,7 @@ def test_stages_add_up(tables: dict[str, list[dict]]) -> None:
 
 def test_subdivided_meshes_keep_their_order_and_their_shape() -> None:
     poses = [creature(900, 0, bend).surface for bend in (0.0, 0.9)]
-    fine = [speed._subdivided(pose, 1, seed) for seed, pose in enumerate(poses)]
+    fine = [speed.subdivided(pose, 1, seed) for seed, pose in enumerate(poses)]
     np.testing.assert_array_equal(fine[0].triangles, fine[1].triangles)
     assert len(fine[0].triangles) == 4 * len(poses[0].triangles)
     for before, after in zip(poses, fine, strict=True):
@@ -61,3 +61,42 @@ def test_a_folder_without_these_meshes_is_refused(tmp_path: Path) -> None:
     refused = CliRunner().invoke(main, ["speed", "--data", str(tmp_path)])
     assert refused.exit_code == 1
     assert "give the folder of the sets" in refused.output
+
+
+@pytest.fixture
+def michaels(tmp_path: Path) -> Path:
+    (tmp_path / "tosca_full").mkdir()
+    for name, bend in zip(scale.PAIR, (0.0, 0.9), strict=True):
+        write_off(tmp_path / "tosca_full" / f"{name}.off", creature(2000, 0, bend).surface)
+    return tmp_path
+
+
+def test_growth_is_fitted_to_what_was_timed(michaels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (
+        ("REPEATS", 1),
+        ("DECIMATED", (1000,)),
+        ("SUBDIVIDED", (0,)),
+        ("LARGE", 900),
+        ("FUNCTIONS", (40, 80)),
+        ("SAMPLES", (200, 400)),
+    ):
+        monkeypatch.setattr(scale, name, value)
+    figure = michaels / "growth.png"
+    tables = scale.run(michaels, None, figure)
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert {row["over"] for row in tables["rows"]} == {"vertices", "functions", "samples"}
+    (match,) = (row for row in tables["rows"] if row["what"] == "match")
+    seconds = [point["seconds"] for point in tables["points"] if point["what"] == "match"]
+    assert match["smallest"] == pytest.approx(1000, rel=0.02)
+    assert match["largest"] == 2000
+    slope = np.log(seconds[1] / seconds[0]) / np.log(match["largest"] / match["smallest"])
+    assert match["exponent"] == pytest.approx(slope) == match["from 900 on"]
+
+
+def test_a_profile_names_functions_and_what_the_machine_can_do(horses: Path) -> None:
+    tables = profile.run(horses, 1)
+    assert len(tables["rows"]) == profile.SHOWN
+    own = [row["own seconds"] for row in tables["rows"]]
+    assert own == sorted(own, reverse=True)
+    assert any("nearest" in row["function"] or "lanczos" in row["function"] for row in tables["rows"])
+    assert tables["machine"][0]["float32 GFLOP/s"] > 1

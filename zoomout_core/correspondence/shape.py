@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.correspondence.proxy import Proxy, proxy_steps
 from zoomout_core.correspondence.zoomout import SampledBasis
+from zoomout_core.progress import scaled
 from zoomout_core.projection import Neighbourhoods
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
@@ -175,14 +176,15 @@ def shape_steps(
         proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
     """
     yield 0.0
-    proxy = yield from proxy_steps(part, proxy_vertices)
+    proxy = yield from scaled(proxy_steps(part, proxy_vertices), 0.0, 0.3)
     mesh = proxy.mesh
-    yield 0.0
+    yield 0.3
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
     k = min(k, len(areas) - 1)
     chosen = farthest_points(mesh.vertices, max(samples, k))
     eigenpairs = eigenpairs_steps(stiffness, areas, k, seed)
-    pairs, distances = yield from side_by_side(eigenpairs, _distance_steps(mesh, chosen[:DISTANCE_SAMPLES]))
+    both = side_by_side(eigenpairs, _distance_steps(mesh, chosen[:DISTANCE_SAMPLES]))
+    pairs, distances = yield from scaled(both, 0.3, 0.95)
     basis = SpectralBasis(*pairs, areas, mesh.vertices)
     return Shape(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)
 

@@ -8,12 +8,13 @@ half as much a column as single ones do, and finds repeated eigenvalues that a s
 from __future__ import annotations
 
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from zoomout_core.progress import drain
 from zoomout_core.spectral.laplacian import mesh_laplacian, point_cloud_laplacian
@@ -27,6 +28,8 @@ TOLERANCE = 1e-4
 # The last pairs carry all of the remaining error, so a few more are computed than asked for.
 SURPLUS = 1.05
 DENSE_BELOW = 1200
+# Right-hand sides of more entries than this are worth a second thread.
+LONG = 20_000
 COLUMN_CHUNK = 1 << 14
 # A block more divides the last residual by less than this: so it need not be looked at after each one.
 GAIN = 4.0
@@ -137,14 +140,7 @@ def _block_lanczos(
 ) -> Generator[float, None, tuple[Floats, Floats]]:
     n, b = len(root), BLOCK
     wanted = min(n - 1, int(SURPLUS * k) + 2)
-    factor = splu(
-        csc_array(stiffness + SHIFT * diags_array(areas)),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        panel_size=1,
-        options={"SymmetricMode": True},
-    )
+    factor = _factorised(stiffness + SHIFT * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
@@ -154,7 +150,7 @@ def _block_lanczos(
     next_test = 2.4 * wanted
     for j in range(limit):
         e = (j + 1) * b
-        Y = root * factor.solve((Q[e - b : e] * root).T).T
+        Y = root * _solved(factor, Q[e - b : e] * root)
         yield min(0.9, e / (2.8 * wanted))
         Y = Y.astype(np.float32)
         for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
@@ -181,7 +177,9 @@ def _block_lanczos(
             mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
             yield min(0.9, e / (2.8 * wanted))
             if _residuals(R, mu, S).max() < TOLERANCE:
-                break
+                if _is_complete(1 / mu[::-1] - SHIFT, k, stiffness, areas):
+                    break
+                next_test = e + 4 * b
     else:
         raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
     mu, S = mu[::-1][:k], S[:, ::-1][:, :k]
@@ -190,6 +188,40 @@ def _block_lanczos(
         eigenvectors[columns] = (S.T.astype(np.float32) @ Q[:e, columns]).T / root[columns, None]
         yield 0.95
     return 1 / mu - SHIFT, eigenvectors
+
+
+def _factorised(matrix: csc_array) -> SuperLU:
+    """The LU factors of a symmetric matrix, with pivots from its diagonal."""
+    return splu(
+        csc_array(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        relax=1,
+        panel_size=1,
+        options={"SymmetricMode": True},
+    )
+
+
+def _solved(factor: SuperLU, rows: Floats) -> Floats:
+    """(b, n) solutions for right-hand sides (b, n), half of them by a second thread where they are long."""
+    if rows.shape[1] < LONG:
+        return np.asarray(factor.solve(rows.T).T)
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        halves = pool.map(lambda half: factor.solve(half.T).T, np.array_split(rows, 2))
+        return np.concatenate(list(halves))
+
+
+def _is_complete(eigenvalues: Floats, k: int, stiffness: csc_array, areas: Floats) -> bool:
+    """Whether no eigenvalue is missing among the first k or more of those found, ascending.
+
+    By Sylvester's law of inertia as many eigenvalues lie below a shift as the shifted matrix has negative pivots.
+    """
+    count = k + int(np.argmax(np.diff(eigenvalues[k - 1 :])))  # the shift lies in the widest gap beyond the k-th
+    shift = (eigenvalues[count - 1] + eigenvalues[count]) / 2
+    factor = _factorised(stiffness - shift * diags_array(areas))
+    if not np.array_equal(factor.perm_r, factor.perm_c):
+        return True  # pivots off the diagonal say nothing of the signs
+    return int((factor.U.diagonal() < 0).sum()) == count
 
 
 def _residuals(R: Floats, mu: Floats, S: Floats) -> Floats:
