@@ -110,7 +110,7 @@ class _OneBlasThread:
                 self._limits.close()
 
 
-_one_blas_thread = _OneBlasThread()
+one_blas_thread = _OneBlasThread()
 
 
 def on_one_blas_thread(
@@ -120,7 +120,7 @@ def on_one_blas_thread(
 
     @wraps(steps)
     def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Generator[Yielded, None, Result]:
-        with _one_blas_thread:
+        with one_blas_thread:
             return (yield from steps(*args, **kwargs))
 
     return limited

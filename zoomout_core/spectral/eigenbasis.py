@@ -7,6 +7,7 @@ half as much a column as single ones do, and finds repeated eigenvalues that a s
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,15 +17,18 @@ from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
+from zoomout_core.decimation import decimated_steps
 from zoomout_core.progress import drain
+from zoomout_core.projection import Neighbourhoods, project_to_embedding
 from zoomout_core.spectral.laplacian import mesh_laplacian, point_cloud_laplacian
 from zoomout_core.surface import Floats, MeshError, PointCloud, Surface, WorkingMesh
+from zoomout_core.threads import one_blas_thread
 
 # At unit area lambda_k is about 4 pi k; anything from 0.1 to 200 converges alike.
 SHIFT = 20.0
 BLOCK = 16
 # Largest accepted change of direction of a shift-inverted pair, relative to its eigenvalue.
-TOLERANCE = 1e-4
+TOLERANCE = 1e-3
 # The last pairs carry all of the remaining error, so a few more are computed than asked for.
 SURPLUS = 1.05
 DENSE_BELOW = 1200
@@ -33,6 +37,11 @@ LONG = 20_000
 COLUMN_CHUNK = 1 << 14
 # A block more divides the last residual by less than this: so it need not be looked at after each one.
 GAIN = 4.0
+# Vertices of the mesh that stands in for one whose matrix does not fit into memory.
+FEWER = 50_000
+SMOOTHING, DAMPING = 10, 0.5
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +93,13 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
         )
     if not isinstance(k, int | np.integer):
         raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
-    if isinstance(shape, PointCloud):
-        stiffness, areas = point_cloud_laplacian(shape.points)
-        eigenvalues, eigenvectors = drain(eigenpairs_steps(stiffness, areas, k, seed))
-        return SpectralBasis(eigenvalues, eigenvectors, areas, shape.points)
-    working = shape.working
-    basis = drain(working_basis_steps(working, k, seed))
+    with one_blas_thread:
+        if isinstance(shape, PointCloud):
+            stiffness, areas = point_cloud_laplacian(shape.points)
+            eigenvalues, eigenvectors = drain(eigenpairs_steps(stiffness, areas, k, seed))
+            return SpectralBasis(eigenvalues, eigenvectors, areas, shape.points)
+        working = shape.working
+        basis = _basis_of(working, k, seed)
     copies = np.bincount(working.vertex_of[working.vertex_of >= 0], minlength=len(working.vertices))
     used = (working.vertex_of >= 0).astype(float)
     return SpectralBasis(
@@ -98,6 +108,38 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
         (basis.areas / copies)[working.vertex_of] * used,
         shape.vertices,
     )
+
+
+def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:
+    """The basis of a mesh; where its matrix does not fit into memory factorised, nearly, from a smaller mesh.
+
+    The functions of the smaller mesh are read at the closest points, and the best combinations of them taken
+    (Rayleigh and Ritz), so that they are orthonormal, and the eigenvalues bounds from above.
+    """
+    try:
+        return drain(working_basis_steps(mesh, k, seed))
+    except MemoryError:
+        _log.warning(
+            "There is not enough memory to factorise the Laplacian of %d vertices: its eigenfunctions are taken from a "
+            "mesh of %d, nearly.",
+            len(mesh.vertices),
+            FEWER,
+        )
+    points, triangles, merged = drain(decimated_steps(mesh.vertices, mesh.oriented_triangles, FEWER))
+    around = Neighbourhoods(triangles, len(points))
+    triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
+    stiffness, areas = mesh_laplacian(points, triangles)
+    _, coarse = drain(eigenpairs_steps(stiffness, areas, int(SURPLUS * k) + 2, seed))
+    functions = np.einsum("nc,nck->nk", barycentric, coarse[triangles[triangle]])
+    stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
+    damped_inverse = DAMPING / stiffness.diagonal()[:, None]
+    for _ in range(SMOOTHING):  # damped Jacobi steps take away the kinks along the edges of the smaller mesh
+        functions -= damped_inverse * (stiffness @ functions)
+    weighted = areas[:, None] * functions
+    eigenvalues, mixing = eigh(
+        functions.T @ (stiffness @ functions), functions.T @ weighted, subset_by_index=(0, k - 1)
+    )
+    return SpectralBasis(np.maximum(eigenvalues, 0), functions @ mixing, areas, mesh.vertices)
 
 
 def working_basis_steps(mesh: WorkingMesh, k: int, seed: int = 0) -> Generator[float, None, SpectralBasis]:
@@ -150,17 +192,17 @@ def _block_lanczos(
     next_test = 2.4 * wanted
     for j in range(limit):
         e = (j + 1) * b
-        Y = root * _solved(factor, Q[e - b : e] * root)
+        Y: Floats = root * _solved(factor, Q[e - b : e] * root)
         yield min(0.9, e / (2.8 * wanted))
         Y = Y.astype(np.float32)
         for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
             h = Y @ Q[first:e].T
-            Y = Y - h @ Q[first:e]
+            Y -= h @ Q[first:e]
             H[first:e, e - b : e] += h.T
         R = np.eye(b)
         for _ in range(2):
             L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
-            Y = solve_triangular(L, Y, lower=True).astype(np.float32)
+            Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
             R = L.T @ R
         H[e : e + b, e - b : e] = R
         Q[e : e + b] = Y

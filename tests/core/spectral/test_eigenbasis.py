@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import Creature, directions
-from scipy.sparse import diags_array
-from scipy.sparse.linalg import eigsh
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import SuperLU, eigsh
 from scipy.spatial import ConvexHull
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from zoomout_core.spectral.eigenbasis import eigenbasis
+from zoomout_core.progress import drain
+from zoomout_core.spectral import eigenbasis as module
+from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.surface import MeshError, PointCloud, Surface
 
@@ -118,3 +121,53 @@ def test_a_mesh_with_slivers_and_non_manifold_edges_has_a_basis(resting: Creatur
     )
     eigenvalues = eigenbasis(broken, 30).eigenvalues
     np.testing.assert_allclose(eigenvalues, eigenbasis(surface, 30).eigenvalues, rtol=0.02, atol=1e-4)
+
+
+def test_a_missing_eigenvalue_is_noticed(resting: Creature) -> None:
+    working = resting.surface.working
+    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    values = eigenbasis(resting.surface, 60).eigenvalues
+    assert _is_complete(values, 50, stiffness, areas)
+    for missing in (1, 20, 49):
+        assert not _is_complete(np.delete(values, missing), 50, stiffness, areas)
+
+
+def test_pairs_that_the_iteration_missed_are_found_later(resting: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if eigenvalues were missing at first: it goes on, and ends with the same ones."""
+    working = resting.surface.working
+    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    expected = eigenbasis(resting.surface, 60).eigenvalues
+    answers = iter([False, False, True])
+    monkeypatch.setattr(module, "_is_complete", lambda *_: next(answers))
+    values, _ = drain(eigenpairs_steps(stiffness, areas, 60))
+    assert next(answers, None) is None
+    np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_smaller_mesh(
+    resting: Creature, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    exact = eigenbasis(resting.surface, 30)
+    factorised = module._factorised
+
+    def with_little_memory(matrix: csc_array) -> SuperLU:
+        if matrix.shape[0] > 2500:
+            raise MemoryError
+        return factorised(matrix)
+
+    monkeypatch.setattr(module, "_factorised", with_little_memory)
+    monkeypatch.setattr(module, "FEWER", 2000)
+    basis = eigenbasis(resting.surface, 30)
+    assert "not enough memory" in caplog.text
+    assert basis.eigenvectors.shape == exact.eigenvectors.shape
+    np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(30), atol=1e-6)
+    assert (basis.eigenvalues[1:] > 0.999 * exact.eigenvalues[1:]).all()
+    np.testing.assert_allclose(basis.eigenvalues[1:], exact.eigenvalues[1:], rtol=0.1)
+    cosines = np.linalg.svd(exact.coefficients(basis.eigenvectors), compute_uv=False)
+    assert cosines[:20].min() > 0.98
+
+
+def test_blas_is_left_as_it_was(resting: Creature) -> None:
+    with threadpool_limits(2, user_api="blas"):
+        eigenbasis(resting.surface, 20)
+        assert {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"} == {2}
