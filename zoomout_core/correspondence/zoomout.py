@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
-from scipy.spatial import cKDTree
 
 from zoomout_core.correspondence.anchors import Anchors, beside
 from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.correspondence.nearest import nearest, nearest_among
+from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.surface_map import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
@@ -22,9 +21,9 @@ from zoomout_core.surface import Floats, Integers
 
 # Size of the functional map that a given pointwise map is taken down to before it is upsampled.
 K_INITIAL = 20
-# What sampling costs in exactness is mostly taken back by a few rounds on all vertices. The first image comes
-# from the leading functions alone; each round looks among so many neighbours of the last image.
-FINISHING, LEADING, NEIGHBOURS = 4, 100, 32
+# What sampling costs in exactness a few rounds on all vertices take back, that grow from the leading functions once
+# more: so many sizes, evenly spread.
+LEADING, FINISHING = 30, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,19 +156,14 @@ def _dense(
 
 
 def _finished(basis_source: SpectralBasis, basis_target: SpectralBasis, functional_map: Floats) -> Refined:
-    """The dense map: roughly from the leading functions, then near that from all of them, a few times over."""
-    k_target, k_source = functional_map.shape
-    vertex = vertex_map_of(functional_map[:LEADING, :LEADING], basis_source, basis_target)
-    used = np.flatnonzero(basis_source.areas > 0)
-    count = min(NEIGHBOURS, len(used))
-    near = np.reshape(cKDTree(basis_source.points[used]).query(basis_source.points[used], count)[1], (-1, count))
-    neighbours = np.zeros((len(basis_source.points), count), dtype=np.int64)
-    neighbours[used] = used[near]
-    for _ in range(FINISHING):
-        embedded = basis_source.eigenvectors[:, :k_source] @ functional_map.T
-        vertex = nearest_among(basis_target.eigenvectors[:, :k_target], embedded, neighbours[vertex])
+    """From the functional map that samples have led to, to the dense map: grown again on all vertices, in big steps."""
+    shape = np.array(functional_map.shape)
+    first, *sizes = np.rint(shape * np.linspace(min(1.0, LEADING / shape.min()), 1, FINISHING)[:, None]).astype(int)
+    functional_map = functional_map[: first[0], : first[1]]
+    for k_target, k_source in (*sizes, shape):
+        vertex = vertex_map_of(functional_map, basis_source, basis_target)
         functional_map = functional_map_of(vertex, basis_source, basis_target, k_source, k_target)
-    return Refined(functional_map, vertex)
+    return Refined(functional_map, vertex_map_of(functional_map, basis_source, basis_target))
 
 
 def _sizes(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, int]]:

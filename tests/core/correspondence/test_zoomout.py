@@ -8,7 +8,7 @@ from creatures import Creature, true_vertex
 
 from zoomout_core import commutativity_error, eigenbasis, geodesic_error, orthonormality_error, zoomout
 from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.correspondence.nearest import nearest, nearest_among
+from zoomout_core.correspondence.nearest import MANY_PRODUCTS, nearest, nearest_among
 from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
@@ -160,3 +160,26 @@ def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, senten
 def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
     identity = np.arange(4000.0)
     assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(4000))
+
+
+@pytest.mark.parametrize(("dimension", "noise"), [(20, 0.01), (60, 0.5), (60, 50.0)])
+def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int, noise: float) -> None:
+    random = np.random.default_rng(0)
+    # A curved surface in many dimensions, as embeddings are; then ever less like one.
+    place, mixing = random.random((12_000, 2)), random.standard_normal((2, dimension)) * 6
+    points = np.sin(place @ mixing)
+    queries = np.sin((place + 0.001) @ mixing) + noise * random.standard_normal(points.shape)
+    assert len(queries) * len(points) > MANY_PRODUCTS
+    found = nearest(queries, points)
+    exact = np.concatenate([
+        np.argmin((points**2).sum(axis=1) - 2 * few @ points.T, axis=1) for few in np.array_split(queries, 40)
+    ])  # fmt: skip
+    distance, least = (np.linalg.norm(queries - points[row], axis=1) for row in (found, exact))
+    assert (found == exact).mean() > 0.999
+    np.testing.assert_allclose(distance, least, atol=1e-4)
+
+
+def test_many_equal_points_are_no_harder() -> None:
+    points = np.repeat(np.eye(20), 600, axis=0)
+    found = nearest(points + 0.01, points)
+    np.testing.assert_array_equal(points[found], points)
