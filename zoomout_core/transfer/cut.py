@@ -219,5 +219,7 @@ def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> B
     steps = np.ceil(length / spacing).astype(np.int64)
     segment, step = ragged(np.arange(len(steps)), np.zeros_like(steps), steps + 1, np.arange(steps.max() + 1))
     along = (step / np.maximum(steps[segment], 1))[:, None]
-    distance, _ = cKDTree(begin[segment] * (1 - along) + end[segment] * along).query(points)
-    return np.asarray(distance <= radius * 1.001 + spacing / 2)
+    reach = radius * 1.001 + spacing / 2
+    tree = cKDTree(begin[segment] * (1 - along) + end[segment] * along)
+    distance, _ = tree.query(points, distance_upper_bound=1.001 * float(reach.max()), workers=2)
+    return np.asarray(distance <= reach)
