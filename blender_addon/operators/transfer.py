@@ -10,8 +10,9 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Progress, Steps, drain, within
-from zoomout_core.transfer import Attribute, transfer
+from zoomout_core.progress import Steps, drain, spread, within
+from zoomout_core.transfer import Attribute
+from zoomout_core.transfer import transfer_steps as transfer_steps_of
 from zoomout_core.transfer.weights import sum_to_one
 
 from .. import mesh_data, stored_match, stored_report
@@ -227,20 +228,21 @@ def _check_names(plan: Plan, target: Object) -> None:
 
 def _compute(plan: Plan, match: stored_match.Match, pair: ObjectPair) -> Steps[None]:
     """Put the target's values in place of the source's."""
-    surfaces = (match, pair.source, pair.target)
     count = len(plan.layers) + 2
+
+    def carried(attribute: Attribute, number: int, what: str, **options: Any) -> Steps[Attribute]:
+        steps = transfer_steps_of(attribute, match, pair.source, pair.target, **options)
+        result = yield from spread(steps, number / count, (number + 1) / count, f"Transferring {what}")
+        plan.notes.extend(result.notes)
+        return result
+
     for i, layer in enumerate(plan.layers):
-        yield Progress(i / count, f"Transferring '{layer.attribute.name}'")
-        plan.layers[i] = replace(layer, attribute=transfer(layer.attribute, *surfaces))
-        plan.notes.extend(plan.layers[i].attribute.notes)
+        attribute = yield from carried(layer.attribute, i, f"'{layer.attribute.name}'")
+        plan.layers[i] = replace(layer, attribute=attribute)
     if plan.weights is not None:
-        yield Progress((count - 2) / count, "Transferring vertex groups")
-        plan.weights = transfer(plan.weights, *surfaces, **plan.sharing)
-        plan.notes.extend(plan.weights.notes)
+        plan.weights = yield from carried(plan.weights, count - 2, "vertex groups", **plan.sharing)
     if plan.face_slots is not None:
-        yield Progress((count - 1) / count, "Transferring materials")
-        plan.face_slots = transfer(plan.face_slots, *surfaces)
-        plan.notes.extend(plan.face_slots.notes)
+        plan.face_slots = yield from carried(plan.face_slots, count - 1, "materials")
 
 
 def _write(target: Object, plan: Plan) -> None:

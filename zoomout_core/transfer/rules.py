@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.sparse import issparse
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import Floats, MeshError, Surface
+from zoomout_core.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.interpolate import (
@@ -104,6 +106,13 @@ def transfer(
     _check_map(surface_map, confidence, source, target)
     draped = Draped(source, target, surface_map, confidence)
     return rule.domains[attribute.domain](attribute, draped, **options)
+
+
+def transfer_steps(
+    attribute: Attribute, result: Match | SurfaceMap, source: Surface, target: Surface, **options: Any
+) -> Generator[float, None, Attribute]:
+    """`transfer` in the background of short steps; yields the fraction done."""
+    return in_background(partial(transfer, attribute, result, source, target, **options))
 
 
 def _rule(attribute: Attribute) -> Rule:
