@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -18,6 +19,7 @@ from trimesh.remesh import subdivide
 
 import zoomout_core as zo
 from benchmarks.datasets import load_pair
+from zoomout_core.cli import DETAIL
 from zoomout_core.files import read_surface
 from zoomout_core.surface import Floats, Integers, Surface
 
@@ -73,8 +75,8 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
     for number, pair in enumerate(sized_pairs(data)):
         if number == pairs:
             break
-        for system, measured in (("zoomout_core", _ours), ("pyFMaps", _peer)):
-            if system == "zoomout_core" or len(pair.target.vertices) <= MOST_OF_PEER:
+        for system, measured in SYSTEMS.items():
+            if system != "pyFMaps" or len(pair.target.vertices) <= MOST_OF_PEER:
                 row, of_stages = measured(pair)
                 about = {"pair": pair.name, "vertices": len(pair.target.vertices), "system": system}
                 rows.append(about | row | {"peak MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024})
@@ -124,16 +126,17 @@ class TimedMatch:
     result: zo.MatchResult
 
 
-def timed_match(source: Surface, target: Surface, warm: bool = False) -> TimedMatch:
-    """Match two meshes as they come from a file; the source was seen before if `warm`."""
+def timed_match(source: Surface, target: Surface, warm: bool = False, detail: str = "balanced") -> TimedMatch:
+    """Match two meshes as they come from a file, with a preset; the source was seen before if `warm`."""
+    options: dict[str, Any] = DETAIL[detail]
     zo.forget_shapes()
     source, target = (Surface(surface.vertices, surface.triangles) for surface in (source, target))
     if warm:
-        zo.match(source, source)
+        zo.match(source, source, **options)
     stage, longest = "Reading the meshes", 0.0
     stages: dict[str, float] = {}
     start = last = perf_counter()
-    steps = zo.match_steps(source, target)
+    steps = zo.match_steps(source, target, **options)
     while True:
         try:
             progress = next(steps)
@@ -148,9 +151,9 @@ def timed_match(source: Surface, target: Surface, warm: bool = False) -> TimedMa
     return TimedMatch(last - start, stages, longest, result)
 
 
-def _ours(pair: SizedPair) -> tuple[Record, dict[str, float]]:
-    runs = [timed_match(pair.source, pair.target) for _ in range(REPEATS)]
-    warm = [timed_match(pair.source, pair.target, warm=True) for _ in range(REPEATS)]
+def _ours(pair: SizedPair, detail: str) -> tuple[Record, dict[str, float]]:
+    runs = [timed_match(pair.source, pair.target, False, detail) for _ in range(REPEATS)]
+    warm = [timed_match(pair.source, pair.target, True, detail) for _ in range(REPEATS)]
     return {
         "seconds": median(run.seconds for run in runs),
         "warm source": median(run.seconds for run in warm),
@@ -183,3 +186,10 @@ def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:
     vertex = timed("refinement and map", refined)
     seconds = sum(stages.values())
     return {"seconds": seconds, "warm source": None, "longest step": None, "mean error": pair.error(vertex)}, stages
+
+
+SYSTEMS: dict[str, Callable[[SizedPair], tuple[Record, dict[str, float]]]] = {
+    "zoomout_core": partial(_ours, detail="balanced"),
+    "zoomout_core, fine": partial(_ours, detail="fine"),
+    "pyFMaps": _peer,
+}

@@ -22,12 +22,12 @@ from zoomout_core.files import read_surface
 from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
 
-# Final size of the functional map, number of samples, and vertices of the stand-ins, of each preset.
-DETAIL = {
-    "fast": (60, 500, 2000),
-    "balanced": (120, 1000, 4000),
-    "fine": (200, 1500, 8000),
-    "full": (200, 2000, None),
+# Arguments of `match` for each preset.
+DETAIL: dict[str, dict[str, int | None]] = {
+    "fast": {"k_final": 60, "samples": 500, "proxy_vertices": 2000},
+    "balanced": {"k_final": 120, "samples": 1000, "proxy_vertices": 4000},
+    "fine": {"k_final": 200, "step": 20, "samples": 1500, "proxy_vertices": 8000},
+    "full": {"k_final": 200, "step": 20, "samples": 2000, "proxy_vertices": None},
 }
 STARTS = ("auto", "landmarks", "proximity")
 NO_CACHE = "off"
@@ -106,9 +106,7 @@ def start_arguments(
     Raises:
         MeshError: options that do not fit together, or a file or a direction that cannot be used.
     """
-    k_final, samples, proxy_vertices = DETAIL[detail]
-    arguments: dict[str, Any] = {"k_final": k_final, "samples": samples, "proxy_vertices": proxy_vertices}
-    arguments |= {"seed": seed, "initial": initial}
+    arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "initial": initial}
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
