@@ -29,7 +29,7 @@ SUBDIVIDED = 0, 1, 2
 MOST_OF_FULL_BASIS = 250_000
 FUNCTIONS = 50, 100, 200, 400
 SAMPLES = 500, 1000, 2000, 4000
-# The growth from here on is what the issue of large meshes is about.
+# Growth is also fitted to meshes from this size on, where reading and carrying over outweigh the rest.
 LARGE = 50_000
 
 

@@ -181,7 +181,7 @@ def project_to_embedding(
 ) -> tuple[Integers, Floats]:
     """Precise map: the closest point on an embedded surface, sought around the nearest vertex.
 
-    Looks at the triangles within two edges of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
+    Looks at the neighbourhood of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
     denoising of maps between shapes, 2017) do in their local variant; memory stays bounded. Where there are many
     dimensions, it reckons in single precision.
 

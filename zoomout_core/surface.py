@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -280,13 +280,22 @@ def _ends(triangles: Integers) -> tuple[Integers, Integers]:
     return np.minimum(triangles, following).ravel(), np.maximum(triangles, following).ravel()
 
 
-def _sides_by_edge(triangles: Integers) -> tuple[Integers, Integers]:
-    """The sides of triangles (m, 3), numbered 3 t + corner, one undirected edge after the other.
+class _Sides(NamedTuple):
+    """The sides of triangles, one undirected edge after the other.
+
+    Attributes:
+        side: (3m,) numbers of the sides, 3 t for that from the first corner of triangle t to the second.
+        first: (e + 1,) where each edge's sides begin among them.
+    """
+
+    side: Integers
+    first: Integers
+
+
+def _sides_by_edge(triangles: Integers) -> _Sides:
+    """The sides of triangles (m, 3) by the vertices that they connect.
 
     They are counted into the rows of a sparse matrix, which takes a third of the time that sorting them does.
-
-    Returns:
-        (3m,) the sides by the vertices that they connect, and (e + 1,) where each edge's begin among them.
     """
     low, high = _ends(triangles)
     n = int(high.max(initial=-1)) + 1
@@ -297,7 +306,7 @@ def _sides_by_edge(triangles: Integers) -> tuple[Integers, Integers]:
     side = table.data
     begins = np.ones(len(side), dtype=bool)
     begins[1:] = (np.diff(table.indices) != 0) | (np.diff(low[side]) != 0)
-    return side, np.append(np.flatnonzero(begins), len(side))
+    return _Sides(side, np.append(np.flatnonzero(begins), len(side)))
 
 
 def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
@@ -468,13 +477,13 @@ def _ears(points: Floats, normal: Floats) -> Integers:
 
 def _working_mesh(surface: Surface) -> WorkingMesh:
     triangles = surface.triangles
-    sides_by_edge = _sides_by_edge(triangles)
-    welded = _weld(surface.vertices, triangles, *sides_by_edge)
+    sides = _sides_by_edge(triangles)
+    welded = _weld(surface.vertices, triangles, sides)
     triangles = welded[triangles]
     proper = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
     if not (proper.all() and (triangles == surface.triangles).all()):
         triangles = triangles[proper]
-        sides_by_edge = _sides_by_edge(triangles)
+        sides = _sides_by_edge(triangles)
     used = np.zeros(len(surface.vertices), dtype=bool)
     used[triangles] = True
     number = np.where(used, np.cumsum(used) - 1, -1)
@@ -488,7 +497,7 @@ def _working_mesh(surface: Surface) -> WorkingMesh:
     return WorkingMesh(
         vertices=points,
         triangles=triangles,
-        flipped=_flipped(points, triangles, *sides_by_edge),
+        flipped=_flipped(points, triangles, sides),
         vertex_of=np.where(referenced, number[welded], -1),
         triangle_of=np.flatnonzero(proper),
         component=_component(points, triangles),
@@ -496,15 +505,9 @@ def _working_mesh(surface: Surface) -> WorkingMesh:
     )
 
 
-def _weld(vertices: Floats, triangles: Integers, side: Integers, first: Integers) -> Integers:
-    """(n,) the vertex that stands for each: coinciding border vertices become one, all others stay.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        side: their sides by edge, and where each edge's
-        first: begin, as of `_sides_by_edge`.
-    """
+def _weld(vertices: Floats, triangles: Integers, sides: _Sides) -> Integers:
+    """(n,) the vertex that stands for each: coinciding border vertices become one, all others stay."""
+    side, first = sides
     alone = side[first[:-1][np.diff(first) == 1]]
     border = np.unique(np.concatenate([triangles.ravel()[alone], np.roll(triangles, -1, axis=1).ravel()[alone]]))
     stands_for = np.arange(len(vertices))
@@ -534,15 +537,9 @@ def _component(vertices: Floats, triangles: Integers) -> Integers:
     return rank[label]
 
 
-def _flipped(vertices: Floats, triangles: Integers, side: Integers, first: Integers) -> Booleans:
-    """(m,) which triangles to turn so that neighbours agree and normals point outwards.
-
-    Args:
-        vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers.
-        side: their sides by edge, and where each edge's
-        first: begin, as of `_sides_by_edge`.
-    """
+def _flipped(vertices: Floats, triangles: Integers, sides: _Sides) -> Booleans:
+    """(m,) which triangles to turn so that neighbours agree and normals point outwards."""
+    side, first = sides
     m, count = len(triangles), np.diff(first)
     pair = first[:-1][count == 2]  # manifold edges alone carry an orientation across
     left, right = side[pair], side[pair + 1]

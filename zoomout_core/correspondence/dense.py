@@ -21,7 +21,7 @@ from zoomout_core.surface import Floats, Integers
 # is laid over the source, which settles the sense of its limbs.
 LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04))
 # Then the map grows once more, with less regard to space: along the surface, shapes that are nearly isometric agree
-# better than any target can be laid.
+# better than any target can be laid. Below the usual ratio (see below) that regard falls off with this power more.
 SETTLING, SETTLING_WEIGHT, STEEPNESS = (30, 50, 70, 90, 120), 0.2, 4
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
 # decide them; places in space, at this weight, keep triangles from turning over.

@@ -81,7 +81,9 @@ def _nearest_by_clusters(queries: Floats, points: Floats) -> Integers:
     order = np.argsort(own, kind="stable")
     table_of_centres = _table(centres)
     found = np.empty(len(queries), dtype=np.int64)
-    for group in np.split(order, np.flatnonzero(np.diff(own[order])) + 1):
+    groups = np.split(order, np.flatnonzero(np.diff(own[order])) + 1)
+    most = max(1, BLOCK // len(points))  # queries at a time, should no cluster be ruled out
+    for group in (alike[start : start + most] for alike in groups for start in range(0, len(alike), most)):
         block = _extended(queries[group])
         half_norm = np.einsum("qk,qk->q", queries[group], queries[group]) / 2
         home = slice(begin[own[group[0]]], begin[own[group[0]] + 1])
