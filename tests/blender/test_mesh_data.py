@@ -148,16 +148,12 @@ def test_what_a_mesh_has_is_read_or_has_a_reason_why_not():
 
 def test_shape_keys_and_what_else_is_no_attribute_have_a_reason():
     source = ellipsoid("Source", 2)
-    assert mesh_data.read_source_data(source, depsgraph()).without_a_way == {}
+    assert mesh_data.data_without_a_way(source, source.data) == {}
     source.shape_key_add(name="Basis")
-    assert mesh_data.read_source_data(source, depsgraph()).without_a_way == {}
+    assert mesh_data.data_without_a_way(source, source.data) == {}
     source.shape_key_add(name="Smile")
     source.modifiers.new("Multires", "MULTIRES")
-    source.update_tag()
-    assert set(mesh_data.read_source_data(source, depsgraph()).without_a_way) == {
-        "shape keys",
-        "multires displacement",
-    }
+    assert set(mesh_data.data_without_a_way(source, source.data)) == {"shape keys", "multires displacement"}
 
 
 @pytest.mark.parametrize(
@@ -191,20 +187,23 @@ def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
     vertices, faces = len(source.data.vertices), len(source.data.polygons)
 
     surface = mesh_data.read_source_surface(source, depsgraph())
-    data = mesh_data.read_source_data(source, depsgraph())
     assert len(surface.face_start) - 1 == 3 * faces
     assert len(surface.vertices) > 3 * vertices
-    assert data.weights.values.shape == (len(surface.vertices), 1)
-    assert data.weights.labels == ("Bone",)
-    assert data.weights.values.nnz > 3 * vertices
-    assert {layer.attribute.name: len(layer.attribute.values) for layer in data.layers} == {
+    with mesh_data.evaluated_mesh(source, depsgraph()) as (evaluated, mesh):
+        layers, _ = mesh_data.read_layers(mesh)
+        weights = mesh_data.read_weights(evaluated, mesh)
+        materials, face_slots = mesh_data.read_materials(evaluated, mesh)
+    assert weights.values.shape == (len(surface.vertices), 1)
+    assert weights.labels == ("Bone",)
+    assert weights.values.nnz > 3 * vertices
+    assert {layer.attribute.name: len(layer.attribute.values) for layer in layers} == {
         "sharp_face": 3 * faces,
         "UVMap": len(surface.corner_vertex),
         "mass": len(surface.vertices),
         "zone": 3 * faces,
     }
-    assert data.materials == ["red"]
-    assert len(data.face_slots.values) == 3 * faces
+    assert materials == ["red"]
+    assert len(face_slots.values) == 3 * faces
 
 
 def test_a_mirrored_object_is_read_in_world_space_with_its_outside_outside():
@@ -289,9 +288,9 @@ def test_materials_are_read_as_they_are_seen():
     source.material_slots[0].material = new_material("object green")
     mesh.polygons[3].material_index = 1
     mesh.polygons[4].material_index = 9  # Blender shows the last slot
-    data = mesh_data.read_source_data(source, depsgraph())
-    assert data.materials == ["object green", "blue", None]
-    assert data.face_slots.values[[0, 3, 4]].tolist() == [0, 1, 2]
+    materials, face_slots = mesh_data.read_materials(source, mesh)
+    assert materials == ["object green", "blue", None]
+    assert face_slots.values[[0, 3, 4]].tolist() == [0, 1, 2]
 
 
 def test_materials_are_written_by_identity_and_appended_only_where_missing():
@@ -303,8 +302,7 @@ def test_materials_are_written_by_identity_and_appended_only_where_missing():
         target.data.materials.append(material)
     for polygon in source.data.polygons:
         polygon.material_index = 2 * (polygon.index % 2)  # red and blue, never green
-    data = mesh_data.read_source_data(source, depsgraph())
-    mesh_data.write_materials(target, data.materials, data.face_slots)
+    mesh_data.write_materials(target, *mesh_data.read_materials(source, source.data))
     assert [material and material.name for material in target.data.materials] == ["blue", None, "red"]
     shown = [target.data.materials[polygon.material_index].name for polygon in target.data.polygons]
     assert shown == ["red", "blue"] * (len(shown) // 2)

@@ -1,0 +1,23 @@
+"""What is transferred: one module for each kind of data, each with a `pack` that chooses from what a source has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from . import layers, materials, vertex_groups
+from .cargo import Cargo, Origin, Remarks, Way
+
+# In the order in which they are written.
+PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (layers.pack, vertex_groups.pack, materials.pack)
+
+# The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
+NOUNS = {
+    "uv_maps": "UV map",
+    "color_attributes": "color attribute",
+    "attributes": "attribute",
+    "vertex_groups": "vertex group",
+    "materials": "material",
+}
+DATA = tuple(NOUNS)
+
+__all__ = ["DATA", "NOUNS", "PACK", "Cargo", "Origin", "Remarks", "Way"]

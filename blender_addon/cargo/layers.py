@@ -1,0 +1,82 @@
+"""UV maps, colour attributes and other attributes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from bpy.types import Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps
+
+from .. import mesh_data
+from ..mesh_data import ActiveLayers, Layer, Role
+from .cargo import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class LayerCargo:
+    """One attribute.
+
+    Attributes:
+        layer: its values, and how Blender keeps them.
+        active: what the source shows and renders, of this layer.
+    """
+
+    layer: Layer
+    active: ActiveLayers
+
+    @property
+    def kind(self) -> str:
+        return self.layer.role.value
+
+    @property
+    def names(self) -> list[str]:
+        return [self.layer.attribute.name]
+
+    def carry(self, way: Way) -> Steps[None]:
+        attribute = yield from way.carry(self.layer.attribute, f"'{self.layer.attribute.name}'")
+        self.layer = replace(self.layer, attribute=attribute)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_layer(target.data, self.layer)
+        mesh_data.write_active_layers(target.data, self.active)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The attributes that are asked for.
+
+    Raises:
+        MeshError: the target has no room for them.
+    """
+    found, skipped = mesh_data.read_layers(origin.mesh)
+    remarks.skipped |= mesh_data.data_without_a_way(origin.source, origin.mesh)
+    if Role.GENERIC.value in origin.data:
+        remarks.skipped |= skipped
+    layers = [layer for layer in found if layer.role.value in origin.data]
+    _check_uv_maps(layers, origin.target)
+    _check_names(layers, origin.target, remarks)
+    active = mesh_data.read_active_layers(origin.mesh)
+    return [LayerCargo(layer, active.among({layer.attribute.name})) for layer in layers]
+
+
+def _check_uv_maps(layers: list[Layer], target: Object) -> None:
+    names = {layer.attribute.name for layer in layers if layer.role is Role.UV_MAP}
+    count = len(names.union(target.data.uv_layers.keys()))
+    if count > mesh_data.MOST_UV_MAPS:
+        raise zo.MeshError(
+            f"'{target.name}' would have {count} UV maps, and Blender's limit is {mesh_data.MOST_UV_MAPS}: "
+            "remove some from it, or from the source."
+        )
+
+
+def _check_names(layers: list[Layer], target: Object, remarks: Remarks) -> None:
+    attributes = target.data.attributes
+    for layer in layers:
+        name = layer.attribute.name
+        if name not in attributes and name in target.vertex_groups:
+            raise zo.MeshError(
+                f"'{name}' is an attribute of the source but a vertex group of '{target.name}': rename one of them."
+            )
+        if name in attributes and not mesh_data.fits(attributes[name], layer):
+            remarks.notes.append(f"{name}: replaced an attribute of '{target.name}' that was of another type.")

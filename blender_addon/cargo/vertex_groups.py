@@ -1,0 +1,92 @@
+"""Vertex groups: those that deform a mesh share each vertex among them, and locked ones stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from bpy.types import Object
+
+from zoomout_core.progress import Steps
+from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.weights import sum_to_one
+
+from .. import mesh_data
+from .cargo import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class WeightCargo:
+    """Vertex groups.
+
+    Attributes:
+        weights: their weights.
+        sharing: how these share a vertex among them and with locked groups, see `weights.mix_weights`.
+    """
+
+    weights: Attribute
+    sharing: dict[str, Any] = field(default_factory=dict)
+    kind: str = "vertex_groups"
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.weights.labels)
+
+    def carry(self, way: Way) -> Steps[None]:
+        self.weights = yield from way.carry(self.weights, "vertex groups", **self.sharing)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_weights(target, self.weights)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The groups that are not locked on the target."""
+    if "vertex_groups" not in origin.data:
+        return []
+    target = origin.target
+    weights, locked = mesh_data.read_weights(origin.evaluated, origin.mesh), mesh_data.locked_groups(target)
+    open_columns = [i for i, name in enumerate(weights.labels) if name not in locked]
+    closed = [name for name in weights.labels if name in locked]
+    remarks.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
+    if not open_columns:
+        return []
+    if weights.values.nnz == 0:
+        remarks.notes.append(
+            f"As its modifiers leave it, '{origin.source.name}' has no weights: its vertex groups arrive empty."
+        )
+    labels = tuple(weights.labels[i] for i in open_columns)
+    hidden = [name for name in labels if name in target.data.attributes]
+    if hidden:
+        remarks.notes.append(
+            f"'{target.name}' has attributes with the names of vertex groups ({', '.join(hidden)}): rename them, "
+            "or modifiers may confuse the two."
+        )
+    deforming = _deforming_groups(weights, origin, remarks)
+    columns = [i for i, name in enumerate(weights.labels) if name in deforming]
+    sharing = {
+        "normalised": np.array([name in deforming for name in labels]),
+        "sums": weights.values[:, columns].sum(axis=1),
+    }
+    held = locked & deforming
+    if held:
+        present = mesh_data.read_weights(target, target.data)
+        columns = [i for i, name in enumerate(present.labels) if name in held]
+        sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
+    return [WeightCargo(replace(weights, values=weights.values[:, open_columns], labels=labels), sharing)]
+
+
+def _deforming_groups(weights: Attribute, origin: Origin, remarks: Remarks) -> set[str]:
+    """The groups that share a vertex among them: those of bones, or of a skin without bones.
+
+    What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
+    """
+    bones = mesh_data.deforming_bones(origin.source) | mesh_data.deforming_bones(origin.target)
+    if bones.intersection(weights.labels) or weights.values.nnz == 0:
+        return bones
+    skin = sum_to_one(weights.values)
+    remarks.notes.append(
+        f"No armature has bones with the names of the vertex groups of '{origin.source.name}', which "
+        + ("sum to one on every vertex: they were taken for skin weights." if skin else "were taken for masks.")
+    )
+    return set(weights.labels) if skin else set()

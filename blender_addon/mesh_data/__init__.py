@@ -1,0 +1,54 @@
+"""Blender's meshes as arrays, and arrays back onto meshes: the only place that converts between the two.
+
+Whole arrays go through `foreach_get` and `foreach_set`.
+"""
+
+from .layers import (
+    MATCH_ATTRIBUTES,
+    MOST_UV_MAPS,
+    ActiveLayers,
+    Layer,
+    Role,
+    data_without_a_way,
+    fits,
+    read_active_layers,
+    read_layer,
+    read_layers,
+    write_active_layers,
+    write_layer,
+)
+from .materials import read_materials, write_materials
+from .surfaces import (
+    evaluated_mesh,
+    is_mirrored,
+    read_positions,
+    read_source_surface,
+    read_target_surface,
+)
+from .vertex_groups import deforming_bones, locked_groups, read_weights, write_weights
+
+__all__ = [
+    "MATCH_ATTRIBUTES",
+    "MOST_UV_MAPS",
+    "ActiveLayers",
+    "Layer",
+    "Role",
+    "data_without_a_way",
+    "deforming_bones",
+    "evaluated_mesh",
+    "fits",
+    "is_mirrored",
+    "locked_groups",
+    "read_active_layers",
+    "read_layer",
+    "read_layers",
+    "read_materials",
+    "read_positions",
+    "read_source_surface",
+    "read_target_surface",
+    "read_weights",
+    "write_active_layers",
+    "write_layer",
+    "write_materials",
+    "write_weights",
+]

@@ -1,0 +1,223 @@
+"""Attributes of meshes: UV maps, colours and whatever else is kept by name."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import astuple, dataclass
+from enum import Enum
+
+import bpy
+import numpy as np
+from bpy.types import Mesh, Object
+from numpy.typing import DTypeLike
+
+from zoomout_core.transfer import RULES, Attribute, Domain, Kind
+
+from .arrays import read_array
+
+# Blender refuses more UV maps in its panels, and draws no more than these.
+MOST_UV_MAPS = 8
+# What a match that is kept on a mesh consists of: for each vertex a triangle of the source, a point in it, and trust.
+MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
+# Attributes that Blender itself gives a meaning which is bound to the edges and corners of one mesh.
+CUSTOM_NORMAL = "custom_normal"
+BOUND_TO_MESH = frozenset({"crease_vert", "bevel_weight_vert", CUSTOM_NORMAL, "freestyle_face"})
+# Internal attributes that hold what was made on a mesh, and those that hold how it was being edited.
+SCULPTED = frozenset({".sculpt_mask", ".sculpt_face_set"})
+EDITING_STATES = (".select_", ".hide_", ".uv_select_", ".vs.", ".es.")
+PINS = ".pn."
+
+
+@dataclass(frozen=True)
+class Storage:
+    """How Blender stores attributes of one type.
+
+    Attributes:
+        kind: what such values mean, unless the attribute's role says otherwise.
+        element: the property of each element that holds the value.
+        width: numbers in a value.
+        dtype: their type.
+    """
+
+    kind: Kind
+    element: str
+    width: int
+    dtype: DTypeLike
+
+
+STORAGE = {
+    "FLOAT": Storage(Kind.SCALAR, "value", 1, np.float32),
+    "FLOAT2": Storage(Kind.VECTOR, "vector", 2, np.float32),
+    "FLOAT_VECTOR": Storage(Kind.VECTOR, "vector", 3, np.float32),
+    "FLOAT4": Storage(Kind.VECTOR, "vector", 4, np.float32),
+    "FLOAT_COLOR": Storage(Kind.COLOR, "color", 4, np.float32),
+    "BYTE_COLOR": Storage(Kind.COLOR, "color", 4, np.float32),
+    "INT": Storage(Kind.LABEL, "value", 1, np.int32),
+    "INT8": Storage(Kind.LABEL, "value", 1, np.int32),
+    "INT16_2D": Storage(Kind.LABEL, "value", 2, np.int32),
+    "INT32_2D": Storage(Kind.LABEL, "value", 2, np.int32),
+    "BOOLEAN": Storage(Kind.BOOLEAN, "value", 1, np.bool_),
+    "QUATERNION": Storage(Kind.QUATERNION, "value", 4, np.float32),
+    "FLOAT4X4": Storage(Kind.MATRIX, "value", 16, np.float32),
+}
+
+
+class Role(Enum):
+    """What Blender uses an attribute as; the values are the names of the options and of the report's lists."""
+
+    UV_MAP = "uv_maps"
+    COLOR = "color_attributes"
+    GENERIC = "attributes"
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """An attribute, with what Blender needs to make it anew on another mesh.
+
+    Attributes:
+        attribute: its values.
+        role: what Blender uses it as.
+        data_type: a key of `STORAGE`.
+    """
+
+    attribute: Attribute
+    role: Role
+    data_type: str
+
+
+@dataclass(frozen=True)
+class ActiveLayers:
+    """Names of the layers that are shown and edited, and of those that are rendered."""
+
+    uv: str | None
+    uv_render: str | None
+    color: str | None
+    color_render: str | None
+
+    def among(self, names: Collection[str]) -> ActiveLayers:
+        """The same, without layers of other names."""
+        return ActiveLayers(*(name if name in names else None for name in astuple(self)))
+
+
+def read_layers(mesh: Mesh) -> tuple[list[Layer], dict[str, str]]:
+    """UV maps, colour attributes and other attributes, and why some of the others cannot be transferred.
+
+    Returns:
+        Layers in the order of Blender's lists, and a sentence for each attribute that is not among them.
+    """
+    roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
+    roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
+    layers, skipped = [], {}
+    for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
+        attribute = mesh.attributes[name]
+        if attribute.is_required or name == "material_index":
+            continue  # the mesh itself, and what goes with its materials
+        role = roles.get(name, Role.GENERIC)
+        reason = _obstacle(attribute, role)
+        if reason is None:
+            layers.append(read_layer(mesh, name, role))
+        elif name.startswith(EDITING_STATES):
+            skipped["selection and hiding"] = reason  # of all kinds of elements
+        else:
+            skipped[name] = reason
+    return layers, skipped
+
+
+def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
+    """What else an object carries, besides attributes, that cannot be transferred, each with the reason.
+
+    Args:
+        obj: the object as it is in the file.
+        mesh: its mesh as the modifiers leave it.
+    """
+    keys = [] if obj.data.shape_keys is None else obj.data.shape_keys.key_blocks[1:]
+    found = (
+        ("shape keys", bool(keys), f"{len(keys)} of them, which cannot be transferred yet"),
+        (
+            "custom normals",
+            mesh.has_custom_normals and CUSTOM_NORMAL not in mesh.attributes,
+            "they are bound to the shape of the source's own mesh",
+        ),
+        ("skin radii", bool(mesh.skin_vertices), "they belong to the edges that the Skin modifier grows a mesh from"),
+        (
+            "multires displacement",
+            any(modifier.type == "MULTIRES" for modifier in obj.modifiers),
+            "it is bound to the faces of the source's own mesh",
+        ),
+    )
+    return {name: reason for name, present, reason in found if present}
+
+
+def _kind(attribute: bpy.types.Attribute, role: Role) -> Kind:
+    return Kind.UV if role is Role.UV_MAP else STORAGE[attribute.data_type].kind
+
+
+def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
+    name = attribute.name
+    if name.startswith(EDITING_STATES):
+        return "they belong to the editing of the source's own mesh"
+    if name in MATCH_ATTRIBUTES:
+        return "it belongs to a match that the source itself is the target of"
+    if name.startswith(PINS):
+        return "pins of UVs are set for one unwrapping of one mesh"
+    if attribute.is_internal and name not in SCULPTED:
+        return "it is internal to Blender"
+    if attribute.domain == "EDGE":
+        return "values of edges have no counterpart on another mesh"
+    if name in BOUND_TO_MESH:
+        return "it is bound to the shape of the source's own mesh"
+    if attribute.data_type not in STORAGE:
+        return f"values of the type {attribute.data_type} cannot be transferred"
+    rule = RULES.get(_kind(attribute, role))
+    if rule is None or Domain[attribute.domain] not in rule.domains:
+        return f"values of the type {attribute.data_type} cannot be transferred"
+    return None
+
+
+def read_layer(mesh: Mesh, name: str, role: Role = Role.GENERIC) -> Layer:
+    """One attribute of a mesh: values (count,) or (count, width), colours scene-linear."""
+    attribute = mesh.attributes[name]
+    storage = STORAGE[attribute.data_type]
+    values = read_array(attribute.data, storage.element, storage.dtype, storage.width)
+    return Layer(Attribute(name, Domain[attribute.domain], _kind(attribute, role), values), role, attribute.data_type)
+
+
+def fits(attribute: bpy.types.Attribute, layer: Layer) -> bool:
+    """Whether an attribute can take a layer's values as it is."""
+    return (attribute.data_type, attribute.domain) == (layer.data_type, layer.attribute.domain.name)
+
+
+def write_layer(mesh: Mesh, layer: Layer) -> None:
+    """Write an attribute to a mesh; one of the same name is overwritten, or replaced if it is of another type."""
+    name, domain = layer.attribute.name, layer.attribute.domain.name
+    storage = STORAGE[layer.data_type]
+    present = mesh.attributes.get(name)
+    if present is not None and not fits(present, layer):
+        mesh.attributes.remove(present)
+        present = None
+    if present is None:
+        present = mesh.attributes.new(name, layer.data_type, domain)
+    present.data.foreach_set(storage.element, np.ascontiguousarray(layer.attribute.values, storage.dtype).ravel())
+
+
+def read_active_layers(mesh: Mesh) -> ActiveLayers:
+    """Which UV maps and colour attributes are shown, and which are rendered."""
+    rendered = [layer.name for layer in mesh.uv_layers if layer.active_render]
+    return ActiveLayers(
+        uv=mesh.uv_layers.active.name if mesh.uv_layers.active else None,
+        uv_render=rendered[0] if rendered else None,
+        color=mesh.attributes.active_color_name or None,
+        color_render=mesh.attributes.default_color_name or None,
+    )
+
+
+def write_active_layers(mesh: Mesh, active: ActiveLayers) -> None:
+    """Make layers of the mesh the shown and the rendered ones; None leaves what is."""
+    if active.uv is not None:
+        mesh.uv_layers.active = mesh.uv_layers[active.uv]
+    if active.uv_render is not None:
+        mesh.uv_layers[active.uv_render].active_render = True
+    if active.color is not None:
+        mesh.attributes.active_color_name = active.color
+    if active.color_render is not None:
+        mesh.attributes.default_color_name = active.color_render

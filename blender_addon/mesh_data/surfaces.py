@@ -1,0 +1,120 @@
+"""Objects of Blender as surfaces of the core, in world space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from bpy.types import Depsgraph, Mesh, Object
+
+import zoomout_core as zo
+
+from .arrays import read_array
+
+# Modifiers that move vertices or change data, but neither add nor remove vertices.
+KEEPING_VERTICES = frozenset(
+    {
+        "ARMATURE", "CAST", "CLOTH", "COLLISION", "CORRECTIVE_SMOOTH", "CURVE", "DATA_TRANSFER", "DISPLACE",
+        "HOOK", "LAPLACIANDEFORM", "LAPLACIANSMOOTH", "LATTICE", "MESH_CACHE", "MESH_DEFORM",
+        "MESH_SEQUENCE_CACHE", "NORMAL_EDIT", "SHRINKWRAP", "SIMPLE_DEFORM", "SMOOTH", "SOFT_BODY", "SURFACE",
+        "SURFACE_DEFORM", "UV_PROJECT", "UV_WARP", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX",
+        "VERTEX_WEIGHT_PROXIMITY", "WARP", "WAVE", "WEIGHTED_NORMAL",
+    }
+)  # fmt: skip
+
+
+@contextmanager
+def evaluated_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, Mesh]]:
+    """The evaluated object and its mesh as the modifiers leave it, with all data layers.
+
+    Raises:
+        MeshError: the object is disabled, so that Blender does not evaluate it.
+    """
+    evaluated = obj.evaluated_get(depsgraph)
+    if not evaluated.is_evaluated:
+        raise zo.MeshError(
+            f"'{obj.name}' or its collection is disabled in the viewport: enable it, so that its modifiers work."
+        )
+    try:
+        yield evaluated, evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+    finally:
+        evaluated.to_mesh_clear()
+
+
+def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
+    """The surface of an object as the modifiers leave it, in world space.
+
+    Where they leave the faces as they are, these are divided into triangles like those of the object's own
+    mesh: Blender divides a quad another way when a pose folds it, and a match would not outlive that.
+
+    Raises:
+        MeshError: there is no surface, or it is not evaluated.
+    """
+    with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
+        return _surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh))
+
+
+def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
+    """The surface of an object's own mesh, its vertices where the modifiers move them, in world space.
+
+    Raises:
+        MeshError: there is no surface, or modifiers add or remove vertices.
+    """
+    with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
+        if len(mesh.vertices) != len(obj.data.vertices):
+            raise zo.MeshError(_change_of_vertices(obj))
+        return _surface(evaluated, obj.data, read_positions(mesh))
+
+
+def read_positions(mesh: Mesh) -> np.ndarray:
+    """(n, 3) positions of the vertices, in the mesh's own space."""
+    return read_array(mesh.vertices, "co", np.float32, 3)
+
+
+def _surface(obj: Object, mesh: Mesh, positions: np.ndarray) -> zo.Surface:
+    """A mesh in world space: corners and triangles are numbered as Blender does.
+
+    A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
+    """
+    matrix = np.array(obj.matrix_world)
+    mesh.calc_loop_triangles()
+    triangle_corners = read_array(mesh.loop_triangles, "loops", np.int32, 3)
+    if is_mirrored(obj):
+        triangle_corners = triangle_corners[:, ::-1]
+    face_start = np.append(read_array(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
+    try:
+        return zo.Surface.from_corners(
+            positions @ matrix[:3, :3].T + matrix[:3, 3],
+            read_array(mesh.loops, "vertex_index", np.int32),
+            face_start,
+            triangle_corners,
+        )
+    except zo.MeshError as error:
+        raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error
+
+
+def is_mirrored(obj: Object) -> bool:
+    """Whether an object's matrix turns its mesh into its mirror image."""
+    return obj.matrix_world.is_negative
+
+
+def _same_faces(mesh: Mesh, other: Mesh) -> bool:
+    return (
+        len(mesh.vertices) == len(other.vertices)
+        and np.array_equal(
+            read_array(mesh.polygons, "loop_start", np.int32), read_array(other.polygons, "loop_start", np.int32)
+        )
+        and np.array_equal(
+            read_array(mesh.loops, "vertex_index", np.int32), read_array(other.loops, "vertex_index", np.int32)
+        )
+    )
+
+
+def _change_of_vertices(obj: Object) -> str:
+    suspects = [m.name for m in obj.modifiers if m.show_viewport and m.type not in KEEPING_VERTICES]
+    names = " and ".join(f"'{name}'" for name in suspects) or "modifiers"
+    return (
+        f"Disable {names} on '{obj.name}' in the viewport: data is written to the mesh itself, "
+        "and modifiers give it other vertices."
+    )
