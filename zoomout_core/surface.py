@@ -211,6 +211,11 @@ class Surface:
             self._working = _working_mesh(self)
         return self._working
 
+    @working.setter
+    def working(self, mesh: WorkingMesh) -> None:
+        """Take over the working mesh of a surface of the same arrays."""
+        self._working = mesh
+
     @property
     def components(self) -> Integers:
         """(n,) connected component of each vertex, largest area first; -1 where no face uses the vertex."""

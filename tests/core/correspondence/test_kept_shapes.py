@@ -11,7 +11,7 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.correspondence import kept_shapes
-from zoomout_core.correspondence.kept_shapes import kept_shape_steps
+from zoomout_core.correspondence.kept_shapes import kept_shape_steps, kept_working_mesh
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.progress import drain
 from zoomout_core.surface import Surface, WorkingMesh
@@ -29,6 +29,10 @@ def part() -> WorkingMesh:
     return creature(1500).surface.working
 
 
+def as_new(surface: Surface) -> Surface:
+    return Surface(surface.vertices, surface.triangles)
+
+
 def prepared(part: WorkingMesh, k: int = 30) -> Shape:
     return drain(kept_shape_steps(part, k, 100, 0, None))
 
@@ -37,6 +41,16 @@ def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
     again = Surface(*(array.copy() for array in (creature(1500).surface.vertices, part.triangles))).working
     assert again is not part
     assert prepared(again) is prepared(part)
+
+
+def test_a_surface_of_the_same_arrays_is_read_once() -> None:
+    first, again, other = (as_new(creature(count).surface) for count in (1500, 1500, 1400))
+    assert kept_working_mesh(first) is first.working
+    assert kept_working_mesh(again) is first.working
+    assert again.working is first.working
+    assert kept_working_mesh(other) is not first.working
+    zo.forget_shapes()
+    assert kept_working_mesh(as_new(first)) is not first.working
 
 
 @pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
