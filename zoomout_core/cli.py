@@ -25,9 +25,9 @@ from zoomout_core.surface import MeshError, Surface
 # Arguments of `match` for each preset.
 DETAIL: dict[str, dict[str, int | None]] = {
     "fast": {"k_final": 60, "samples": 500, "proxy_vertices": 2000},
-    "balanced": {"k_final": 120, "samples": 1000, "proxy_vertices": 4000},
-    "fine": {"k_final": 200, "step": 20, "samples": 1500, "proxy_vertices": 8000},
-    "full": {"k_final": 200, "step": 20, "samples": 2000, "proxy_vertices": None},
+    "balanced": {},
+    "fine": {"k_final": 200, "samples": 1500, "proxy_vertices": 8000},
+    "full": {"k_final": 200, "samples": 2000, "proxy_vertices": None},
 }
 STARTS = ("auto", "landmarks", "proximity")
 NO_CACHE = "off"

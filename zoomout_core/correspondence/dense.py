@@ -24,9 +24,10 @@ LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04))
 # better than any target can be laid. Below the usual ratio (see below) that regard falls off with this power more.
 SETTLING, SETTLING_WEIGHT, STEEPNESS = (30, 50, 70, 90, 120), 0.2, 4
 # Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
-# decide them; places in space, at this weight, keep triangles from turning over.
+# decide them; places in space, at this weight, keep triangles from turning over. Places are known no better where
+# there are more functions than so many, so that the weight falls as the functions' own grows.
 FINISHING = 3
-FINISHING_WEIGHT = 0.05
+FINISHING_WEIGHT, FINISHING_SIZE = 0.05, 120
 # These weights are for shapes whose images miss, squared, by so much more along the surface than in space. The less
 # alike shapes are, the larger is that ratio, and the weights grow with its square, within limits.
 USUAL_RATIO, LEAST_REGARD, MOST_REGARD = 2.5, 0.2, 4.0
@@ -87,13 +88,14 @@ def dense_steps(
     size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
+    weight = FINISHING_WEIGHT * regard * min(1.0, FINISHING_SIZE / size) ** 2
     near = None
     for i in range(finishing):
         yield 0.5 + 0.5 * i / finishing
         laid = lay(images, target, width, mirrored)
         laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
         pair = embeddings(source, target, functional_map, anchors)
-        queries, embedded = beside_places(*pair, laid, source, size, regard * FINISHING_WEIGHT)
+        queries, embedded = beside_places(*pair, laid, source, size, weight)
         if near is None:
             near = _nearest_near_samples(queries, embedded, source)
             yield 0.5 + 0.25 / finishing

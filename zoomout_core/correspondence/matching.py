@@ -9,6 +9,7 @@ from numbers import Integral
 from operator import attrgetter
 from typing import Literal, TypeAlias
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.correspondence.anchors import coordinates
@@ -24,7 +25,7 @@ from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.landmarks import landmark_hypothesis
 from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
-from zoomout_core.correspondence.kept_shapes import kept_shape_steps
+from zoomout_core.correspondence.kept_shapes import kept_shape_steps, kept_working_mesh
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
@@ -39,7 +40,10 @@ Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
-PROXY_VERTICES = 4000
+# Unless asked otherwise: one vertex of a stand-in for so many of the mesh, and one eigenfunction for so many of those,
+# within limits. Finer meshes share finer features, if they share them at all.
+VERTICES_PER_PROXY_VERTEX, PROXY_VERTICES = 6, (4000, 8000)
+PROXY_VERTICES_PER_FUNCTION, FUNCTIONS = 40, (120, 200)
 # A map of less certainty than this comes with a note.
 SURE = 0.9
 # So comes a map that turns over a larger part of the surface.
@@ -113,11 +117,11 @@ def match(
     initial: Initial = "auto",
     landmarks: Landmarks | None = None,
     initial_map: SurfaceMap | ArrayLike | None = None,
-    k_final: int = 120,
-    step: int = 5,
+    k_final: int | None = None,
+    step: int = 20,
     samples: int = 1000,
     seed: int = 0,
-    proxy_vertices: int | None = PROXY_VERTICES,
+    proxy_vertices: int | Literal["auto"] | None = "auto",
     common_axes: ArrayLike | None = None,
     regions: Regions | None = None,
     exact_landmarks: bool = False,
@@ -134,12 +138,14 @@ def match(
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
             that is evidence, not the start alone.
-        k_final: size of the final functional map; less on meshes with fewer vertices.
-        step: growth of the functional map in an iteration.
+        k_final: size of the final functional map; less on meshes with fewer vertices. None: 120 to 200, the more
+            the finer both meshes are.
+        step: growth of the functional map in an iteration, beyond a size of 120.
         samples: farthest points that the iterations run on.
         seed: of the eigensolver.
-        proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices; None to
-            match them at full size, which takes many times as long and gains little.
+        proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices; "auto": 4,000
+            to 8,000, a sixth of the mesh's; None to match them at full size, which takes many times as long and
+            gains little.
         common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
         regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
             same name: evidence, which also holds the map in place, and decides which loose parts belong together.
@@ -178,11 +184,11 @@ def match_steps(
     initial: Initial = "auto",
     landmarks: Landmarks | None = None,
     initial_map: SurfaceMap | ArrayLike | None = None,
-    k_final: int = 120,
-    step: int = 5,
+    k_final: int | None = None,
+    step: int = 20,
     samples: int = 1000,
     seed: int = 0,
-    proxy_vertices: int | None = PROXY_VERTICES,
+    proxy_vertices: int | Literal["auto"] | None = "auto",
     common_axes: ArrayLike | None = None,
     regions: Regions | None = None,
     exact_landmarks: bool = False,
@@ -194,19 +200,20 @@ def match_steps(
         raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
     axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
     yield Progress(0.0, "Reading the meshes")
-    k = max(k_final, FEWEST_FUNCTIONS)
     yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
     source_part, target_part = yield from spread(
         main_part_steps(source, target, seed), 0.01, 0.02, "Comparing the parts"
     )
+    sizes = [_sizes(part, k_final, proxy_vertices) for part in (source_part, target_part)]
     ahead = ANALYSES if initial in ("auto", "landmarks") else ()
     prepared = (
-        _analysis_steps(kept_shape_steps(part, k, samples, seed, proxy_vertices), ahead)
-        for part in (source_part, target_part)
+        _analysis_steps(kept_shape_steps(part, max(k, FEWEST_FUNCTIONS), samples, seed, count), ahead)
+        for part, (k, count) in zip((source_part, target_part), sizes, strict=True)
     )
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
     exact = landmarks if exact_landmarks else None
-    pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)
+    size = min(k for k, _ in sizes)
+    pair = Pair(source, target, source_shape, target_shape, size, step, exact, paired)
     yield Progress(0.6, "Guessing")
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
     evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
@@ -233,7 +240,7 @@ def _analysis_steps(
 def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
     """The surface's working mesh, in a single step."""
     yield from ()
-    return surface.working
+    return kept_working_mesh(surface)
 
 
 def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object) -> None:
@@ -250,12 +257,25 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
         raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
 
 
-def _check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | None) -> None:
+def _sizes(
+    part: WorkingMesh, k_final: int | None, proxy_vertices: int | Literal["auto"] | None
+) -> tuple[int, int | None]:
+    """The size of the functional map for a mesh, and of the mesh that stands in for it: those given, or its own."""
+    n = len(part.vertices)
+    count = (
+        int(np.clip(n // VERTICES_PER_PROXY_VERTEX, *PROXY_VERTICES)) if proxy_vertices == "auto" else proxy_vertices
+    )
+    if k_final is None:
+        k_final = int(np.clip((n if count is None else count) // PROXY_VERTICES_PER_FUNCTION, *FUNCTIONS))
+    return k_final, count
+
+
+def _check_sizes(k_final: int | None, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
     for name, value, least in (
         ("k_final", k_final, SMALLEST_FINAL),
         ("step", step, 1),
         ("samples", samples, 1),
-        ("proxy_vertices", proxy_vertices, SMALLEST_PROXY),
+        ("proxy_vertices", None if proxy_vertices == "auto" else proxy_vertices, SMALLEST_PROXY),
     ):
         if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
             raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
@@ -267,7 +287,9 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     how = candidate.mirrored, pair.k_final, pair.step
     swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
     forwards = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
-    backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *how, finishing=1)
+    # The way back is a witness of the way there, and need not be as fine.
+    fewer = candidate.mirrored, min(pair.k_final, FUNCTIONS[0]), pair.step
+    backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
     (there, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
     if pair.exact_landmarks is not None:
         there = pinned(there, pair, pair.exact_landmarks)

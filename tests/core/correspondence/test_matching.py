@@ -301,3 +301,14 @@ def test_a_large_mesh_is_matched_by_a_stand_in_as_exactly_as_in_full() -> None:
     errors = [mean_error(result, source.surface, truth) for result in (by_proxy, in_full)]
     assert errors[0] < 1.1 * errors[1] + 1e-3
     assert len(by_proxy.confidence) == 15000
+
+
+def test_the_finer_both_meshes_are_the_finer_their_map(resting: Creature) -> None:
+    fine = creature(50_000).surface
+    result = zo.match(fine, Surface(fine.vertices[::-1], len(fine.vertices) - 1 - fine.triangles), initial="proximity")
+    assert result.functional_map.shape == (200, 200)
+    assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(8000, rel=0.02)
+    result = zo.match(fine, resting.surface, initial="proximity")
+    assert result.functional_map.shape == (120, 120)
+    assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(8000, rel=0.02)
+    assert result.pair.target_shape.proxy.full is result.pair.target_shape.mesh
