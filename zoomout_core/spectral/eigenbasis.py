@@ -100,14 +100,14 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
             return SpectralBasis(eigenvalues, eigenvectors, areas, shape.points)
         working = shape.working
         basis = _basis_of(working, k, seed)
-    copies = np.bincount(working.vertex_of[working.vertex_of >= 0], minlength=len(working.vertices))
-    used = (working.vertex_of >= 0).astype(float)
-    return SpectralBasis(
-        basis.eigenvalues,
-        basis.eigenvectors[working.vertex_of] * used[:, None],
-        (basis.areas / copies)[working.vertex_of] * used,
-        shape.vertices,
-    )
+    vertex_of = working.vertex_of
+    if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # nothing welded, nothing left out
+        return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, shape.vertices)
+    unused = vertex_of < 0
+    copies = np.bincount(vertex_of[~unused], minlength=len(working.vertices))
+    eigenvectors, areas = basis.eigenvectors[vertex_of], (basis.areas / copies)[vertex_of]
+    eigenvectors[unused], areas[unused] = 0, 0
+    return SpectralBasis(basis.eigenvalues, eigenvectors, areas, shape.vertices)
 
 
 def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:
@@ -173,8 +173,8 @@ def eigenpairs_steps(
         vectors /= root[:, None]
     else:
         values, vectors = yield from _block_lanczos(stiffness, areas, root, k, seed)
-    largest = vectors[np.argmax(np.abs(vectors), axis=0), np.arange(k)]
-    return np.maximum(values, 0), vectors * np.sign(largest)
+    vectors *= np.where(vectors.max(axis=0) < -vectors.min(axis=0), -1.0, 1.0)
+    return np.maximum(values, 0), vectors
 
 
 def _block_lanczos(
@@ -190,24 +190,26 @@ def _block_lanczos(
     start[:, 0] = root
     Q[:b] = qr(start, mode="economic")[0].T
     next_test = 2.4 * wanted
-    for j in range(limit):
-        e = (j + 1) * b
-        Y: Floats = root * _solved(factor, Q[e - b : e] * root)
-        yield min(0.9, e / (2.8 * wanted))
-        Y = Y.astype(np.float32)
-        for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
-            h = Y @ Q[first:e].T
-            Y -= h @ Q[first:e]
-            H[first:e, e - b : e] += h.T
-        R = np.eye(b)
-        for _ in range(2):
-            L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
-            Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
-            R = L.T @ R
-        H[e : e + b, e - b : e] = R
-        Q[e : e + b] = Y
-        yield min(0.9, e / (2.8 * wanted))
-        if e >= next_test or j == limit - 1:
+    pool = ThreadPoolExecutor(max_workers=2)
+    try:
+        two = _TwoHalves(pool, n)
+        for j in range(limit):
+            e = (j + 1) * b
+            Y: Floats = root * two.solved(factor, Q[e - b : e] * root)
+            yield min(0.9, e / (2.8 * wanted))
+            Y = Y.astype(np.float32)
+            for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
+                H[first:e, e - b : e] += two.orthogonalised(Y, Q[first:e]).T
+            R = np.eye(b)
+            for _ in range(2):
+                L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
+                Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
+                R = L.T @ R
+            H[e : e + b, e - b : e] = R
+            Q[e : e + b] = Y
+            yield min(0.9, e / (2.8 * wanted))
+            if e < next_test and j < limit - 1:
+                continue
             projected = (H[:e, :e] + H[:e, :e].T) / 2
             # The last pair converges last, as a rule: alone it costs a part of what all cost.
             last = eigh(projected, subset_by_index=(e - wanted, e - wanted))
@@ -218,18 +220,22 @@ def _block_lanczos(
             yield min(0.9, e / (2.8 * wanted))
             mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
             yield min(0.9, e / (2.8 * wanted))
-            if _residuals(R, mu, S).max() < TOLERANCE:
-                if _is_complete(1 / mu[::-1] - SHIFT, k, stiffness, areas):
-                    break
-                next_test = e + 4 * b
-    else:
-        raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
-    mu, S = mu[::-1][:k], S[:, ::-1][:, :k]
-    eigenvectors = np.empty((n, k))
-    for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
-        eigenvectors[columns] = (S.T.astype(np.float32) @ Q[:e, columns]).T / root[columns, None]
-        yield 0.95
-    return 1 / mu - SHIFT, eigenvectors
+            if _residuals(R, mu, S).max() >= TOLERANCE:
+                continue
+            mu, S = mu[::-1], S[:, ::-1]
+            complete = pool.submit(_is_complete, 1 / mu - SHIFT, k, stiffness, areas)
+            weights = np.asarray(S[:, :k], dtype=np.float32)
+            eigenvectors = np.empty((n, k))
+            for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
+                rows = slice(columns[0], columns[-1] + 1)
+                np.divide(Q[:e, rows].T @ weights, root[rows, None], out=eigenvectors[rows])
+                yield 0.95
+            if complete.result():
+                return 1 / mu[:k] - SHIFT, eigenvectors
+            next_test = e + 4 * b
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)  # should the caller have closed this halfway
+    raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
 
 
 def _factorised(matrix: csc_array) -> SuperLU:
@@ -244,13 +250,28 @@ def _factorised(matrix: csc_array) -> SuperLU:
     )
 
 
-def _solved(factor: SuperLU, rows: Floats) -> Floats:
-    """(b, n) solutions for right-hand sides (b, n), half of them by a second thread where they are long."""
-    if rows.shape[1] < LONG:
-        return np.asarray(factor.solve(rows.T).T)
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        halves = pool.map(lambda half: factor.solve(half.T).T, np.array_split(rows, 2))
-        return np.concatenate(list(halves))
+class _TwoHalves:
+    """Work on blocks of long vectors, half of it by a second thread where they are long enough."""
+
+    def __init__(self, pool: ThreadPoolExecutor, n: int) -> None:
+        self._map = pool.map if n >= LONG else map
+        self._count = 2 if n >= LONG else 1
+        self._halves = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(n), self._count)]
+
+    def solved(self, factor: SuperLU, rows: Floats) -> Floats:
+        """(b, n) solutions for right-hand sides (b, n)."""
+        parts = self._map(lambda part: factor.solve(part.T).T, np.array_split(rows, self._count))
+        return np.concatenate(list(parts))
+
+    def orthogonalised(self, rows: Floats, basis: Floats) -> Floats:
+        """Take from vectors (b, n), in place, what lies in the span of a basis (e, n); (b, e) its coefficients."""
+        products = sum(self._map(lambda half: rows[:, half] @ basis[:, half].T, self._halves))
+
+        def take_away(half: slice) -> None:
+            rows[:, half] -= products @ basis[:, half]
+
+        list(self._map(take_away, self._halves))
+        return np.asarray(products)
 
 
 def _is_complete(eigenvalues: Floats, k: int, stiffness: csc_array, areas: Floats) -> bool:
