@@ -40,10 +40,10 @@ Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
-# Unless asked otherwise: one vertex of a stand-in for so many of the mesh, and one eigenfunction for so many of those,
-# within limits. Finer meshes share finer features, if they share them at all.
-VERTICES_PER_PROXY_VERTEX, PROXY_VERTICES = 6, (4000, 8000)
-PROXY_VERTICES_PER_FUNCTION, FUNCTIONS = 40, (120, 200)
+# Unless asked otherwise: a vertex of the stand-in, and an eigenfunction, for so many vertices of the mesh, within
+# limits. Finer meshes share finer features, if they share them at all.
+PER_PROXY_VERTEX, PROXY_VERTICES = 8, (4000, 6000)
+PER_FUNCTION, FUNCTIONS = 240, (120, 200)
 # A map of less certainty than this comes with a note.
 SURE = 0.9
 # So comes a map that turns over a larger part of the surface.
@@ -144,7 +144,7 @@ def match(
         samples: farthest points that the iterations run on.
         seed: of the eigensolver.
         proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices; "auto": 4,000
-            to 8,000, a sixth of the mesh's; None to match them at full size, which takes many times as long and
+            to 6,000, an eighth of the mesh's; None to match them at full size, which takes many times as long and
             gains little.
         common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
         regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
@@ -262,12 +262,11 @@ def _sizes(
 ) -> tuple[int, int | None]:
     """The size of the functional map for a mesh, and of the mesh that stands in for it: those given, or its own."""
     n = len(part.vertices)
-    count = (
-        int(np.clip(n // VERTICES_PER_PROXY_VERTEX, *PROXY_VERTICES)) if proxy_vertices == "auto" else proxy_vertices
-    )
     if k_final is None:
-        k_final = int(np.clip((n if count is None else count) // PROXY_VERTICES_PER_FUNCTION, *FUNCTIONS))
-    return k_final, count
+        k_final = int(np.clip(n // PER_FUNCTION, *FUNCTIONS))
+    if proxy_vertices == "auto":
+        proxy_vertices = int(np.clip(n // PER_PROXY_VERTEX, *PROXY_VERTICES))
+    return k_final, proxy_vertices
 
 
 def _check_sizes(k_final: int | None, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
