@@ -19,7 +19,7 @@ from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_sign
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
-from zoomout_core.surface import Booleans, Floats, Integers, WorkingMesh, edge_graph
+from zoomout_core.surface import Booleans, Floats, Integers, MeshError, WorkingMesh, edge_graph
 from zoomout_core.threads import side_by_side
 
 # The search for the right map runs on this many samples; distances are known from the first of them.
@@ -174,6 +174,9 @@ def shape_steps(
         samples: number of farthest-point samples, at least k of them are taken.
         seed: of the eigensolver.
         proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
+
+    Raises:
+        MeshError: there is not enough memory for so many vertices.
     """
     yield 0.0
     proxy = yield from scaled(proxy_steps(part, proxy_vertices), 0.0, 0.3)
@@ -184,7 +187,13 @@ def shape_steps(
     chosen = farthest_points(mesh.vertices, max(samples, k))
     eigenpairs = eigenpairs_steps(stiffness, areas, k, seed)
     both = side_by_side(eigenpairs, _distance_steps(mesh, chosen[:DISTANCE_SAMPLES]))
-    pairs, distances = yield from scaled(both, 0.3, 0.95)
+    try:
+        pairs, distances = yield from scaled(both, 0.3, 0.95)
+    except MemoryError:
+        raise MeshError(
+            f"There is not enough memory to analyse a mesh of {len(areas)} vertices: match it by a smaller stand-in, "
+            "as proxy_vertices or a coarser detail says."
+        ) from None
     basis = SpectralBasis(*pairs, areas, mesh.vertices)
     return Shape(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)
 

@@ -8,6 +8,7 @@ from creatures import Creature, creature, directions, mirrored_vertex, on_limb, 
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
+from zoomout_core.spectral import eigenbasis
 from zoomout_core.surface import MeshError, Surface
 
 # Mean geodesic error over sqrt(area) that a right map of the bent creature stays below; flips cost ten times it.
@@ -301,6 +302,17 @@ def test_a_large_mesh_is_matched_by_a_stand_in_as_exactly_as_in_full() -> None:
     errors = [mean_error(result, source.surface, truth) for result in (by_proxy, in_full)]
     assert errors[0] < 1.1 * errors[1] + 1e-3
     assert len(by_proxy.confidence) == 15000
+
+
+def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def without_memory(matrix: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(eigenbasis, "_factorised", without_memory)
+    fine = creature(3000).surface
+    zo.forget_shapes()
+    with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 3000 vertices: match it by a smaller"):
+        zo.match(fine, fine, proxy_vertices=None)
 
 
 def test_the_finer_both_meshes_are_the_finer_their_map(resting: Creature) -> None:
