@@ -76,6 +76,15 @@ def profile(data: Path, pairs: int | None, json_file: Path | None) -> None:
     report(profile_table.run(data, pairs), data, json_file)
 
 
+@main.command()
+@common_options
+def transfer(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How exactly UVs, weights, colours and the rest arrive, and how exactly by Data Transfer and MeshLab."""
+    from benchmarks import transfer as transfer_tables  # it starts Blender, which the other tables do without
+
+    report(transfer_tables.run(data, pairs), data, json_file)
+
+
 def report(tables: dict[str, list[dict[str, Any]]], data: Path, json_file: Path | None) -> None:
     """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
     if not tables["rows"]:

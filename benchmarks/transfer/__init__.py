@@ -1,0 +1,52 @@
+"""How exactly data arrives, by our way and by those that artists have, where the truth is known at every corner."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.transfer.cast import Cast, casts
+from benchmarks.transfer.figures import figures
+from benchmarks.transfer.methods import WAYS
+
+
+def run(data: Path, most: int | None) -> dict[str, list[dict[str, Any]]]:
+    """Transfer from every source to itself, remeshed, in its own and in another pose.
+
+    Args:
+        data: folder of the sets.
+        most: use so many shapes; all if None.
+
+    Returns:
+        `rows`: medians of the figures for each pose and way; `pairs`: those of each shape.
+    """
+    pairs = [row for cast in tqdm(casts(data, most), desc="targets") for row in _rows(cast)]
+    pairs.sort(key=lambda row: (row["pose"], list(WAYS).index(row["way"])))
+    rows = [
+        {"pose": pose, "way": way, **_medians(list(group))}
+        for (pose, way), group in groupby(pairs, key=lambda row: (row["pose"], row["way"]))
+    ]
+    return {"rows": rows, "pairs": pairs}
+
+
+def _rows(cast: Cast) -> list[dict[str, Any]]:
+    rows = []
+    for name, way in WAYS.items():
+        target = cast.target.copy()
+        target.data = cast.target.data.copy()
+        bpy.context.scene.collection.objects.link(target)
+        seconds = way(cast, target)
+        rows.append({"shape": cast.name, "pose": cast.pose, "way": name, **figures(cast, target), "seconds": seconds})
+        bpy.data.meshes.remove(target.data)
+    return rows
+
+
+def _medians(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    numbers = [name for name in rows[0] if name not in ("shape", "pose", "way")]
+    known = {name: [row[name] for row in rows if row[name] is not None] for name in numbers}
+    return {"shapes": len(rows), **{name: float(np.median(v)) if v else None for name, v in known.items()}}

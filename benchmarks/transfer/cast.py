@@ -1,0 +1,266 @@
+"""Sources that carry all kinds of data, and targets of which it is known what should arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import radians
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Euler
+from scipy.sparse.csgraph import dijkstra
+
+import zoomout_core as zo
+from benchmarks.generate.remeshing import isotropic
+from benchmarks.transfer.regions import bones, faces_of, islands, regions
+from blender_addon import mesh_data
+from blender_addon.demo.character import PAINT, UV_MAP, build_character, rig, select_only
+from blender_addon.demo.target import posed_copy, relax, strike
+from blender_addon.demo.truth import Truth, find_truth
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Floats, Integers, edge_graph, triangle_areas, unique_edges, vertex_normals
+from zoomout_core.transfer.cut import adjacent_edges
+
+# Of the folders of many shapes, every so many is used.
+EVERY = 7
+# Sizes of what is made for a shape.
+BONES, ISLANDS, MATERIALS, KEYS = 20, 14, 25, 3
+# Degrees that bones are turned by, at most.
+TURN = 30
+# A shape key swells the surface by this part of the square root of its area, where it is strongest.
+SWELLING = 0.03
+# Corners whose UVs differ by more are cut apart.
+SAME_UV = 1e-5
+# Length of the edges of the demo's character, in metres.
+CELL = 0.02
+# Vertices of the target, over those of the source.
+THINNED = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """A source and a target.
+
+    Attributes:
+        name: of the shape.
+        pose: whether the target stands in the "same" pose or in an "other" one.
+        source: the object that has the data.
+        target: a bare one, which is copied for each way of transfer.
+        truth: UVs, weights and colours that should arrive.
+        material: (f,) the slot that each face of the target should have.
+        keys: (n_t, keys, 3) the offsets that should arrive.
+        seam: the length of the source's seams, measured on its surface in the target's pose.
+        aligned: (4, 4) the rigid motion that lays the target onto the source as well as one can.
+    """
+
+    name: str
+    pose: str
+    source: bpy.types.Object
+    target: bpy.types.Object
+    truth: Truth
+    material: Integers
+    keys: Floats
+    seam: float
+    aligned: Floats
+
+
+def casts(data: Path, most: int | None, seed: int = 0) -> Iterator[Cast]:
+    """The demo's character and the shapes of a folder, each against itself remeshed in its own and another pose."""
+    shapes: list[tuple[Path | None, Path | None]] = [(None, None), *_same_vertices(data / "tosca_full")]
+    for folder in ("faust_r", "tosca_r"):
+        shapes += [(path, None) for path in sorted((data / folder).glob("*.off"))[::EVERY]]
+    if most is not None and most < len(shapes):
+        shapes = [shapes[i] for i in np.linspace(0, len(shapes) - 1, most).round().astype(int)]
+    for path, other in shapes:
+        for pose in ("other", "same"):
+            bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+            source, posed = _demo_character() if path is None else _shape(path, other, seed)
+            name = "character" if path is None else path.stem
+            yield _cast(name, pose, source, posed if pose == "other" else mesh_data.read_positions(source.data))
+
+
+def _same_vertices(folder: Path) -> Iterator[tuple[Path, Path]]:
+    """Pairs of files whose names agree up to the first digit, each file once."""
+    paths = sorted(folder.glob("*.off"))
+    kinds = sorted({path.stem.rstrip("0123456789") for path in paths})
+    for kind in kinds:
+        members = [path for path in paths if path.stem.rstrip("0123456789") == kind]
+        yield from zip(members[::2], members[1::2], strict=False)
+
+
+# --- sources ------------------------------------------------------------------------------------------------
+
+
+def _demo_character() -> tuple[bpy.types.Object, Floats]:
+    """The demo's character at rest, and its vertices in the demo's pose."""
+    character, armature = build_character(CELL)
+    strike(armature)
+    positions = _posed_positions(character)
+    relax(armature)
+    _dress(character)
+    return character, positions
+
+
+def _shape(path: Path, other: Path | None, seed: int) -> tuple[bpy.types.Object, Floats]:
+    """A shape of unit area with UVs, weights and the rest, and its vertices in another pose.
+
+    Args:
+        path: of the shape.
+        other: the same mesh in another pose; if there is none, the bones are turned.
+        seed: of the turns.
+    """
+    surface = zo.read_surface(path)
+    scale = 1 / np.sqrt(surface.area)
+    vertices = scale * (surface.vertices - surface.vertices.mean(axis=0))
+    mesh = bpy.data.meshes.new(path.stem)
+    mesh.from_pydata(vertices, [], surface.triangles)
+    mesh.shade_smooth()
+    obj = bpy.data.objects.new(path.stem, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    _unwrap(obj, vertices, surface.triangles)
+    _paint(mesh, vertices)
+    armature = rig(obj, bones(vertices, surface.triangles, regions(vertices, surface.triangles, BONES)))
+    _dress(obj)
+    if other is not None:
+        positions = zo.read_surface(other).vertices
+        return obj, scale * (positions - positions.mean(axis=0))
+    random = np.random.default_rng(seed)
+    for bone in armature.pose.bones[1:]:
+        bone.rotation_mode = "QUATERNION"
+        bone.rotation_quaternion = Euler([radians(a) for a in random.uniform(-TURN, TURN, 3)]).to_quaternion()
+    bpy.context.view_layer.update()
+    positions = _posed_positions(obj)
+    for bone in armature.pose.bones:
+        bone.rotation_quaternion = (1, 0, 0, 0)
+    bpy.context.view_layer.update()
+    return obj, positions
+
+
+def _posed_positions(obj: bpy.types.Object) -> Floats:
+    posed = posed_copy(obj)
+    positions = mesh_data.read_positions(posed.data).astype(float)
+    bpy.data.meshes.remove(posed.data)
+    return positions
+
+
+def _unwrap(obj: bpy.types.Object, vertices: Floats, triangles: Integers) -> None:
+    """An atlas of a few islands."""
+    edges, _ = unique_edges(triangles)
+    seam = islands(vertices, triangles, faces_of(regions(vertices, triangles, ISLANDS), triangles))
+    marked = {tuple(edge) for edge in edges[seam].tolist()}
+    for edge in obj.data.edges:
+        edge.use_seam = tuple(sorted(edge.vertices)) in marked
+    obj.data.uv_layers.new(name=UV_MAP)
+    select_only(obj)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.uv.unwrap(method="ANGLE_BASED", margin=0.01)
+    bpy.ops.uv.select_all(action="SELECT")
+    bpy.ops.uv.average_islands_scale()
+    bpy.ops.uv.pack_islands(margin=0.01)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
+    """Soft stripes in all three directions, eight over the shape's longest side."""
+    wave = 2 * np.pi * 8 * vertices / np.ptp(vertices, axis=0).max()
+    layer = mesh.color_attributes.new(PAINT, "FLOAT_COLOR", "POINT")
+    layer.data.foreach_set("color", np.column_stack([0.5 + 0.5 * np.sin(wave), np.ones(len(wave))]).ravel())
+
+
+def _dress(obj: bpy.types.Object) -> None:
+    """Add materials in patches, and shape keys that swell a place each."""
+    vertices, triangles = _triangulated(obj)
+    region = regions(vertices, triangles, MATERIALS)
+    for i in range(MATERIALS):
+        obj.data.materials.append(bpy.data.materials.new(f"Material {i}"))
+    corner = np.empty(len(obj.data.polygons), dtype=np.int32)
+    obj.data.polygons.foreach_get("loop_start", corner)
+    vertex = np.empty(len(obj.data.loops), dtype=np.int32)
+    obj.data.loops.foreach_get("vertex_index", vertex)
+    obj.data.polygons.foreach_set("material_index", region[vertex[corner]].astype(np.int32))
+    obj.shape_key_add(name="Basis")
+    strength = _strengths(vertices, triangles)
+    area = triangle_areas(vertices, triangles).sum()
+    offsets = SWELLING * np.sqrt(area) * strength[:, :, None] * vertex_normals(vertices, triangles)[:, None]
+    for i in range(KEYS):
+        key = obj.shape_key_add(name=f"Swelling {i}")
+        key.data.foreach_set("co", (vertices + offsets[:, i]).astype(np.float32).ravel())
+
+
+def _triangulated(obj: bpy.types.Object) -> tuple[Floats, Integers]:
+    mesh = obj.data
+    mesh.calc_loop_triangles()
+    triangles = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    return mesh_data.read_positions(mesh).astype(float), triangles.reshape(-1, 3)
+
+
+def _strengths(vertices: Floats, triangles: Integers) -> Floats:
+    """(n, keys) how strongly each key swells each vertex: 1 in the middle of a region, 0 from its border on."""
+    region = regions(vertices, triangles, 2 * KEYS)
+    graph = edge_graph(vertices, triangles)
+    strength = np.zeros((len(vertices), KEYS))
+    for i in range(KEYS):
+        inwards = dijkstra(graph, indices=np.flatnonzero(region != i), min_only=True)
+        part = np.where(np.isfinite(inwards), inwards, 0) / inwards[np.isfinite(inwards)].max()
+        strength[:, i] = part * part * (3 - 2 * part)
+    return strength
+
+
+# --- targets ------------------------------------------------------------------------------------------------
+
+
+def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast:
+    """The target for a source, whose vertices stand at `posed` (n_s, 3) in the target's pose."""
+    rest, triangles = _triangulated(source)
+    count = round(THINNED * len(posed))
+    remeshed = isotropic(zo.Surface(posed, triangles), count, np.random.default_rng(0))
+    mesh = bpy.data.meshes.new("Target")
+    mesh.from_pydata(remeshed.vertices, [], remeshed.triangles)
+    mesh.shade_smooth()
+    target = bpy.data.objects.new("Target", mesh)
+    bpy.context.scene.collection.objects.link(target)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    source_surface = mesh_data.read_source_surface(source, depsgraph)
+    target_surface = mesh_data.read_target_surface(target, depsgraph)
+    truth = find_truth(source, source_surface, posed, target_surface)
+
+    middle = target_surface.vertices[target_surface.triangles].mean(axis=1)
+    triangle, _ = closest_points(middle, posed, source_surface.triangles)
+    _, slots = mesh_data.read_materials(source, source.data)
+    strength = truth.surface_map.interpolate(_strengths(rest, triangles))
+    swelling = SWELLING * np.sqrt(source_surface.area) * strength[:, :, None]
+    begin, end = seam_segments(source, source_surface)
+    return Cast(
+        name=name,
+        pose=pose,
+        source=source,
+        target=target,
+        truth=truth,
+        material=slots.values[source_surface.triangle_face[triangle]],
+        keys=swelling * vertex_normals(target_surface.vertices, target_surface.triangles)[:, None],
+        seam=float(np.linalg.norm(posed[begin] - posed[end], axis=1).sum()),
+        aligned=_rigid_motion(posed, rest),
+    )
+
+
+def seam_segments(obj: bpy.types.Object, surface: zo.Surface) -> tuple[Integers, Integers]:
+    """(s,) and (s,) the vertices between which the object's atlas is cut; borders of the mesh are no cuts."""
+    uv = mesh_data.read_layer(obj.data, UV_MAP).attribute.values.astype(float)
+    first, second = adjacent_edges(surface)
+    cut = (np.abs(uv[first] - uv[second]) > SAME_UV).any(axis=(1, 2))
+    ends = surface.corner_vertex[first[cut]]
+    return ends[:, 0], ends[:, 1]
+
+
+def _rigid_motion(points: Floats, onto: Floats) -> Floats:
+    """(4, 4) the motion that takes points (n, 3) as near to others as it can (Kabsch 1976)."""
+    centre, other = points.mean(axis=0), onto.mean(axis=0)
+    u, _, v = np.linalg.svd((points - centre).T @ (onto - other))
+    turn = (u * [1, 1, np.linalg.det(u @ v)]) @ v
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = turn.T, other - centre @ turn
+    return motion

@@ -1,0 +1,91 @@
+"""Ways to transfer everything from a source to a target: ours, and those that artists have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+import zoomout_core as zo
+from benchmarks.transfer.cast import Cast
+from blender_addon import mesh_data, stored_match
+from blender_addon.demo.baseline import KINDS, transfer_best
+from blender_addon.demo.character import PAINT
+from blender_addon.operators.match import match_objects
+from blender_addon.operators.transfer import transfer_objects
+from blender_addon.pair import read_pair
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+# A way gets a bare target, and says how long it took.
+Way = Callable[[Cast, bpy.types.Object], float]
+DATA = ("uv_maps", "vertex_groups", "color_attributes", "materials")
+
+
+def by_match(cast: Cast, target: bpy.types.Object) -> float:
+    """Ours, with nothing given."""
+    zo.forget_shapes()
+    start = perf_counter()
+    match_objects(bpy.context, cast.source, target)
+    transfer_objects(bpy.context, cast.source, target, DATA)
+    return perf_counter() - start
+
+
+def by_truth(cast: Cast, target: bpy.types.Object) -> float:
+    """Ours along the true map: what is left is the error of the transfer alone."""
+    start = perf_counter()
+    pair = read_pair(bpy.context, cast.source.name, target.name)
+    trust = cast.truth.known.astype(float)
+    stored_match.write(target.data, stored_match.StoredMatch(cast.truth.surface_map, trust, ()), pair, {})
+    transfer_objects(bpy.context, cast.source, target, DATA)
+    return perf_counter() - start
+
+
+def by_data_transfer(cast: Cast, target: bpy.types.Object) -> float:
+    """Blender's Data Transfer, each kind of data with the mapping that errs least."""
+    start = perf_counter()
+    transfer_best(cast.source, target, cast.truth)
+    trials = sum(len(kind.mappings) + 1 for kind in KINDS.values())
+    return (perf_counter() - start) * len(KINDS) / trials
+
+
+def by_meshlab(cast: Cast, target: bpy.types.Object) -> float:
+    """MeshLab's transfer of vertex attributes, of which we have colours."""
+    import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
+
+    start = perf_counter()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    source = mesh_data.read_source_surface(cast.source, depsgraph)
+    bare = mesh_data.read_target_surface(target, depsgraph)
+    paint = mesh_data.read_layer(cast.source.data, PAINT).attribute.values.astype(float)
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(source.vertices, source.triangles, v_color_matrix=paint))
+    meshes.add_mesh(pymeshlab.Mesh(bare.vertices, bare.triangles))
+    meshes.apply_filter("transfer_attributes_per_vertex", sourcemesh=0, targetmesh=1, colortransfer=True)
+    colors = np.array(meshes.mesh(1).vertex_color_matrix())
+    layer = mesh_data.Layer(Attribute(PAINT, Domain.POINT, Kind.COLOR, colors), mesh_data.Role.COLOR, "FLOAT_COLOR")
+    mesh_data.write_layer(target.data, layer)
+    return perf_counter() - start
+
+
+def aligned(way: Way) -> Way:
+    """A way that is given the best rigid alignment first."""
+
+    def after_alignment(cast: Cast, target: bpy.types.Object) -> float:
+        target.matrix_world = Matrix(cast.aligned) @ target.matrix_world
+        bpy.context.view_layer.update()
+        return way(cast, target)
+
+    return after_alignment
+
+
+WAYS: dict[str, Way] = {
+    "ZoomOut": by_match,
+    "true map": by_truth,
+    "Data Transfer": by_data_transfer,
+    "Data Transfer, aligned": aligned(by_data_transfer),
+    "MeshLab": by_meshlab,
+    "MeshLab, aligned": aligned(by_meshlab),
+}
