@@ -149,6 +149,13 @@ def beside_places(
     )
 
 
+def nearest_rotations(matrices: Floats) -> Floats:
+    """(..., 3, 3) the proper rotations nearest to matrices (..., 3, 3)."""
+    U, _, Vt = np.linalg.svd(matrices)
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return np.asarray(U @ Vt)
+
+
 def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
     """(d, 3, 3) rotations of the surroundings of the target's distance samples, from smoothed places to images.
 
@@ -167,7 +174,7 @@ def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
         for _ in range(BLENDINGS):
             blended = moments.reshape(-1, 9) + COHERENCE * mean @ blended
             blended *= np.sqrt(3) / np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-300)
-        turns = _nearest_rotations(blended.reshape(-1, 3, 3))
+        turns = nearest_rotations(blended.reshape(-1, 3, 3))
     return turns
 
 
@@ -179,7 +186,7 @@ def _products(a: Floats, b: Floats) -> Floats:
 def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floats:
     """(d, 3, 3) first rotations, from the most reliable one outwards, each continuing a neighbour's."""
     root = int(np.argmax(np.where(np.linalg.det(moments) > 0, reliable, 0)))
-    turns = _nearest_rotations(moments)
+    turns = nearest_rotations(moments)
     done = np.zeros(len(moments), dtype=bool)
     done[root] = True
     while True:
@@ -187,15 +194,8 @@ def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floa
         if not len(reached):
             return turns
         parent = np.argmax(np.where(near[reached] & done, reliable, -1), axis=1)
-        turns[reached] = _nearest_rotations(moments[reached] + COHERENCE * turns[parent])
+        turns[reached] = nearest_rotations(moments[reached] + COHERENCE * turns[parent])
         done[reached] = True
-
-
-def _nearest_rotations(matrices: Floats) -> Floats:
-    """(..., 3, 3) the proper rotations nearest to matrices (..., 3, 3)."""
-    U, _, Vt = np.linalg.svd(matrices)
-    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
-    return np.asarray(U @ Vt)
 
 
 def _rotations_of_blends(matrices: Floats) -> Floats:
@@ -206,7 +206,7 @@ def _rotations_of_blends(matrices: Floats) -> Floats:
     size = np.linalg.norm(matrices, axis=(1, 2))
     clear = np.linalg.det(matrices) > CLEAR_BLEND * size**3
     rotations = np.empty_like(matrices)
-    rotations[~clear] = _nearest_rotations(matrices[~clear])
+    rotations[~clear] = nearest_rotations(matrices[~clear])
     rows = np.ascontiguousarray(np.moveaxis(matrices[clear] * np.sqrt(3) / size[clear, None, None], 0, -1))
     for _ in range(NEWTON_STEPS):
         a, b, c = rows

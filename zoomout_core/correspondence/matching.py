@@ -18,6 +18,7 @@ from zoomout_core.correspondence.components.main_parts import main_part_steps
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
+from zoomout_core.correspondence.fitting import Fit, fit_steps
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.correspondence.initial.given import given_hypothesis, proximity_hypothesis
@@ -32,7 +33,7 @@ from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import Progress, Steps, drain, spread
+from zoomout_core.progress import Progress, Steps, drain, scaled, spread
 from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
 
@@ -285,15 +286,17 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     source, target = pair.source_shape, pair.target_shape
     how = candidate.mirrored, pair.k_final, pair.step
     swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
-    forwards = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
+    refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
+    forwards = _fitted_steps(refining, source, target, candidate.mirrored)
     # The way back is a witness of the way there, and need not be as fine.
     fewer = candidate.mirrored, min(pair.k_final, FUNCTIONS[0]), pair.step
     backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
-    (there, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
+    (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
     if pair.exact_landmarks is not None:
-        there = pinned(there, pair, pair.exact_landmarks)
+        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    there = fit.surface_map
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
-    carrying = in_background(lambda: on_surfaces(pair, there, confidence))
+    carrying = in_background(lambda: on_surfaces(pair, fit, confidence))
     surface_map, confidence, notes = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
     notes = (*_notes_on_rest(there, back, source, target), *notes)
     if over > NOTABLE_FOLDS:
@@ -309,6 +312,17 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
             *notes,
         )
     return MatchResult(surface_map, confidence, functional_map, candidates, chosen, notes, pair)
+
+
+def _fitted_steps(
+    refining: Generator[float, None, tuple[SurfaceMap, Floats]], source: Shape, target: Shape, mirrored: bool
+) -> Generator[float, None, tuple[Fit, Floats]]:
+    """A refined map with the target bent onto the source by it, and the functional map of what comes of that."""
+    refined, functional_map = yield from scaled(refining, 0.0, 0.6)
+    fit = yield from scaled(fit_steps(refined, source, target, mirrored), 0.6, 1.0)
+    k_target, k_source = functional_map.shape
+    images = fit.surface_map.interpolate(source.basis.eigenvectors[:, :k_source])
+    return fit, target.basis.coefficients(images)[:k_target]
 
 
 def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: Shape) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
 # A mesh that is larger by less than this is not worth decimating.
 WORTHWHILE = 1.25
 # An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
-NEAR_ENOUGH = 3e-3
+NEAR_ENOUGH = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,18 @@ class Proxy:
         return SurfaceMap(triangle, barycentric, triangles)
 
     @cached_property
+    def frame(self) -> tuple[Floats, float]:
+        """(3,) the place and the size, in the frame of the part, of the frame of the mesh."""
+        centre, mesh_centre = self.vertices.mean(axis=0), self.mesh.vertices.mean(axis=0)
+        size = float(np.linalg.norm(self.vertices - centre) / np.linalg.norm(self.mesh.vertices - mesh_centre))
+        return centre - size * mesh_centre, size
+
+    def closest(self, images: Floats) -> SurfaceMap:
+        """The points of the part that are closest to places (q, 3) on, or next to, the stand-in."""
+        triangles = self.full.triangles
+        return SurfaceMap(*closest_points(images, self.full.vertices, triangles, NEAR_ENOUGH), triangles)
+
+    @cached_property
     def full_vertex(self) -> Integers:
         """(n,) the part's vertex nearest to each vertex of the stand-in."""
         return np.asarray(cKDTree(self.full.vertices).query(self.vertices)[1])
@@ -86,14 +98,6 @@ def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, 
     return Proxy(part, mesh, vertices, merged)
 
 
-def lifted(between: SurfaceMap, source: Proxy, target: Proxy) -> SurfaceMap:
-    """A map between stand-ins as a map between the parts that they stand for.
-
-    Each vertex of the target's part takes the image of its place on the stand-in, brought to the closest point
-    of the source's part.
-    """
-    if source.mesh is source.full and target.mesh is target.full:
-        return between
-    images = target.place.interpolate(between.interpolate(source.vertices))
-    triangles = source.full.triangles
-    return SurfaceMap(*closest_points(images, source.full.vertices, triangles, NEAR_ENOUGH), triangles)
+def carried(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
+    """(n_full, 3) where a map between stand-ins takes the vertices of the target's part: places on the source's."""
+    return target.place.interpolate(between.interpolate(source.vertices))

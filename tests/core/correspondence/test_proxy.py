@@ -12,7 +12,7 @@ import pytest
 from creatures import creature
 from scipy.spatial import cKDTree
 
-from zoomout_core.correspondence.proxy import lifted, proxy_steps
+from zoomout_core.correspondence.proxy import carried, proxy_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.files import read_surface
 from zoomout_core.progress import drain
@@ -58,13 +58,13 @@ def test_two_stand_ins_made_at_the_same_time_are_those_of_their_own_meshes() -> 
         np.testing.assert_array_equal(proxy.mesh.triangles, expected.mesh.triangles)
 
 
-def test_a_map_between_stand_ins_is_lifted_to_the_surfaces() -> None:
+def test_a_map_between_stand_ins_is_carried_over_to_the_surfaces() -> None:
     first, second = creature(16000, seed=0).surface.working, creature(12000, seed=1).surface.working
     source, target = drain(proxy_steps(first, 3000)), drain(proxy_steps(second, 3000))
     between = SurfaceMap(
         *closest_points(target.vertices, source.vertices, source.mesh.triangles), source.mesh.triangles
     )
-    surface_map = lifted(between, source, target)
+    surface_map = source.closest(carried(between, source, target))
     images = surface_map.interpolate(first.vertices)
     assert np.linalg.norm(images - second.vertices, axis=1).max() < 0.03
     np.testing.assert_array_equal(surface_map.source_triangles, first.triangles)

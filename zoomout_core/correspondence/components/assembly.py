@@ -6,26 +6,26 @@ import numpy as np
 
 from zoomout_core.correspondence.components.loose import LooseParts, map_parts
 from zoomout_core.correspondence.components.parts import MOST_PARTS
+from zoomout_core.correspondence.fitting import Fit, lifted_fit
 from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.proxy import lifted
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import Booleans, Floats
 
 
-def on_surfaces(pair: Pair, between: SurfaceMap, confidence: Floats) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
+def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
 
     Args:
         pair: the surfaces and their shapes.
-        between: from the target shape's mesh to the source shape's.
+        fit: of the target shape to the source shape.
         confidence: (n,) of the target shape's vertices.
 
     Returns:
         The map, (n_t,) confidence, and what a user should know about loose parts.
     """
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
-    between_parts = lifted(between, source, target)
+    between_parts = lifted_fit(fit, source, target)
     loose = map_parts(pair, between_parts, confidence)
     confidence = target.place.interpolate(confidence)
     vertex_of = target.full.vertex_of

@@ -1,0 +1,88 @@
+"""Bending a target onto its source: exact where the two are one body, and harmless where they are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, true_vertex
+
+from zoomout_core.correspondence.fitting import Fit, fit_steps, lifted_fit
+from zoomout_core.correspondence.shape import Shape, shape_steps
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.progress import drain
+from zoomout_core.surface import Floats, Surface
+
+
+def shape_of(made: Creature, proxy_vertices: int | None = None) -> Shape:
+    return drain(shape_steps(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices))
+
+
+def blurred_truth(source: Creature, target: Creature, functions: int = 30) -> tuple[Shape, Shape, SurfaceMap]:
+    """The shapes, and the true map as far as a few eigenfunctions tell it."""
+    shapes = shape_of(source), shape_of(target)
+    images = source.surface.working.vertices[true_vertex(source, target)]
+    basis = shapes[1].basis
+    smooth = basis.eigenvectors[:, :functions] @ basis.coefficients(images)[:functions]
+    distance = np.linalg.norm(smooth[:, None] - shapes[0].mesh.vertices[None], axis=2)
+    first = SurfaceMap.from_vertices(distance.argmin(axis=1), source.surface)
+    return *shapes, SurfaceMap(first.triangle, first.barycentric, shapes[0].mesh.triangles)
+
+
+def errors(surface_map: SurfaceMap, source: Creature, target: Creature) -> Floats:
+    """(n_t,) distance between the images' directions and the true ones."""
+    images = surface_map.interpolate(source.directions)
+    return np.linalg.norm(images / np.linalg.norm(images, axis=1, keepdims=True) - target.directions, axis=1)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.9])
+def test_a_fit_is_several_times_as_exact_as_the_map_that_it_begins_with(bend: float) -> None:
+    source, target = creature(1500, seed=0), creature(1300, seed=1, bend=bend)
+    shapes = blurred_truth(source, target)
+    before, after = shapes[2], drain(fit_steps(shapes[2], shapes[0], shapes[1], False)).surface_map
+    assert np.median(errors(after, source, target)) < np.median(errors(before, source, target)) / (
+        4 if bend == 0 else 2
+    )
+
+
+def test_a_mirrored_map_stays_mirrored() -> None:
+    source, target = creature(1500, seed=0), creature(1300, seed=1)
+    source_shape, target_shape, _ = blurred_truth(source, target)
+    flipped = Creature(target.surface, target.directions * [-1, 1, 1])
+    _, _, mirrored = blurred_truth(source, flipped)
+    fit = drain(fit_steps(mirrored, source_shape, target_shape, True))
+    assert np.median(errors(fit.surface_map, source, flipped)) < np.median(errors(mirrored, source, flipped)) / 2
+    assert np.linalg.det(fit.rotations[fit.fits]).max() < 0
+
+
+def test_where_the_fit_goes_astray_the_first_map_stands() -> None:
+    source, target = creature(1500, seed=0, without=5), creature(1300, seed=1)
+    source_shape, target_shape, first = blurred_truth(source, target)
+    fit = drain(fit_steps(first, source_shape, target_shape, False))
+    np.testing.assert_array_equal(fit.surface_map.triangle[~fit.fits], first.triangle[~fit.fits])
+    np.testing.assert_array_equal(fit.surface_map.barycentric[~fit.fits], first.barycentric[~fit.fits])
+
+
+def test_coarse_meshes_keep_the_map_that_they_have() -> None:
+    source, target = creature(300, seed=0), creature(280, seed=1)
+    source_shape, target_shape, first = blurred_truth(source, target)
+    fit = drain(fit_steps(first, source_shape, target_shape, False))
+    assert fit.surface_map is first
+    assert not fit.fits.any()
+
+
+def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
+    smooth = creature(9000).surface
+    bumps = 1 + 0.03 * np.random.default_rng(0).random((len(smooth.vertices), 1))
+    made = Creature(Surface(smooth.vertices * bumps, smooth.triangles), np.empty((0, 3)))
+    shape = shape_of(made, 1500)
+    mesh, part = shape.mesh, shape.proxy.full
+    corner = np.empty(len(mesh.vertices), dtype=int)
+    corner[mesh.triangles.ravel()] = np.arange(mesh.triangles.size)
+    itself = SurfaceMap(corner // 3, np.eye(3)[corner % 3], mesh.triangles)
+    still = Fit(itself, mesh.vertices, np.tile(np.eye(3), (len(corner), 1, 1)), np.ones(len(corner), dtype=bool))
+    moved, unfitted = (
+        np.linalg.norm(lifted_fit(fit, shape.proxy, shape.proxy).interpolate(part.vertices) - part.vertices, axis=1)
+        for fit in (still, Fit.unfitted(itself))
+    )
+    assert moved.max() < 1e-6
+    assert unfitted.mean() > 1e-4
