@@ -41,10 +41,11 @@ Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
-# Unless asked otherwise: a vertex of the stand-in, and an eigenfunction, for so many vertices of the mesh, within
-# limits. Finer meshes share finer features, if they share them at all.
+# Unless asked otherwise: a vertex of the stand-in for so many vertices of the mesh, within limits. Finer meshes share
+# finer features, by which the target is bent onto the source.
 PER_PROXY_VERTEX, PROXY_VERTICES = 8, (4000, 6000)
-PER_FUNCTION, FUNCTIONS = 240, (120, 200)
+# The way back is a witness of the way there, and need not be as fine.
+MOST_FUNCTIONS_BACK = 120
 # A map of less certainty than this comes with a note.
 SURE = 0.9
 # So comes a map that turns over a larger part of the surface.
@@ -118,7 +119,7 @@ def match(
     initial: Initial = "auto",
     landmarks: Landmarks | None = None,
     initial_map: SurfaceMap | ArrayLike | None = None,
-    k_final: int | None = None,
+    k_final: int = 120,
     step: int = 20,
     samples: int = 1000,
     seed: int = 0,
@@ -139,8 +140,7 @@ def match(
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
             that is evidence, not the start alone.
-        k_final: size of the final functional map; less on meshes with fewer vertices. None: 120 to 200, the more
-            the finer both meshes are.
+        k_final: size of the final functional map; less on meshes with fewer vertices.
         step: growth of the functional map in an iteration, beyond a size of 120.
         samples: farthest points that the iterations run on.
         seed: of the eigensolver.
@@ -185,7 +185,7 @@ def match_steps(
     initial: Initial = "auto",
     landmarks: Landmarks | None = None,
     initial_map: SurfaceMap | ArrayLike | None = None,
-    k_final: int | None = None,
+    k_final: int = 120,
     step: int = 20,
     samples: int = 1000,
     seed: int = 0,
@@ -205,16 +205,15 @@ def match_steps(
     source_part, target_part = yield from spread(
         main_part_steps(source, target, seed), 0.01, 0.02, "Comparing the parts"
     )
-    sizes = [_sizes(part, k_final, proxy_vertices) for part in (source_part, target_part)]
+    k = max(k_final, FEWEST_FUNCTIONS)
     ahead = ANALYSES if initial in ("auto", "landmarks") else ()
     prepared = (
-        _analysis_steps(kept_shape_steps(part, max(k, FEWEST_FUNCTIONS), samples, seed, count), ahead)
-        for part, (k, count) in zip((source_part, target_part), sizes, strict=True)
+        _analysis_steps(kept_shape_steps(part, k, samples, seed, _proxy_size(part, proxy_vertices)), ahead)
+        for part in (source_part, target_part)
     )
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
     exact = landmarks if exact_landmarks else None
-    size = min(k for k, _ in sizes)
-    pair = Pair(source, target, source_shape, target_shape, size, step, exact, paired)
+    pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)
     yield Progress(0.6, "Guessing")
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
     evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
@@ -258,19 +257,14 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
         raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
 
 
-def _sizes(
-    part: WorkingMesh, k_final: int | None, proxy_vertices: int | Literal["auto"] | None
-) -> tuple[int, int | None]:
-    """The size of the functional map for a mesh, and of the mesh that stands in for it: those given, or its own."""
-    n = len(part.vertices)
-    if k_final is None:
-        k_final = int(np.clip(n // PER_FUNCTION, *FUNCTIONS))
-    if proxy_vertices == "auto":
-        proxy_vertices = int(np.clip(n // PER_PROXY_VERTEX, *PROXY_VERTICES))
-    return k_final, proxy_vertices
+def _proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
+    """How many vertices the stand-in for a mesh is to have."""
+    if proxy_vertices != "auto":
+        return proxy_vertices
+    return int(np.clip(len(part.vertices) // PER_PROXY_VERTEX, *PROXY_VERTICES))
 
 
-def _check_sizes(k_final: int | None, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
+def _check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
     for name, value, least in (
         ("k_final", k_final, SMALLEST_FINAL),
         ("step", step, 1),
@@ -288,8 +282,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
     refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
     forwards = _fitted_steps(refining, source, target, candidate.mirrored)
-    # The way back is a witness of the way there, and need not be as fine.
-    fewer = candidate.mirrored, min(pair.k_final, FUNCTIONS[0]), pair.step
+    fewer = candidate.mirrored, min(pair.k_final, MOST_FUNCTIONS_BACK), pair.step
     backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
     (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
     if pair.exact_landmarks is not None:

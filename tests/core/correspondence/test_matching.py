@@ -315,12 +315,8 @@ def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pyte
         zo.match(fine, fine, proxy_vertices=None)
 
 
-def test_the_finer_both_meshes_are_the_finer_their_map(resting: Creature) -> None:
+def test_finer_meshes_have_finer_stand_ins(resting: Creature) -> None:
     fine = creature(50_000).surface
-    result = zo.match(fine, Surface(fine.vertices[::-1], len(fine.vertices) - 1 - fine.triangles), initial="proximity")
-    assert result.functional_map.shape == (200, 200)
-    assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(6000, rel=0.02)
     result = zo.match(fine, resting.surface, initial="proximity")
-    assert result.functional_map.shape == (120, 120)
     assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(6000, rel=0.02)
     assert result.pair.target_shape.proxy.full is result.pair.target_shape.mesh
