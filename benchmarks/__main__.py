@@ -13,6 +13,7 @@ from benchmarks import profile as profile_table
 from benchmarks import refinement as refinement_table
 from benchmarks import scale as scale_tables
 from benchmarks import speed as speed_tables
+from benchmarks import symmetry as symmetry_tables
 
 
 @click.group()
@@ -83,6 +84,15 @@ def transfer(data: Path, pairs: int | None, json_file: Path | None) -> None:
     from benchmarks import transfer as transfer_tables  # it starts Blender, which the other tables do without
 
     report(transfer_tables.run(data, pairs), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--things/--no-things", default=True, help="Build things and characters in Blender, and measure those.")
+@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the vase's symmetries here.")
+def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool, figure: Path | None) -> None:
+    """How often a shape's own symmetry is found, how exactly, by which criterion, and what mirroring by it is worth."""
+    report(symmetry_tables.run(data, pairs, things, figure), data, json_file)
 
 
 def report(tables: dict[str, list[dict[str, Any]]], data: Path, json_file: Path | None) -> None:

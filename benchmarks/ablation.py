@@ -52,7 +52,7 @@ def maps_without(result: MatchResult) -> dict[str, Integers]:
     maps: dict[int, Integers] = {}  # mostly it is the same candidate: one map for each
     for candidate in best.values():
         if id(candidate.functional_map) not in maps:
-            maps[id(candidate.functional_map)] = _vertex_map(candidate, result.pair)
+            maps[id(candidate.functional_map)] = vertex_map(candidate, result.pair)
     return {name: maps[id(candidate.functional_map)] for name, candidate in best.items()}
 
 
@@ -93,7 +93,7 @@ def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:
     }
 
 
-def _vertex_map(candidate: Candidate, pair: Pair) -> Integers:
+def vertex_map(candidate: Candidate, pair: Pair) -> Integers:
     """(n_t,) source vertex of each target vertex, by the candidate's functional map; -1 off the largest part."""
     source, target = pair.source_shape, pair.target_shape
     image = nearest(*embeddings(source, target, candidate.functional_map, candidate.anchors))

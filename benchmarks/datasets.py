@@ -99,6 +99,22 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     )
 
 
+def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:
+    """The shapes of a set whose mirrored places are known, or `most` of them evenly spread over the list."""
+    path = folder / "correspondence.npz"
+    truth = _truth(path) if path.is_file() else {}
+    names = [name.removesuffix(".sym") for name in truth if name.endswith(".sym")]
+    if most is not None and most < len(names):
+        names = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
+    return names
+
+
+def mirrored_places(folder: Path, name: str) -> tuple[Surface, Integers, Integers]:
+    """A shape, (c,) vertices of it, and (c,) the vertices on its other side that correspond to them."""
+    truth = _truth(folder / "correspondence.npz")
+    return read_surface(folder / f"{name}.off"), truth[name], truth[f"{name}.sym"]
+
+
 def _every_kind_against_every_kind(folder: Path) -> list[list[str]]:
     """All ordered pairs of meshes KIND_SUBJECT of different subjects."""
     names = [name for name in sorted(_truth(folder / TEMPLATE)) if not name.startswith("cloud")]

@@ -10,6 +10,7 @@ from zoomout_core.files import read_point_cloud, read_surface
 from zoomout_core.progress import Progress, drain
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.surface import MeshError, PointCloud, Surface
+from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 __all__ = [
@@ -23,7 +24,10 @@ __all__ = [
     "SpectralBasis",
     "Surface",
     "SurfaceMap",
+    "Symmetry",
     "commutativity_error",
+    "detect_symmetry",
+    "detect_symmetry_steps",
     "drain",
     "eigenbasis",
     "forget_shapes",

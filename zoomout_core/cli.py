@@ -21,6 +21,7 @@ from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, ge
 from zoomout_core.files import read_surface
 from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
+from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 
 # Arguments of `match` for each preset.
 DETAIL: dict[str, dict[str, int | None]] = {
@@ -31,7 +32,7 @@ DETAIL: dict[str, dict[str, int | None]] = {
 }
 STARTS = ("auto", "landmarks", "proximity")
 NO_CACHE = "off"
-AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1"}
+AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
 
 
 @click.group()
@@ -40,8 +41,8 @@ def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
 
 
-def match_options(command: Any) -> Any:
-    """The options of every command that matches two meshes."""
+def mesh_options(command: Any) -> Any:
+    """The options of every command that analyses meshes."""
     for option in (
         click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the eigensolver."),
         click.option(
@@ -62,6 +63,15 @@ def match_options(command: Any) -> Any:
             callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
             help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
         ),
+    ):
+        command = option(command)
+    return command
+
+
+def match_options(command: Any) -> Any:
+    """The options of every command that matches two meshes."""
+    for option in (
+        mesh_options,
         click.option(
             "--common-axis",
             "common_axes",
@@ -127,8 +137,8 @@ def start_arguments(
     return arguments
 
 
-def read_axis(text: str) -> np.ndarray:
-    """The direction (3,) that `x`, `y`, `z` or three numbers with commas stand for, of unit length.
+def read_axis(text: str, option: str = "--common-axis") -> np.ndarray:
+    """The direction (3,) that `x`, `-y` or three numbers with commas stand for, of unit length.
 
     Raises:
         MeshError: it is no direction.
@@ -136,7 +146,7 @@ def read_axis(text: str) -> np.ndarray:
     try:
         return checked_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
     except ValueError:
-        raise MeshError(f"--common-axis is {text!r}: give x, y, z, or a direction such as 0,0,1.") from None
+        raise MeshError(f"{option} is {text!r}: give x, -x, y, -y, z, -z, or a direction such as 0,0,1.") from None
 
 
 def read_vertex_map(path: str) -> np.ndarray:
@@ -213,10 +223,7 @@ def match(source: str, target: str, output: str, **options: Any) -> None:
     Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file.
     """
     try:
-        if not Path(output).parent.is_dir():
-            raise MeshError(f"There is no folder {Path(output).parent}: create it, or write elsewhere.")
-        if Path(output).suffix != ".npz":
-            raise MeshError(f"{output} does not end in .npz: a map is written to such a file only.")
+        check_output(output)
         surfaces = read_surface(source), read_surface(target)
         arguments = start_arguments(**options)
         result = with_progress_bar(match_steps(*surfaces, **arguments))
@@ -226,6 +233,18 @@ def match(source: str, target: str, output: str, **options: Any) -> None:
     for line in summary(result):
         click.echo(line)
     click.echo(f"Written to {output}")
+
+
+def check_output(path: str) -> None:
+    """Check that a map can be written to a path, before it is worked out.
+
+    Raises:
+        MeshError: the folder is missing, or the path does not end in .npz.
+    """
+    if not Path(path).parent.is_dir():
+        raise MeshError(f"There is no folder {Path(path).parent}: create it, or write elsewhere.")
+    if Path(path).suffix != ".npz":
+        raise MeshError(f"{path} does not end in .npz: a map is written to such a file only.")
 
 
 def summary(result: MatchResult) -> list[str]:
@@ -239,6 +258,67 @@ def summary(result: MatchResult) -> list[str]:
         f"Found by {result.candidates[result.chosen].origin}, the best of {len(result.candidates)} candidates.",
     ]
     return [*lines, *result.notes]
+
+
+@main.command()
+@click.argument("mesh", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@click.option(
+    "--candidate",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Which of the symmetries that are listed to write.",
+)
+@click.option(
+    "--left",
+    default="x",
+    show_default=True,
+    metavar="X,Y,Z",
+    help="Where the left of what the mesh shows is, or x, -x, y, -y, z, -z for short: it tells the sides apart.",
+)
+@mesh_options
+def symmetry(mesh: str, output: str, candidate: int, left: str, detail: str, seed: int) -> None:
+    """Find the symmetries of MESH, in whatever pose it is, and write one of them.
+
+    Writes triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz file, and
+    of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
+    """
+    try:
+        check_output(output)
+        surface, direction = read_surface(mesh), read_axis(left, "--left")
+        arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "left": direction}
+        found = with_progress_bar(detect_symmetry_steps(surface, **arguments))
+        for number, entry in enumerate(found, start=1):
+            click.echo(f"{number}. {described(entry)}")
+        if candidate > len(found):
+            raise MeshError(f"There is no candidate {candidate}: {len(found)} were found.")
+        chosen = found[candidate - 1]
+        chosen.surface_map.save(
+            output,
+            confidence=chosen.confidence,
+            functional_map=chosen.functional_map,
+            distance=chosen.distance,
+            side=chosen.sides(),
+        )
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    for line in chosen.notes:
+        click.echo(line)
+    click.echo(f"Number {candidate} written to {output}")
+
+
+def described(symmetry: Symmetry) -> str:
+    """A symmetry in a line: what it is, how likely, and how exact."""
+    kind = "reflection" if symmetry.reverses_orientation else "turn"
+    order = f" of order {symmetry.order}" if symmetry.order > 2 else ""
+    if symmetry.order == 2 and not symmetry.reverses_orientation:
+        kind = "half turn"
+    return (
+        f"A {kind}{order}, with a probability of {symmetry.certainty:.0%}; mean confidence "
+        f"{symmetry.confidence.mean():.2f}; going round misses by {1000 * symmetry.return_error:.1f} thousandths of "
+        "the root of the area."
+    )
 
 
 @main.command()

@@ -122,3 +122,21 @@ def test_what_cannot_be_done_is_said_in_one_sentence(files: Path, arguments: tup
     assert outcome.output.strip().count("\n") == 0
     assert sentence in outcome.output
     assert not (files / "none.npz").exists()
+
+
+def test_symmetry_writes_the_map_its_sides_and_lists_what_was_found(files: Path, bent: Creature) -> None:
+    outcome = run("symmetry", files / "target.ply", "-o", files / "own.npz", "--left", "-x", "--detail", "fast")
+    assert outcome.exit_code == 0, outcome.output
+    assert "1. A reflection, with a probability of" in outcome.output
+    with np.load(files / "own.npz") as file:
+        arrays = {"triangle", "barycentric", "vertex", "confidence", "functional_map", "distance", "side"}
+        assert set(file.files) == arrays
+        clear = np.abs(bent.directions[:, 0]) > 0.15
+        np.testing.assert_array_equal(file["side"][clear], -np.sign(bent.directions[clear, 0]))
+        known = np.arange(len(bent.directions)), mirrored_vertex(bent, bent)
+        assert zo.geodesic_error(file["vertex"], bent.surface, *known).mean() < 0.04
+    for wrong, sentence in (("--left=up", "--left is 'up'"), ("--candidate=99", "no candidate 99")):
+        outcome = run("symmetry", files / "target.ply", "-o", files / "none.npz", "--detail", "fast", wrong)
+        assert outcome.exit_code != 0
+        assert sentence in outcome.output
+        assert not (files / "none.npz").exists()

@@ -196,7 +196,7 @@ def match_steps(
 ) -> Steps[MatchResult]:
     """`match` as a generator that yields `Progress` and returns the result."""
     _check_start(initial, landmarks, initial_map)
-    _check_sizes(k_final, step, samples, proxy_vertices)
+    check_sizes(k_final, step, samples, proxy_vertices)
     if exact_landmarks and landmarks is None:
         raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
     axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
@@ -208,7 +208,7 @@ def match_steps(
     k = max(k_final, FEWEST_FUNCTIONS)
     ahead = ANALYSES if initial in ("auto", "landmarks") else ()
     prepared = (
-        _analysis_steps(kept_shape_steps(part, k, samples, seed, _proxy_size(part, proxy_vertices)), ahead)
+        analysis_steps(kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices)), ahead)
         for part in (source_part, target_part)
     )
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
@@ -226,7 +226,7 @@ def match_steps(
     return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
 
 
-def _analysis_steps(
+def analysis_steps(
     preparing: Generator[float, None, Shape], ahead: tuple[Callable[[Shape], object], ...]
 ) -> Generator[float, None, Shape]:
     """A prepared shape that has been asked for what will be needed of it."""
@@ -257,14 +257,14 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
         raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
 
 
-def _proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
+def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
     """How many vertices the stand-in for a mesh is to have."""
     if proxy_vertices != "auto":
         return proxy_vertices
     return int(np.clip(len(part.vertices) // PER_PROXY_VERTEX, *PROXY_VERTICES))
 
 
-def _check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
+def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
     for name, value, least in (
         ("k_final", k_final, SMALLEST_FINAL),
         ("step", step, 1),
@@ -281,7 +281,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     how = candidate.mirrored, pair.k_final, pair.step
     swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
     refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
-    forwards = _fitted_steps(refining, source, target, candidate.mirrored)
+    forwards = fitted_steps(refining, source, target, candidate.mirrored)
     fewer = candidate.mirrored, min(pair.k_final, MOST_FUNCTIONS_BACK), pair.step
     backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
     (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
@@ -307,7 +307,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     return MatchResult(surface_map, confidence, functional_map, candidates, chosen, notes, pair)
 
 
-def _fitted_steps(
+def fitted_steps(
     refining: Generator[float, None, tuple[SurfaceMap, Floats]], source: Shape, target: Shape, mirrored: bool
 ) -> Generator[float, None, tuple[Fit, Floats]]:
     """A refined map with the target bent onto the source by it, and the functional map of what comes of that."""

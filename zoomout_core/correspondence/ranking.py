@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -32,7 +32,9 @@ REVERSE_START = 16
 # What is compared and laid over the source in space: distinct maps that score worse than the best one by less than the
 # margin, but some at least, from which a user may choose, and some at most; fewer of mirror images.
 MARGIN = 1.5
-DIRECT, MIRRORED = (4, 14), (2, 4)
+Quota: TypeAlias = tuple[int, int]
+DIRECT: Quota = 4, 14
+MIRRORED: Quota = 2, 4
 # A map whose normals disagree with the target's by more than this is a mirror image. One whose normals agree no more
 # than they disagree mirrors some limbs only, which laying it over the source will turn back.
 CLEAR_ORIENTATION = 0.2
@@ -91,7 +93,13 @@ _Map = TypeVar("_Map", _Screened, Candidate)
 
 
 def rank_steps(
-    hypotheses: list[Hypothesis], source: Shape, target: Shape, disagreement: Disagreement = nothing_known
+    hypotheses: list[Hypothesis],
+    source: Shape,
+    target: Shape,
+    disagreement: Disagreement = nothing_known,
+    quotas: tuple[Quota, Quota] = (DIRECT, MIRRORED),
+    clear_orientation: float = CLEAR_ORIENTATION,
+    wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
 ) -> Generator[float, None, list[Candidate]]:
     """Refine hypotheses, drop duplicates and the hopeless, score the rest in both directions.
 
@@ -102,17 +110,25 @@ def rank_steps(
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         disagreement: with what is known of the map.
+        quotas: how many maps that keep the orientation are compared, and how many that reverse it.
+        clear_orientation: how far a map's normals have to disagree with the target's for it to be a mirror image.
+        wanted: whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether
+            it reverses the orientation.
 
     Returns:
         Candidates, the most likely first; those of mirror images come after all others.
     """
     shapes = source, target
-    screening = for_each(lambda hypothesis: _screen(hypothesis, *shapes, disagreement), hypotheses)
+    if not sides_are_known(*shapes):
+        quotas = quotas[0], quotas[0]
+    screening = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear_orientation), hypotheses)
     screened = yield from scaled(screening, 0.0, 0.6)
-    kept = _leading(screened, [entry.score for entry in screened], *shapes)
+    screened = [entry for entry in screened if wanted(entry.sample_map, entry.reverses_orientation)]
+    kept = _leading(screened, [entry.score for entry in screened], source, quotas)
     refining = for_each(lambda entry: _candidate(entry, *shapes, disagreement), kept)
     refined = yield from scaled(refining, 0.6, 0.8)
-    leading = _leading(refined, [candidate.scores["total"] for candidate in refined], *shapes)
+    refined = [entry for entry in refined if wanted(entry.sample_map, entry.reverses_orientation)]
+    leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, quotas)
     laying = for_each(lambda candidate: _laid(candidate, *shapes), leading)
     candidates = yield from scaled(laying, 0.8, 1.0)
     return in_order(candidates, source, target)
@@ -170,23 +186,26 @@ def _laid(candidate: Candidate, source: Shape, target: Shape) -> Candidate:
     return min(scored, key=lambda one: one.scores["total"])
 
 
-def _screen(hypothesis: Hypothesis, source: Shape, target: Shape, disagreement: Disagreement) -> _Screened:
+def _screen(
+    hypothesis: Hypothesis, source: Shape, target: Shape, disagreement: Disagreement, clear_orientation: float
+) -> _Screened:
     size = min(SCREENING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(hypothesis.anchors, source, target)
     functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, 2, anchors)
-    reverses = orientation_agreement(sample_map, source, target) < -CLEAR_ORIENTATION
+    reverses = orientation_agreement(sample_map, source, target) < -clear_orientation
     scores = scores_of(functional_map, sample_map, source, target, reverses)
     scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
     return _Screened(hypothesis, functional_map, sample_map, reverses, total_score(scores))
 
 
-def _leading(maps: Sequence[_Map], scores: Sequence[float], source: Shape, target: Shape) -> list[_Map]:
+def _leading(maps: Sequence[_Map], scores: Sequence[float], source: Shape, quotas: tuple[Quota, Quota]) -> list[_Map]:
     """The distinct ones of the best direct maps, and of the best mirror images."""
-    either_side = not sides_are_known(source, target)
+    if not maps:
+        return []
     order = np.argsort(scores, kind="stable")
     same = alike([source.coordinates[entry.sample_map] for entry in maps], SAME_MAP)
     leading: list[_Map] = []
-    for reverses, (fewest, most) in ((False, DIRECT), (True, DIRECT if either_side else MIRRORED)):
+    for reverses, (fewest, most) in zip((False, True), quotas, strict=True):
         oriented = [i for i in order if maps[i].reverses_orientation == reverses]
         kept: list[int] = []
         for i in oriented:

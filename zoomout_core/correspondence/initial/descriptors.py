@@ -28,15 +28,18 @@ SAME_FIT = 0.1
 KEPT = 5
 
 
-def descriptor_hypotheses(source: Shape, target: Shape, disagreement: Disagreement = nothing_known) -> list[Hypothesis]:
+def descriptor_hypotheses(
+    source: Shape, target: Shape, disagreement: Disagreement = nothing_known, sides: tuple[int, ...] = (1, -1)
+) -> list[Hypothesis]:
     """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it.
 
     Args:
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         disagreement: with what is known of the map.
+        sides: 1 for maps that keep the orientation, -1 for those that reverse it.
     """
-    return [guess for sign in (1, -1) for guess in _best_fits(source, target, sign, disagreement)]
+    return [guess for side in sides for guess in _best_fits(source, target, side, disagreement)]
 
 
 def _best_fits(source: Shape, target: Shape, sign: int, disagreement: Disagreement) -> list[Hypothesis]:

@@ -74,20 +74,23 @@ class Extremities:
         return Extremities(places, self.average_distance[:count], self.persistence[:count])
 
 
-def extremity_hypotheses(source: Shape, target: Shape, disagreement: Disagreement = nothing_known) -> list[Hypothesis]:
+def extremity_hypotheses(
+    source: Shape, target: Shape, disagreement: Disagreement = nothing_known, sides: tuple[int, ...] | None = None
+) -> list[Hypothesis]:
     """The maps that pairings of extremities suggest; none where a shape has too few of them.
-
-    They keep the orientation. Where sides are not known, those that reverse it come too.
 
     Args:
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         disagreement: with what is known of the map.
+        sides: 1 for maps that keep the orientation, -1 for those that reverse it. Those that keep it, when not given,
+            and where sides are not known the others too.
     """
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
-    sides = (1,) if sides_are_known(source, target) else (1, -1)
+    if sides is None:
+        sides = (1,) if sides_are_known(source, target) else (1, -1)
     return [
         guess for side in sides for guess in _best_maps(source, target, tips_source, tips_target, side, disagreement)
     ]

@@ -34,7 +34,7 @@ def rotation_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     for signs in product((1.0, -1.0), repeat=before):
         for angle, mirror in product(np.arange(ANGLES) * 2 * np.pi / ANGLES, (1, -1)):
             functional_map = np.diag([1.0, *signs, 0, 0])
-            functional_map[-2:, -2:] = _turn(angle, mirror)
+            functional_map[-2:, -2:] = turn(angle, mirror)
             origin = f"a turn of repeated eigenfunctions by {np.degrees(angle):.0f} degrees" + ", mirrored" * (
                 mirror < 0
             )
@@ -42,5 +42,6 @@ def rotation_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
     return hypotheses
 
 
-def _turn(angle: float, mirror: int) -> Floats:
+def turn(angle: float, mirror: int) -> Floats:
+    """(2, 2) turn of the plane by an angle, mirrored where `mirror` is -1."""
     return np.array([[np.cos(angle), -mirror * np.sin(angle)], [np.sin(angle), mirror * np.cos(angle)]])

@@ -1,0 +1,192 @@
+"""How often a shape's own symmetry is found, how exactly, and by which criterion; published figures beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.spatial import cKDTree
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.ablation import vertex_map
+from benchmarks.datasets import MOST_PLACES, mirrored_places, sets_in, shapes_with_symmetry
+from benchmarks.mirroring import weight_rows
+from benchmarks.objects import draw_symmetries, object_rows, things
+from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
+from zoomout_core.correspondence.kept_shapes import kept_shape_steps
+from zoomout_core.correspondence.matching import proxy_size
+from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.ranking import Candidate
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.surface import Integers, Surface
+from zoomout_core.symmetry.detect import candidate_steps, energies
+from zoomout_core.threads import one_blas_thread
+
+Record: TypeAlias = dict[str, Any]
+
+OURS, BEST_POSSIBLE = "zo.detect_symmetry", "the truth, read off its functional map"
+# Mean error times 1000 from which a shape counts as failed.
+LIMIT = 60
+K_FINAL, SAMPLES = 120, 1000
+# Melzi et al. 2019, table of symmetry detection: mean errors on all of FAUST in its original meshes, and seconds.
+PUBLISHED = {
+    "BIM": (65.4, 34.6),
+    "GroupRep": (224, 8.5),
+    "IntSymm": (33.9, 1.35),
+    "OrientRev": (68.0, 0.59),
+    "OrientRev + BCICP": (29.2, 195),
+    "OrientRev + ZoomOut": (16.1, 22.6),
+    "OrientRev + ZoomOut*": (18.5, 1.8),
+}
+
+
+def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) -> dict[str, list[Record]]:
+    """All tables.
+
+    `rows`: for each set of which the mirrored places are known, the share of shapes whose first symmetry has a mean
+    error below 60, mean and median error over the shapes, median seconds for the analysis of the shape (eigenbasis
+    and distances) and for all that follows, and the processor's seconds for the latter. Images count as their nearest
+    vertex. Beside it what the true map comes to when it is read off its own functional map: known places are
+    vertices of coarse meshes, and themselves off by as much as these allow. Published figures are of other meshes of
+    the same people.
+
+    `criteria`: for each set the share of shapes on which a criterion alone, of the candidates that reverse the
+    orientation, puts first one that is right; `any` says where one is right at all.
+
+    `objects`: how many symmetries things have, how many of the first found are among them, by the best rigid motion.
+
+    `weights`: see `benchmarks.mirroring`.
+
+    Args:
+        data: the folder of the sets.
+        shapes: use so many shapes of each set, evenly spread over its list.
+        with_things: make the last two tables, for which Blender has to be there as a module.
+        figure: where to draw the vase's symmetries.
+    """
+    records: list[Record] = []
+    criteria: list[Record] = []
+    for folder in sets_in(data):
+        for name in tqdm(shapes_with_symmetry(folder, shapes), desc=folder.name, leave=False):
+            surface, *known = mirrored_places(folder, name)
+            head = {"set": folder.name, "shape": name}
+            shape, basis_seconds = _prepared(surface)
+            ours, seconds = _detected(surface, *known)
+            records.append(head | {"method": OURS, "basis seconds": basis_seconds} | ours | seconds)
+            best = {"error": _error(_through_basis(surface, *known), surface, *known)}
+            records.append(head | {"method": BEST_POSSIBLE} | best)
+            criteria.append(head | _by_criterion(surface, shape, *known))
+    if not records:
+        return {"rows": []}
+    tables = {"rows": _rows(records), "criteria": _shares(criteria)}
+    if with_things:
+        tables |= {"objects": object_rows(), "weights": weight_rows()}
+    if figure is not None:
+        _, vase, count = next(things())
+        draw_symmetries(figure, vase, count)
+    return tables | {"pairs": records + criteria}
+
+
+def _prepared(surface: Surface) -> tuple[Shape, float]:
+    """The shape as `detect_symmetry` would prepare it; it will find it prepared."""
+    zo.forget_shapes()
+    start = perf_counter()
+    with one_blas_thread:
+        part = surface.working.part(0)[0]
+        shape = zo.drain(kept_shape_steps(part, K_FINAL, SAMPLES, 0, proxy_size(part, "auto")))
+    return shape, perf_counter() - start
+
+
+def _detected(surface: Surface, vertex: Integers, mirrored: Integers) -> tuple[Record, Record]:
+    start = perf_counter(), process_time()
+    found = zo.detect_symmetry(surface)
+    seconds = {"seconds after it": perf_counter() - start[0], "processor seconds": process_time() - start[1]}
+    first = found[0]
+    figures = {
+        "error": _error(first.surface_map.vertex, surface, vertex, mirrored),
+        "certainty": first.certainty,
+        "found": len(found),
+        "origin": first.origin,
+        "return error": 1000 * first.return_error,
+    }
+    return figures, seconds
+
+
+def _error(image: Integers, surface: Surface, vertex: Integers, mirrored: Integers) -> float:
+    """Mean geodesic error, times 1000, where there is one: not of images on loose parts."""
+    errors = zo.geodesic_error(image, surface, vertex, mirrored, MOST_PLACES)
+    return float(1000 * errors[np.isfinite(errors)].mean())
+
+
+def _through_basis(surface: Surface, vertex: Integers, mirrored: Integers) -> Integers:
+    """(n,) the true symmetry, taken from where it is known to the vertices near, and read off its functional map."""
+    basis = zo.eigenbasis(surface, K_FINAL)
+    known = cKDTree(surface.vertices[vertex]).query(surface.vertices)[1]
+    functional_map = functional_map_of(mirrored[known], basis, basis, K_FINAL, K_FINAL)
+    return vertex_map_of(functional_map, basis, basis)
+
+
+def _by_criterion(surface: Surface, shape: Shape, vertex: Integers, mirrored: Integers) -> Record:
+    """Whether each criterion alone finds a right one among the candidates that reverse the orientation."""
+    with one_blas_thread:
+        pair = Pair(surface, surface, shape, shape, K_FINAL, 5)
+        candidates = [entry for entry in zo.drain(candidate_steps(shape)) if entry.reverses_orientation]
+        right = [_error(vertex_map(entry, pair), surface, vertex, mirrored) < LIMIT for entry in candidates]
+    scores = [_criteria(entry, shape) for entry in candidates]
+    if not candidates:
+        return {"any": False}
+    return {name: right[int(np.argmin([entry[name] for entry in scores]))] for name in scores[0]} | {"any": any(right)}
+
+
+def _criteria(candidate: Candidate, shape: Shape) -> dict[str, float]:
+    """What is least for the best candidate, by each criterion."""
+    turned = {name: -candidate.scores[name] for name in ("curvature", "handedness", "fine handedness")}
+    kept = {name: candidate.scores[name] for name in ("distance", "place", "facing", "total")}
+    return energies(candidate.functional_map, shape.basis.eigenvalues) | kept | turned
+
+
+def _rows(records: list[Record]) -> list[Record]:
+    rows = []
+    for name, method in dict.fromkeys((record["set"], record["method"]) for record in records):
+        chosen = [record for record in records if (record["set"], record["method"]) == (name, method)]
+        errors = np.array([record["error"] for record in chosen])
+        rows.append(
+            {
+                "set": name,
+                "method": method,
+                "shapes": len(chosen),
+                "success %": 100 * float((errors < LIMIT).mean()),
+                "mean": float(errors.mean()),
+                "median": float(np.median(errors)),
+                "basis seconds": _median(chosen, "basis seconds"),
+                "seconds after it": _median(chosen, "seconds after it"),
+                "processor seconds": _median(chosen, "processor seconds"),
+            }
+        )
+    empty = dict.fromkeys(rows[0])
+    published = [
+        empty | {"set": "FAUST, published", "method": method, "mean": error, "seconds after it": seconds}
+        for method, (error, seconds) in PUBLISHED.items()
+    ]
+    return rows + published
+
+
+def _median(records: list[Record], column: str) -> float | None:
+    values = [record[column] for record in records if column in record]
+    return float(np.median(values)) if values else None
+
+
+def _shares(criteria: list[Record]) -> list[Record]:
+    """Per cent of the shapes of each set on which each criterion is right, a row for each criterion."""
+    names = [name for name in criteria[0] if name not in ("set", "shape")]
+    sets = list(dict.fromkeys(record["set"] for record in criteria))
+    return [
+        {"criterion": name}
+        | {
+            folder: 100 * float(np.mean([record.get(name, False) for record in criteria if record["set"] == folder]))
+            for folder in sets
+        }
+        for name in names
+    ]

@@ -1,0 +1,170 @@
+"""Symmetries are found in any pose, all of them, and told from what is none."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from creatures import Creature, creature, mirrored_vertex
+from shapes import TABLE, VASE, Figure, Shaped, limb, shape
+
+import zoomout_core as zo
+from zoomout_core.surface import Surface
+
+# A letter S: a half turn leads it to itself, and no mirror does.
+S_SHAPE = Figure(
+    (
+        [(-1.5, -0.6, 0, 0.2), (-0.7, -0.6, 0, 0.25)],
+        [(-0.7, -0.6, 0, 0.25), (0.7, 0.6, 0, 0.25)],
+        [(0.7, 0.6, 0, 0.25), (1.5, 0.6, 0, 0.2)],
+        [(0, 0, 0.2, 0.3)] * 2,
+    )
+)
+STARFISH = Figure(
+    ([(0, 0, 0, 0.45), (0, 0, 0.9, 0.3)],),
+    tuple(
+        (limb((0.2 * x, 0.2 * y, 0), (1.6 * x, 1.6 * y, 0), 0.25, 0.15),)
+        for x, y in ((np.cos(turn), np.sin(turn)) for turn in np.arange(5) * 2 * np.pi / 5)
+    ),
+)
+
+
+def rigid_part(symmetry: zo.Symmetry, made: Shaped) -> tuple[np.ndarray, float]:
+    """The orthogonal map (3, 3) of places that fits a symmetry best, and how far it is off, at unit area."""
+    here = made.places - made.places.mean(axis=0)
+    there = symmetry.surface_map.interpolate(made.places) - made.places.mean(axis=0)
+    U, _, Vt = np.linalg.svd(there.T @ here)
+    off = np.linalg.norm(here @ (U @ Vt).T - there, axis=1).mean() / np.sqrt(made.surface.area)
+    return U @ Vt, float(off)
+
+
+def test_the_reflection_of_a_posed_creature_is_found_and_exact(reflection: zo.Symmetry, bent: Creature) -> None:
+    assert reflection.reverses_orientation
+    assert reflection.order == 2
+    assert reflection.certainty > 0.9
+    error = zo.geodesic_error(
+        reflection.surface_map, bent.surface, np.arange(len(bent.directions)), mirrored_vertex(bent, bent)
+    )
+    assert error.mean() < 0.03
+
+
+def test_a_reflection_undoes_itself(reflection: zo.Symmetry, bent: Creature) -> None:
+    places = bent.surface.vertices
+    there = reflection.surface_map
+    missed = np.linalg.norm(there.interpolate(there.interpolate(places)) - places, axis=1) / np.sqrt(bent.surface.area)
+    assert missed.mean() == pytest.approx(reflection.return_error)
+    assert missed.mean() < 0.005
+    for name in ("commutativity", "orthonormality"):
+        assert 0 < reflection.scores[f"low {name}"] < reflection.scores[name]
+    assert reflection.scores["low commutativity"] < 0.5
+
+
+def test_sides_are_the_creatures_own(reflection: zo.Symmetry, bent: Creature) -> None:
+    x = bent.directions[:, 0]
+    clear = np.abs(x) > 0.1
+    np.testing.assert_array_equal(reflection.sides()[clear], np.sign(x[clear]))
+    other = zo.detect_symmetry(bent.surface, left=(-1, 0, 0))[0]
+    np.testing.assert_array_equal(other.sides()[clear], -np.sign(x[clear]))
+    middle = reflection.sides(width=0.05) == 0
+    assert np.abs(x[middle]).max() < 0.2
+
+
+def test_the_line_goes_once_around_between_the_sides(reflection: zo.Symmetry, bent: Creature) -> None:
+    line = reflection.line
+    directions = bent.directions[line.edges].mean(axis=1)
+    assert np.abs(directions[:, 0]).max() < 0.1
+    curves = line.polylines
+    longest = max(curves, key=len)
+    assert longest[0] == longest[-1]
+    assert len(longest) > 0.9 * len(line.points)
+    step = np.linalg.norm(np.diff(line.points[longest], axis=0), axis=1)
+    assert step.max() < 0.5
+
+
+def test_nothing_depends_on_unit_place_or_order(reflection: zo.Symmetry, bent: Creature) -> None:
+    order = np.random.default_rng(0).permutation(len(bent.directions))
+    number = np.argsort(order)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    moved = Surface(1000 * bent.surface.vertices[order] @ turn.T + [5, 6, 7], number[bent.surface.triangles])
+    again = zo.detect_symmetry(moved, left=turn @ [1, 0, 0])[0]
+    assert again.certainty == pytest.approx(reflection.certainty, abs=0.05)
+    clear = np.abs(bent.directions[:, 0]) > 0.1
+    np.testing.assert_array_equal(again.sides()[number][clear], reflection.sides()[clear])
+
+
+def test_a_vase_has_its_three_symmetries_first() -> None:
+    vase = shape(VASE, 2500, seed=1)
+    found = zo.detect_symmetry(vase.surface)
+    diagonals = set()
+    for symmetry in found[:3]:
+        rigid, off = rigid_part(symmetry, vase)
+        assert off < 0.01
+        assert symmetry.reverses_orientation == (np.linalg.det(rigid) < 0)
+        diagonals.add(tuple(np.rint(np.diag(rigid)).astype(int)))
+    assert diagonals == {(-1, 1, 1), (1, -1, 1), (-1, -1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("figure", "orders"), [(TABLE, [2, 2, 2, 2, 2, 4, 4]), (STARFISH, [2, 2, 2, 2, 2, 5, 5, 5, 5])]
+)
+def test_all_turns_and_reflections_of_round_things_are_found(figure: Figure, orders: list[int]) -> None:
+    made = shape(figure, 2000, seed=1)
+    found = zo.detect_symmetry(made.surface, most=20)
+    assert sorted(symmetry.order for symmetry in found[: len(orders)]) == orders
+    turns = [rigid_part(symmetry, made) for symmetry in found[: len(orders)]]
+    assert max(off for _, off in turns) < 0.015
+    assert all(np.linalg.norm(a - b) > 0.5 for i, (a, _) in enumerate(turns) for b, _ in turns[:i])
+
+
+def test_a_half_turn_alone_has_no_sides() -> None:
+    found = zo.detect_symmetry(shape(S_SHAPE, 2000, seed=1).surface)
+    assert not found[0].reverses_orientation
+    assert found[0].order == 2
+    assert not found[0].has_sides
+    assert (found[0].sides() == 0).all()
+    assert all(symmetry.certainty < found[0].certainty for symmetry in found[1:])
+
+
+def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    at = np.array([[0.45, -0.75, 0.35], [-0.45, -0.75, 0.35], [0, -0.85, 0.1]])
+    points = [bent.surface.vertices, *(0.12 * ball.vertices + centre for centre in at)]
+    starts = np.cumsum([0, *(len(part) for part in points)])
+    faces = [bent.surface.triangles, *(ball.faces + start for start in starts[1:-1])]
+    whole = Surface(np.concatenate(points), np.concatenate(faces))
+    symmetry = zo.detect_symmetry(whole)[0]
+    part = np.searchsorted(starts, symmetry.surface_map.vertex, side="right") - 1
+    for own, other, side in ((1, 2, 1), (2, 1, -1), (3, 3, None)):
+        rows = slice(starts[own], starts[own + 1])
+        assert (part[rows] == other).mean() > 0.95
+        if side is None:
+            outer = np.abs(ball.vertices[:, 0]) > 0.5
+            assert (symmetry.sides()[rows][outer] == np.sign(ball.vertices[outer, 0])).mean() > 0.9
+        else:
+            assert (symmetry.sides()[rows] == side).all()
+
+
+def test_detection_tells_how_far_it_is_and_can_be_left(bent: Creature) -> None:
+    fractions = [progress.fraction for progress in zo.detect_symmetry_steps(bent.surface)]
+    assert all(a <= b for a, b in pairwise(fractions))
+    assert fractions[0] >= 0
+    assert fractions[-1] <= 1
+    steps = zo.detect_symmetry_steps(creature(1000, seed=2).surface)
+    next(steps)
+    steps.close()
+
+
+@pytest.mark.parametrize("wrong", [{"most": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])
+def test_what_makes_no_sense_is_refused(bent: Creature, wrong: dict) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        zo.detect_symmetry(bent.surface, **wrong)
+
+
+def test_people_and_animals_are_mirrored(benchmark_data) -> None:
+    for folder, name in (("faust_r", "tr_reg_004"), ("tosca_r", "horse6")):
+        with np.load(benchmark_data / folder / "correspondence.npz") as file:
+            known = file[name], file[f"{name}.sym"]
+        surface = zo.read_surface(benchmark_data / folder / f"{name}.off")
+        assert 1000 * zo.geodesic_error(zo.detect_symmetry(surface)[0].surface_map, surface, *known).mean() < 60

@@ -1,0 +1,126 @@
+"""Attributes cross over to the other side of a posed, unevenly meshed creature, by the rules of their kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import Creature
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.symmetry.mirror import asymmetry, mirrored, names_flipped, symmetrised, with_partners
+
+NAMES = ("Arm.L", "Arm.R", "Spine")
+
+
+def true_weights(directions: np.ndarray) -> np.ndarray:
+    """(n, 3) symmetric weights that change smoothly and sum to one."""
+    x = directions[:, 0]
+    left, right = np.clip(1.5 * x, 0, 0.9), np.clip(-1.5 * x, 0, 0.9)
+    return np.column_stack([left, right, 1 - left - right])
+
+
+def weights_of(values: np.ndarray, labels: tuple[str, ...] = NAMES) -> zo.Attribute:
+    return zo.Attribute("Weights", zo.Domain.POINT, zo.Kind.WEIGHT, csr_array(values), labels)
+
+
+def point(values: np.ndarray, kind: zo.Kind = zo.Kind.SCALAR) -> zo.Attribute:
+    return zo.Attribute("Values", zo.Domain.POINT, kind, values)
+
+
+def test_a_winning_side_gives_its_weights_to_the_other(reflection: zo.Symmetry, bent: Creature) -> None:
+    truth = true_weights(bent.directions)
+    broken = truth.copy()
+    broken[bent.directions[:, 0] < 0] = [0, 0, 1]
+    mended = symmetrised(weights_of(broken), reflection, "left")
+    assert mended.labels == NAMES
+    np.testing.assert_allclose(mended.values.sum(axis=1), 1, atol=1e-6)
+    error = np.abs(mended.values.toarray() - truth).sum(axis=1)
+    assert error.mean() < 0.03 < 0.3 * np.abs(broken - truth).sum(axis=1).mean()
+    left = bent.directions[:, 0] > 0.1
+    np.testing.assert_allclose(mended.values.toarray()[left], truth[left], atol=1e-3)
+    spoilt = symmetrised(weights_of(broken), reflection, "right").values.toarray()
+    assert np.abs(spoilt[:, 2] - 1).mean() < 0.02
+
+
+def test_the_mean_of_both_sides_keeps_the_limit_of_groups(reflection: zo.Symmetry, bent: Creature) -> None:
+    truth = true_weights(bent.directions)
+    mean = symmetrised(weights_of(truth), reflection, "average")
+    assert np.abs(mean.values.toarray() - truth).sum(axis=1).mean() < 0.03
+    assert np.diff(mean.values.indptr).max() <= np.diff(csr_array(truth).indptr).max()
+    np.testing.assert_allclose(mean.values.sum(axis=1), 1, atol=1e-6)
+
+
+def test_groups_without_a_partner_get_one(reflection: zo.Symmetry, bent: Creature) -> None:
+    truth = true_weights(bent.directions)
+    one_sided = weights_of(truth[:, [0, 2]], ("Arm.L", "Spine"))
+    assert with_partners(one_sided).labels == ("Arm.L", "Spine", "Arm.R")
+    flipped = names_flipped(one_sided).values.toarray()
+    np.testing.assert_array_equal(flipped, np.column_stack([0 * truth[:, 0], truth[:, 2], truth[:, 0]]))
+    both = mirrored(one_sided, reflection).values.toarray()
+    assert np.abs(both[:, 2] - truth[:, 1]).mean() < 0.03
+    assert both[:, 0].max() == 0
+
+
+def test_numbers_colours_and_labels_take_the_winning_side(reflection: zo.Symmetry, bent: Creature) -> None:
+    x, height = bent.directions[:, 0], bent.directions[:, 2]
+    left = x > 0
+    off_line = np.abs(x) > 0.1
+    number = symmetrised(point(np.where(left, height, 5.0)), reflection).values
+    assert np.abs(number - height)[off_line].mean() < 0.03
+    colour = np.where(left[:, None], np.abs(bent.directions), 0)
+    taken = symmetrised(point(colour, zo.Kind.COLOR), reflection).values
+    assert np.abs(taken - np.abs(bent.directions))[off_line].mean() < 0.03
+    label = np.where(left, np.where(height > 0, "upper", "lower"), "none")
+    clear = off_line & (np.abs(height) > 0.1)
+    taken = symmetrised(point(label, zo.Kind.LABEL), reflection).values
+    assert (taken == np.where(height > 0, "upper", "lower"))[clear].mean() > 0.99
+    with pytest.raises(zo.MeshError, match="no mean"):
+        symmetrised(point(label, zo.Kind.LABEL), reflection, "average")
+
+
+def test_a_selection_on_either_side_is_on_both(reflection: zo.Symmetry, bent: Creature) -> None:
+    x = bent.directions[:, 0]
+    selected = point(x > 0.3, zo.Kind.BOOLEAN)
+    clear = np.abs(np.abs(x) - 0.3) > 0.1
+    both = symmetrised(selected, reflection, "average").values
+    assert (both == (np.abs(x) > 0.3))[clear].mean() > 0.99
+    other = mirrored(selected, reflection).values
+    assert (other == (x < -0.3))[clear].mean() > 0.99
+
+
+def test_faces_and_corners_lie_on_one_side(reflection: zo.Symmetry, bent: Creature) -> None:
+    surface = bent.surface
+    x = bent.directions[surface.triangles, 0].mean(axis=1)
+    z = bent.directions[surface.triangles, 2].mean(axis=1)
+    clear = np.abs(z) > 0.15
+    label = zo.Attribute("Label", zo.Domain.FACE, zo.Kind.LABEL, np.where(x > 0, (z > 0).astype(int), 7))
+    assert (symmetrised(label, reflection).values == (z > 0))[clear].mean() > 0.98
+    height = bent.directions[surface.corner_vertex, 2]
+    corner = zo.Attribute("Height", zo.Domain.CORNER, zo.Kind.SCALAR, np.where(np.repeat(x, 3) > 0, height, 9.0))
+    found = symmetrised(corner, reflection).values
+    assert np.median(np.abs(found - height)) < 0.03
+
+
+def test_asymmetry_is_where_the_sides_differ(reflection: zo.Symmetry, bent: Creature) -> None:
+    truth = true_weights(bent.directions)
+    assert asymmetry(weights_of(truth), reflection).mean() < 0.02
+    broken = truth.copy()
+    arm = truth[:, 1] > 0.3
+    broken[arm] = [0, 0, 1]
+    differs = asymmetry(weights_of(broken), reflection)
+    assert differs[truth[:, 1] > 0.5].min() > 0.3
+    assert differs[truth[:, 0] > 0.5].min() > 0.3
+    assert differs[truth[:, 2] > 0.95].mean() < 0.02
+
+
+def test_what_has_no_sides_can_only_be_averaged(reflection: zo.Symmetry, bent: Creature) -> None:
+    turn = replace(reflection, line=replace(reflection.line, points=np.zeros((0, 3))))
+    values = point(np.abs(bent.directions[:, 0]))
+    with pytest.raises(zo.MeshError, match="no left and right"):
+        symmetrised(values, turn, "left")
+    assert np.abs(symmetrised(values, turn, "average").values - values.values).mean() < 0.02
+    with pytest.raises(ValueError, match="winner"):
+        symmetrised(values, reflection, "both")  # type: ignore[arg-type]

@@ -1,0 +1,273 @@
+"""The symmetries of a surface, in whatever pose: maps of it onto itself that keep distances along it.
+
+Ovsjanikov, Sun and Guibas (2008) saw that such symmetries are signs and turns of eigenfunctions; Melzi et al. (2019,
+section 5.3) refine them by ZoomOut. Here they are found as maps between two surfaces are, from a shape to itself, with
+the identity left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zoomout_core.correspondence.components.assembly import on_surfaces
+from zoomout_core.correspondence.components.main_parts import main_part_steps
+from zoomout_core.correspondence.confidence import confidence_of
+from zoomout_core.correspondence.dense import dense_steps
+from zoomout_core.correspondence.fitting import Fit
+from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.correspondence.kept_shapes import kept_shape_steps
+from zoomout_core.correspondence.matching import (
+    ANALYSES,
+    FEWEST_FUNCTIONS,
+    analysis_steps,
+    check_sizes,
+    fitted_steps,
+    proxy_size,
+)
+from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.ranking import Candidate, rank_steps
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.progress import Progress, Steps, drain, scaled, spread
+from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.symmetry.hypotheses import GUESSES
+from zoomout_core.symmetry.involution import involution, order_of, return_error
+from zoomout_core.symmetry.ranking import in_order, is_no_part_of_identity
+from zoomout_core.symmetry.sides import (
+    CLEARLY_LEFT,
+    Line,
+    leftward,
+    on_whole_surface,
+    signed_distance,
+    zero_line,
+)
+from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
+
+# A character of Blender's faces -y, so that its left is +x.
+LEFT = (1.0, 0.0, 0.0)
+# How many maps that keep the orientation are compared, at least and at most, and how many that reverse it.
+QUOTAS = (1, 16), (3, 20)
+# Rounds on all vertices; drawing the map to its inverse makes up for one more.
+FINISHING = 2
+# What is less likely than this is not shown, but for the most likely one.
+LEAST_CERTAINTY = 0.05
+# Leading block of the functional map whose energies are reported beside those of all of it.
+LOW = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Symmetry:
+    """A map of a surface onto itself, and what else is known about it.
+
+    Attributes:
+        surface_map: for every vertex the point that corresponds to it.
+        confidence: (n,) in [0, 1].
+        functional_map: (k, k), in the basis of the main part.
+        reverses_orientation: whether it is a reflection, as left and right are, and not a turn.
+        order: how often it has to be repeated to lead back: 2 for a reflection; 0 where no small number does.
+        certainty: probability, in [0, 1], that the surface has this symmetry.
+        scores: what it was ranked by, and `commutativity` and `orthonormality` of the functional map, also of its
+            leading 20 functions (`low ...`).
+        return_error: mean distance between a vertex and where going round `order` times leads, over the square root
+            of the area; for a reflection that of T(T(x)).
+        distance: (n,) signed distance along the surface from the symmetry line, in the surface's unit, positive on the
+            left; it grows no more some way off the line, and is zero throughout where there are no two sides.
+        line: the symmetry line, where `distance` is zero; without points where there are no two sides.
+        origin: what it was found by, in words.
+        notes: what a user should know, a sentence each.
+        surface: that it is a symmetry of.
+        shape: the surface's main part.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    functional_map: Floats
+    reverses_orientation: bool
+    order: int
+    certainty: float
+    scores: dict[str, float]
+    return_error: float
+    distance: Floats
+    line: Line
+    origin: str
+    notes: tuple[str, ...]
+    surface: Surface
+    shape: Shape
+
+    @property
+    def has_sides(self) -> bool:
+        """Whether a line divides the surface into left and right."""
+        return len(self.line.points) > 0
+
+    def sides(self, width: float = 0.0) -> Integers:
+        """(n,) 1 on the left, -1 on the right, 0 in the middle: no farther from the line than `width`, in its unit."""
+        return np.where(np.abs(self.distance) <= width, 0, np.sign(self.distance)).astype(np.int8)
+
+
+def detect_symmetry(
+    surface: Surface,
+    most: int = 8,
+    left: ArrayLike = LEFT,
+    k_final: int = 120,
+    step: int = 20,
+    samples: int = 1000,
+    seed: int = 0,
+    proxy_vertices: int | Literal["auto"] | None = "auto",
+) -> tuple[Symmetry, ...]:
+    """Find the symmetries of a surface, whatever its pose and however it is meshed.
+
+    Args:
+        surface: what may be symmetric. Its largest part decides; loose parts follow, a left eye onto the right one.
+        most: how many symmetries to return.
+        left: (3,) direction to the character's left, in the surface's frame. It tells the sides apart.
+        k_final: size of the final functional maps; less on meshes with fewer vertices.
+        step: growth of the functional maps in an iteration.
+        samples: farthest points that the iterations run on.
+        seed: of the eigensolver.
+        proxy_vertices: larger meshes are analysed by stand-ins of about this many vertices; "auto": as for `match`;
+            None to take them whole.
+
+    Returns:
+        Symmetries other than the identity, the most likely first. There is always a best guess, unless nothing was
+        found at all: see its `certainty`.
+
+    Raises:
+        MeshError: a mesh that cannot be analysed; the message says what to do.
+        ValueError: a number or a direction that makes no sense.
+    """
+    return drain(detect_symmetry_steps(surface, most, left, k_final, step, samples, seed, proxy_vertices))
+
+
+@on_one_blas_thread
+def detect_symmetry_steps(
+    surface: Surface,
+    most: int = 8,
+    left: ArrayLike = LEFT,
+    k_final: int = 120,
+    step: int = 20,
+    samples: int = 1000,
+    seed: int = 0,
+    proxy_vertices: int | Literal["auto"] | None = "auto",
+) -> Steps[tuple[Symmetry, ...]]:
+    """`detect_symmetry` as a generator that yields `Progress` and returns the symmetries."""
+    check_sizes(k_final, step, samples, proxy_vertices)
+    if most < 1:
+        raise ValueError(f"most is {most}: ask for one symmetry or more.")
+    to_the_left = _unit_vector(left)
+    yield Progress(0.0, "Reading the mesh")
+    yield from spread(in_background(lambda: surface.working), 0.0, 0.01, "Reading the mesh")
+    part, _ = yield from spread(main_part_steps(surface, surface, seed), 0.01, 0.02, "Comparing the parts")
+    k = max(k_final, FEWEST_FUNCTIONS)
+    preparing = kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices))
+    preparing = analysis_steps(preparing, ANALYSES)
+    shape, _ = yield from spread(side_by_side(preparing, _nothing()), 0.02, 0.5, "Analysing the shape")
+    pair = Pair(surface, surface, shape, shape, k_final, step)
+    candidates = yield from spread(candidate_steps(shape), 0.5, 0.7, "Comparing candidates")
+    chosen = [entry for i, entry in enumerate(candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
+    found = []
+    for i, candidate in enumerate(chosen):
+        start, end = (0.7 + 0.3 * (i + done) / len(chosen) for done in (0, 1))
+        found.append((yield from spread(_symmetry_steps(pair, candidate, to_the_left), start, end, "Refining")))
+    return tuple(found)
+
+
+def candidate_steps(shape: Shape) -> Generator[float, None, list[Candidate]]:
+    """Maps of a shape onto itself that may be symmetries, the most likely first; yields the fraction done."""
+    guesses = yield from scaled(for_each(lambda guess: guess(shape), GUESSES), 0.0, 0.4)
+    ranking = rank_steps(
+        list(chain(*guesses)),
+        shape,
+        shape,
+        quotas=QUOTAS,
+        clear_orientation=0.0,
+        wanted=lambda sample_map, reverses: is_no_part_of_identity(sample_map, reverses, shape),
+    )
+    return in_order((yield from scaled(ranking, 0.4, 1.0)), shape)
+
+
+def _symmetry_steps(pair: Pair, candidate: Candidate, left: Floats) -> Generator[float, None, Symmetry]:
+    """From a candidate on samples to a symmetry of the whole surface; yields the fraction done."""
+    shape = pair.source_shape
+    order = order_of(candidate.sample_map, shape)
+    how = candidate.mirrored, pair.k_final, pair.step
+    refining = dense_steps(shape, shape, candidate.functional_map, None, *how, finishing=FINISHING)
+    forwards = fitted_steps(refining, shape, shape, candidate.mirrored)
+    if order == 2:  # it is its own inverse
+        (fit, functional_map), _ = yield from scaled(side_by_side(forwards, _nothing()), 0.0, 0.7)
+        back = fit.surface_map
+    else:
+        backwards = dense_steps(shape, shape, candidate.reverse_functional_map, None, *how, finishing=1)
+        (fit, functional_map), (back, _) = yield from scaled(side_by_side(forwards, backwards), 0.0, 0.7)
+    finishing = in_background(lambda: _finished(pair, candidate, fit, back, functional_map, order, left))
+    return (yield from scaled(finishing, 0.7, 1.0))
+
+
+def _finished(
+    pair: Pair,
+    candidate: Candidate,
+    fit: Fit,
+    back: SurfaceMap,
+    functional_map: Floats,
+    order: int,
+    left: Floats,
+) -> Symmetry:
+    """The symmetry of the whole surface, from the shape bent onto its own other side, and the way back."""
+    shape, surface, reverses = pair.source_shape, pair.source, candidate.reverses_orientation
+    confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, reverses)
+    if order == 2:
+        fit = replace(fit, surface_map=involution(fit.surface_map, shape))
+    surface_map, confidence, notes = on_surfaces(pair, fit, confidence)
+    distance = np.zeros(len(surface.vertices))
+    on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
+    if on_mesh is not None:
+        distance = on_whole_surface(on_mesh, surface_map, shape, surface)
+        towards = leftward(distance, surface_map, surface, left)
+        distance = -distance if towards < 0 else distance
+        if abs(towards) < CLEARLY_LEFT:
+            notes = ("The axis hardly tells left from right: check the sides, or give another axis.", *notes)
+    return Symmetry(
+        surface_map=surface_map,
+        confidence=confidence,
+        functional_map=functional_map,
+        reverses_orientation=reverses,
+        order=order,
+        certainty=candidate.certainty,
+        scores=candidate.scores | energies(functional_map, shape.basis.eigenvalues),
+        return_error=return_error(surface_map, order, surface),
+        distance=distance,
+        line=zero_line(distance, surface),
+        origin=candidate.origin,
+        notes=notes,
+        surface=surface,
+        shape=shape,
+    )
+
+
+def _unit_vector(left: ArrayLike) -> Floats:
+    """(3,) a direction as the user gave it, of unit length."""
+    direction = np.asarray(left, dtype=float)
+    if direction.shape != (3,) or not 0 < np.linalg.norm(direction) < np.inf:
+        raise ValueError(f"left is {left!r}: give a direction such as (1, 0, 0).")
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def energies(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
+    """What an isometry has none of: errors of commutativity and orthonormality, of the low block and of all."""
+    low = functional_map[:LOW, :LOW]
+    return {
+        "commutativity": commutativity_error(functional_map, eigenvalues, eigenvalues),
+        "orthonormality": orthonormality_error(functional_map),
+        "low commutativity": commutativity_error(low, eigenvalues, eigenvalues),
+        "low orthonormality": orthonormality_error(low),
+    }
+
+
+def _nothing() -> Generator[float, None, None]:
+    """No steps. What runs beside them runs in a thread, and leaves the caller the word however long it takes."""
+    yield from ()

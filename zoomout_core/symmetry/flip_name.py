@@ -1,0 +1,49 @@
+"""The other side's name: Arm.L and Arm.R, l_hand and r_hand, LeftFoot and RightFoot, paired as Blender does."""
+
+from __future__ import annotations
+
+SEPARATORS = ". -_"
+LETTERS = {"l": "r", "r": "l", "L": "R", "R": "L"}
+# Whole words, with the words that stand for them: as written small, with a capital, or all in capitals.
+WORDS = {"right": ("left", "Left", "LEFT"), "left": ("right", "Right", "RIGHT")}
+# Names that are shorter have no side, by a letter or by a word.
+SHORTEST_WITH_LETTER, SHORTEST_WITH_WORD = 3, 6
+
+
+def flip_name(name: str, strip_digits: bool = False) -> str:
+    """The name of the same thing on the other side; the name itself where it has no side.
+
+    The side stands at the beginning or at the end: a letter set off by one of ". -_", or the word in any spelling.
+    A number at the end, such as .001, does not count as a part of the name.
+
+    Args:
+        name: of a vertex group, a bone or a shape key.
+        strip_digits: leave that number away.
+
+    Returns:
+        What `bpy.utils.flip_name` returns.
+    """
+    if len(name) < SHORTEST_WITH_LETTER:
+        return name
+    stem, number = _without_number(name)
+    if strip_digits:
+        number = ""
+    if len(stem) > 1 and stem[-2] in SEPARATORS and stem[-1] in LETTERS:
+        return stem[:-1] + LETTERS[stem[-1]] + number
+    if len(stem) > 1 and stem[1] in SEPARATORS and stem[0] in LETTERS:
+        return LETTERS[stem[0]] + stem[1:] + number
+    if len(stem) >= SHORTEST_WITH_WORD:
+        for word, others in WORDS.items():
+            at = stem.lower().find(word)
+            if at in (0, len(stem) - len(word)):
+                found = stem[at : at + len(word)]
+                other = others[0] if found[0].islower() else others[2] if found[1].isupper() else others[1]
+                return stem[:at] + other + stem[at + len(word) :] + number
+    return stem + number
+
+
+def _without_number(name: str) -> tuple[str, str]:
+    """A name in two parts: what comes before a number such as .001, and the number; the second may be empty."""
+    stem, period, ending = name.rpartition(".")
+    numbered = period and name[-1] in "0123456789" and ending[0] in "0123456789"
+    return (stem, period + ending) if numbered else (name, "")

@@ -1,0 +1,116 @@
+"""What a symmetry may begin as: pairings of extremities, descriptors, and blocks of eigenfunctions.
+
+A symmetry is a map of a shape onto itself, so all that guesses at maps between shapes serves here as well, asked for
+mirror images, and for maps that keep the orientation but are not the identity. Round things and tables, on which
+eigenvalues repeat, need a search of their own: a symmetry maps every eigenspace to itself, by a sign where it is of one
+dimension, and by any turn or mirrored turn where it is of two. The tree of such choices, pruned as it grows, is in the
+spirit of MapTree (Ren, Melzi, Ovsjanikov and Wonka 2020).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import permutations, product
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
+from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.initial.rotations import ANGLES, SAME_EIGENVALUE, turn
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.zoomout import SampledBasis, upsample
+from zoomout_core.surface import Floats
+
+# The tree is as deep as takes in so many eigenfunctions, and grows on so many samples. A map is judged by what a few
+# iterations of ZoomOut make of it, to so many functions more; so many are kept at each level, and fewer where no
+# eigenvalues repeat.
+FUNCTIONS, TREE_SAMPLES, LOOK_AHEAD, WIDTH, PLAIN_WIDTH = 6, 200, 5, 12, 8
+# Eigenvalues are looked at for pairs up to this number.
+LEADING = 12
+# Maps of the first eigenfunctions that differ by less than this, relatively, are one.
+SAME_CHOICE = 0.5
+
+
+def mirroring_pairings(shape: Shape) -> list[Hypothesis]:
+    """Pairings of the shape's extremities among each other that turn it inside out, as a mirror does."""
+    return extremity_hypotheses(shape, shape, sides=(-1,))
+
+
+def turning_pairings(shape: Shape) -> list[Hypothesis]:
+    """Pairings that keep the orientation, as turns do, where eigenvalues repeat: they do if there are turns of order 3.
+
+    Half turns alone are signs of eigenfunctions, and found as these.
+    """
+    sizes = _groups(shape.basis.eigenvalues[: LEADING + 1])
+    return extremity_hypotheses(shape, shape, sides=(1,)) if max(sizes, default=2) > 1 else []
+
+
+def mirroring_descriptors(shape: Shape) -> list[Hypothesis]:
+    """Fits of the shape's descriptors to themselves, with the pseudo-scalars turned to the other hand."""
+    return descriptor_hypotheses(shape, shape, sides=(-1,))
+
+
+def blocks_of_eigenfunctions(shape: Shape) -> list[Hypothesis]:
+    """Choices of signs, and of turns within repeated eigenvalues, for the first eigenfunctions."""
+    groups = _groups(shape.basis.eigenvalues[: FUNCTIONS + 2])
+    sampled = SampledBasis.of(shape.basis, shape.sampled.samples[:TREE_SAMPLES])
+    most = sampled.rows.shape[1] - LOOK_AHEAD
+    width = WIDTH if max(groups, default=1) > 1 else PLAIN_WIDTH
+    kept = [np.ones((1, 1))]
+    for size in groups:
+        if len(kept[0]) > FUNCTIONS or len(kept[0]) + size > most:
+            break
+        kept = _grown(kept, _choices(size), width, sampled, shape.basis.eigenvalues)
+    return [Hypothesis(f"blocks of {len(C)} eigenfunctions, choice {i}", C) for i, C in enumerate(kept)]
+
+
+GUESSES: tuple[Callable[[Shape], list[Hypothesis]], ...] = (
+    mirroring_pairings,
+    turning_pairings,
+    mirroring_descriptors,
+    blocks_of_eigenfunctions,
+)
+
+
+def _groups(eigenvalues: Floats) -> list[int]:
+    """Sizes of the groups of equal eigenvalues, the constant function left out; up to one that is too large."""
+    apart = np.flatnonzero(np.diff(eigenvalues[1:]) > SAME_EIGENVALUE * eigenvalues[1:-1]) + 1
+    sizes = np.diff([0, *apart, len(eigenvalues) - 1])
+    too_large = np.flatnonzero(sizes > 3)
+    return [int(size) for size in sizes[: too_large[0] if len(too_large) else None]]
+
+
+def _choices(size: int) -> list[Floats]:
+    """How an eigenspace may be mapped to itself: signs, turns in steps, or signed permutations."""
+    if size == 1:
+        return [np.array([[sign]]) for sign in (1.0, -1.0)]
+    if size == 2:
+        return [turn(2 * np.pi * step / ANGLES, mirror) for step, mirror in product(range(ANGLES), (1, -1))]
+    return [np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+
+
+def _grown(
+    maps: list[Floats], choices: list[Floats], width: int, sampled: SampledBasis, eigenvalues: Floats
+) -> list[Floats]:
+    """The maps, each with each choice appended and refined: the distinct ones that commute best with the Laplacian."""
+    grown, scores = [], []
+    for C, choice in product(maps, choices):
+        longer = block_diag(C, choice)
+        k = len(longer)
+        refined, _ = upsample(sampled, sampled, longer, k + LOOK_AHEAD, 1)
+        grown.append(_nearest_orthogonal(refined[:k, :k]))
+        scores.append(commutativity_error(refined, eigenvalues, eigenvalues) + orthonormality_error(refined))
+    kept: list[Floats] = []
+    for i in np.argsort(scores, kind="stable"):
+        differences = [np.linalg.norm(grown[i] - other) / np.linalg.norm(other) for other in kept]
+        if len(kept) < width and min(differences, default=np.inf) > SAME_CHOICE:
+            kept.append(grown[i])
+    return kept
+
+
+def _nearest_orthogonal(matrix: Floats) -> Floats:
+    U, _, Vt = np.linalg.svd(matrix)
+    return np.asarray(U @ Vt)

@@ -1,0 +1,78 @@
+"""A map of a mesh onto itself that undoes itself: T(T(x)) = x, as nearly as the mesh allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import project_to_embedding
+from zoomout_core.surface import Floats, Integers, Surface
+
+# A normal that is off by a right angle weighs as much as a place that is off by this, at unit area: opposite sides of
+# a thin part are kept apart.
+NORMAL_WEIGHT = 0.1
+# Rounds of going half way towards the inverse.
+ROUNDS = 2
+# Symmetries of higher order are not looked for, and what leads back to within this, at unit area, leads back.
+HIGHEST_ORDER, HOME = 12, 0.08
+
+
+def involution(there: SurfaceMap, shape: Shape) -> SurfaceMap:
+    """A map that is nearly its own inverse, drawn half way towards that inverse, and again.
+
+    The inverse is sought where the map itself leads: all is local, and limbs that touch do not matter.
+
+    Args:
+        there: from the shape's mesh to itself.
+        shape: the shape.
+    """
+    mesh = shape.mesh
+    places = np.hstack([mesh.vertices, NORMAL_WEIGHT * mesh.vertex_normals])
+    for _ in range(ROUNDS):
+        images = there.interpolate(places)
+        back = SurfaceMap(
+            *project_to_embedding(places, images, shape.neighbourhoods, there.vertex), there.source_triangles
+        )
+        halfway = (images + back.interpolate(places)) / 2
+        triangle, barycentric = project_to_embedding(halfway, places, shape.neighbourhoods, there.vertex)
+        there = SurfaceMap(triangle, barycentric, there.source_triangles)
+    return there
+
+
+def order_of(sample_map: Integers, shape: Shape) -> int:
+    """How many times a symmetry has to be repeated until it leads back; 0 where none is few enough.
+
+    Args:
+        sample_map: (s,) for each search sample of the shape the number of the sample that it goes to.
+        shape: the shape.
+    """
+    at = sample_map
+    for order in range(1, HIGHEST_ORDER + 1):
+        if mean_distance(at, shape) < HOME:
+            return order
+        at = sample_map[at]
+    return 0
+
+
+def mean_distance(sample_map: Integers, shape: Shape) -> float:
+    """How far a map (s,) of a shape's search samples takes them along the surface, on average, at unit area."""
+    return float(shape.weights @ distance_moved(sample_map, shape))
+
+
+def distance_moved(sample_map: Integers, shape: Shape) -> Floats:
+    """(s,) how far a map (s,) of a shape's search samples takes each along the surface, at unit area.
+
+    An image counts as the nearest of the samples that distances are known from.
+    """
+    images = shape.nearest_distance_sample[sample_map]
+    return np.asarray(shape.distances_between[images, np.arange(len(sample_map))])
+
+
+def return_error(surface_map: SurfaceMap, order: int, surface: Surface) -> float:
+    """Mean distance in space between a vertex and where going round `order` times leads, over the root of the area."""
+    places = returned = surface.vertices
+    for _ in range(order):
+        returned = surface_map.interpolate(returned)
+    missed = np.linalg.norm(returned - places, axis=1)
+    return float(missed[np.isfinite(missed)].mean() / np.sqrt(surface.area))

@@ -1,0 +1,137 @@
+"""Attributes across a symmetry: taken to the other side, made alike on both, and how far they are from that.
+
+The other side of a vertex is its image under the symmetry, so values go there as they go from a source to a target, by
+the same rules (`zoomout_core.transfer`). What has a side in its name, such as the weights of Arm.L, changes places
+with its partner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Floats, MeshError, Surface
+from zoomout_core.symmetry.detect import Symmetry
+from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+
+# Which side's values both get, or what lies half way between the two.
+Winner: TypeAlias = Literal["left", "right", "average"]
+OWN_SHARE_ON_LEFT = {"left": 1.0, "right": 0.0, "average": 0.5}
+# Values that can be mixed; others come from the one side or the other.
+MIXABLE = (Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT)
+
+
+def mirrored(attribute: Attribute, symmetry: Symmetry, **options: Any) -> Attribute:
+    """An attribute as it would be with both sides exchanged.
+
+    Args:
+        attribute: of the symmetry's surface. Weights have the names of their groups as labels; a group whose partner
+            is missing gets one.
+        symmetry: of the surface.
+        options: of the attribute's kind, as for `transfer`.
+
+    Raises:
+        MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
+    """
+    if attribute.kind is Kind.WEIGHT:
+        attribute = names_flipped(attribute)
+    return transfer(attribute, symmetry, symmetry.surface, symmetry.surface, **options)
+
+
+def symmetrised(attribute: Attribute, symmetry: Symmetry, winner: Winner = "left", **options: Any) -> Attribute:
+    """An attribute that is the same on both sides.
+
+    Args:
+        attribute: of the symmetry's surface; as for `mirrored`.
+        symmetry: of the surface.
+        winner: "left" or "right": that side stays as it is, and the other one becomes like it. "average": both become
+            their mean; of a selection what either side has.
+        options: of the attribute's kind, as for `transfer`.
+
+    Raises:
+        MeshError: as for `mirrored`, or there are no two sides, or no mean of such values.
+    """
+    if attribute.kind is Kind.WEIGHT:
+        attribute = with_partners(attribute)
+    other = mirrored(attribute, symmetry, **options)
+    own_share = _own_share(attribute.domain, symmetry, winner)
+    if attribute.kind is Kind.WEIGHT:
+        return _mixed_weights(attribute, other, own_share, symmetry.surface, options)
+    own, theirs = np.asarray(attribute.values), np.asarray(other.values)
+    share = own_share.reshape(-1, *[1] * (own.ndim - 1))
+    if attribute.kind in MIXABLE:
+        values = share * own + (1 - share) * theirs
+        return replace(other, values=values.astype(theirs.dtype))
+    if winner == "average" and attribute.kind is not Kind.BOOLEAN:
+        raise MeshError(f"'{attribute.name}' has values that have no mean: let the left or the right side win.")
+    return replace(other, values=own | theirs if winner == "average" else np.where(share >= 0.5, own, theirs))
+
+
+def asymmetry(attribute: Attribute, symmetry: Symmetry) -> Floats:
+    """(count,) how far each value is from that on the other side; of weights the part that lies in other groups.
+
+    Args:
+        attribute: of the symmetry's surface, of numbers or weights, or labels that are alike or not.
+        symmetry: of the surface.
+    """
+    if attribute.kind is Kind.WEIGHT:
+        attribute = with_partners(attribute)
+        difference = csr_array(mirrored(attribute, symmetry).values - attribute.values)
+        return np.asarray(abs(difference).sum(axis=1)) / 2
+    own, theirs = np.asarray(attribute.values), np.asarray(mirrored(attribute, symmetry).values)
+    if attribute.kind in MIXABLE:
+        return np.asarray(np.linalg.norm((theirs - own).reshape(len(own), -1), axis=1))
+    return np.asarray((theirs != own).reshape(len(own), -1).any(axis=1).astype(float))
+
+
+def with_partners(weights: Attribute) -> Attribute:
+    """Weights with an empty group for every name whose other side is missing."""
+    missing = [flip_name(name) for name in weights.labels if flip_name(name) not in weights.labels]
+    if not missing:
+        return weights
+    values = csr_array(weights.values)
+    values = csr_array(
+        (values.data, values.indices, values.indptr), shape=(values.shape[0], values.shape[1] + len(missing))
+    )
+    return replace(weights, values=values, labels=(*weights.labels, *missing))
+
+
+def names_flipped(weights: Attribute) -> Attribute:
+    """Weights whose groups have changed places with those of the other side, in the same order of names."""
+    weights = with_partners(weights)
+    column = {name: i for i, name in enumerate(weights.labels)}
+    partner = [column[flip_name(name)] for name in weights.labels]
+    return replace(weights, values=csr_array(csr_array(weights.values)[:, partner]))
+
+
+def _own_share(domain: Domain, symmetry: Symmetry, winner: Winner) -> Floats:
+    """(count,) what an element's own value counts, against that from the other side; a face lies on one side."""
+    if winner not in OWN_SHARE_ON_LEFT:
+        raise ValueError(f"winner is {winner!r}: give one of {', '.join(OWN_SHARE_ON_LEFT)}.")
+    if winner != "average" and not symmetry.has_sides:
+        raise MeshError("This symmetry has no left and right side: choose a reflection, or average both.")
+    surface = symmetry.surface
+    distance = symmetry.distance
+    if domain is not Domain.POINT:
+        size = np.diff(surface.face_start)
+        distance = np.add.reduceat(distance[surface.corner_vertex], surface.face_start[:-1]) / size
+        distance = distance[surface.corner_face] if domain is Domain.CORNER else distance
+    on_left = OWN_SHARE_ON_LEFT[winner]
+    return np.where(distance > 0, on_left, np.where(distance < 0, 1 - on_left, 0.5))
+
+
+def _mixed_weights(
+    own: Attribute, other: Attribute, own_share: Floats, surface: Surface, options: Mapping[str, Any]
+) -> Attribute:
+    """Two sets of weights mixed vertex by vertex, within the limit of groups a vertex that the first keeps."""
+    weights = csr_array(own.values)
+    mixed = diags_array(own_share) @ weights + diags_array(1 - own_share) @ other.values
+    limit = max(1, int(np.diff(weights.indptr).max()))
+    stay = SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface)
+    return transfer(replace(other, values=csr_array(mixed)), stay, surface, surface, **{"limit": limit, **options})

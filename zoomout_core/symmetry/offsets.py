@@ -1,0 +1,155 @@
+"""Displacements across a symmetry, such as shape keys and sculpted details, and how symmetric the shape itself is.
+
+On a posed body a displacement cannot be mirrored in space: raised and lowered, the two arms are no mirror images. Here
+each is turned and reflected as its own surroundings are on their way to the other side (Umeyama 1991, as loose parts
+are carried along with a body).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.correspondence.components.carrying import Moments, products
+from zoomout_core.correspondence.proxy import Proxy
+from zoomout_core.surface import Floats, Integers, MeshError, vertex_normals
+from zoomout_core.symmetry.detect import Symmetry
+from zoomout_core.symmetry.mirror import OWN_SHARE_ON_LEFT, Winner
+
+# Diffusion lengths, at unit area, of the surroundings that say how a displacement turns, and of those against which
+# the shape is asymmetric.
+TURNING, COMPARING = 0.03, 0.1
+# How far off the line, over the square root of the area, a split goes over from one side to the other.
+BLEND = 0.05
+
+
+def mirrored_offsets(offsets: Floats, symmetry: Symmetry) -> Floats:
+    """(n, 3) displacements as they would be with both sides exchanged, in the frame of each place.
+
+    Args:
+        offsets: (n, 3) displacements of the vertices.
+        symmetry: of the surface.
+    """
+    carried = np.einsum("nij,nj->ni", frames(symmetry), _checked(offsets, symmetry))
+    return symmetry.surface_map.interpolate(carried)
+
+
+def symmetrised_offsets(offsets: Floats, symmetry: Symmetry, winner: Winner = "left") -> Floats:
+    """(n, 3) displacements that are the same on both sides: those of the winning side, or the mean of both.
+
+    Args:
+        offsets: (n, 3) displacements of the vertices.
+        symmetry: of the surface.
+        winner: "left", "right" or "average".
+
+    Raises:
+        MeshError: there are no two sides of which one could win.
+    """
+    if winner != "average":
+        _need_sides(symmetry)
+    on_left = OWN_SHARE_ON_LEFT[winner]
+    share = np.where(symmetry.distance > 0, on_left, np.where(symmetry.distance < 0, 1 - on_left, 0.5))[:, None]
+    return share * offsets + (1 - share) * mirrored_offsets(offsets, symmetry)
+
+
+def split_offsets(offsets: Floats, symmetry: Symmetry, blend: float = BLEND) -> tuple[Floats, Floats]:
+    """The left and the right part (n, 3) of displacements; both together are the whole.
+
+    Args:
+        offsets: (n, 3) displacements of the vertices.
+        symmetry: of the surface.
+        blend: how far from the line the one goes over into the other, over the square root of the area.
+
+    Raises:
+        MeshError: there are no two sides.
+    """
+    _need_sides(symmetry)
+    offsets = _checked(offsets, symmetry)
+    left = left_share(symmetry, blend)[:, None] * offsets
+    return left, offsets - left
+
+
+def left_share(symmetry: Symmetry, blend: float = BLEND) -> Floats:
+    """(n,) from 0 on the right to 1 on the left, smoothly across the line; of a vertex and its image they sum to one.
+
+    Args:
+        symmetry: of the surface.
+        blend: see `split_offsets`.
+    """
+    width = max(blend, 1e-9) * np.sqrt(symmetry.surface.area)
+    along = np.clip((symmetry.distance / width + 1) / 2, 0, 1)
+    return np.asarray(along**2 * (3 - 2 * along))
+
+
+def frames(symmetry: Symmetry) -> Floats:
+    """(n, 3, 3) orthogonal matrices that take directions at a vertex to those at its image.
+
+    Reflections, where the symmetry reverses the orientation, else rotations: the best one of a vertex's surroundings.
+    """
+    handedness = -1.0 if symmetry.reverses_orientation else 1.0
+    proxy = symmetry.shape.proxy
+    places, images = _places_and_images(symmetry)
+    moments = Moments.of(symmetry.shape.basis.smoothed(products(places, images), TURNING**2))
+    blended = proxy.place.interpolate(_orthogonal(moments.cross, handedness).reshape(-1, 9)).reshape(-1, 3, 3)
+    return _on_surface(_orthogonal(blended, handedness), symmetry)
+
+
+def shape_asymmetry(symmetry: Symmetry) -> Floats:
+    """(n,) how far the shape stands off its other side's, in the surface's unit, whatever the pose.
+
+    A vertex's surroundings are laid over those of its image by the best rigid motion; what then is left between the
+    two surfaces, along their normal, is asymmetry.
+    """
+    shape = symmetry.shape
+    places, images = _places_and_images(symmetry)
+    moments = Moments.of(shape.basis.smoothed(products(places, images), COMPARING**2))
+    turns = _orthogonal(moments.cross, -1.0 if symmetry.reverses_orientation else 1.0)
+    laid = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
+    normals = vertex_normals(laid, shape.mesh.oriented_triangles)
+    apart = np.abs(np.einsum("ni,ni->n", images - laid, normals)) * shape.proxy.full.scale
+    return _on_surface(shape.proxy.place.interpolate(apart), symmetry)
+
+
+def _places_and_images(symmetry: Symmetry) -> tuple[Floats, Floats]:
+    """(n, 3) the vertices of the shape's mesh, and their images, at unit area of the part."""
+    surface, proxy = symmetry.surface, symmetry.shape.proxy
+    nodes = _surface_vertices(proxy)[proxy.full_vertex]
+    images = symmetry.surface_map.interpolate(surface.vertices)
+    return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
+
+
+def _surface_vertices(proxy: Proxy) -> Integers:
+    """(n,) a vertex of the surface for each of the main part's."""
+    inside = np.flatnonzero(proxy.full.vertex_of >= 0)
+    vertices = np.empty(len(proxy.full.vertices), dtype=np.int64)
+    vertices[proxy.full.vertex_of[inside]] = inside
+    return vertices
+
+
+def _on_surface(values: Floats, symmetry: Symmetry) -> Floats:
+    """Values (n_part, ...) of the main part's vertices at all of the surface's: loose parts have the nearest ones."""
+    surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
+    body = np.flatnonzero(vertex_of >= 0)
+    rest = np.flatnonzero((vertex_of < 0) & np.isfinite(surface.vertices).all(axis=1))
+    if len(rest):
+        vertex_of[rest] = vertex_of[body[cKDTree(surface.vertices[body]).query(surface.vertices[rest])[1]]]
+    return np.asarray(values[vertex_of])
+
+
+def _orthogonal(matrices: Floats, handedness: float) -> Floats:
+    """(n, 3, 3) the nearest orthogonal matrices, of determinant 1 or -1."""
+    U, _, Vt = np.linalg.svd(matrices)
+    U[..., 2] *= (handedness * np.sign(np.linalg.det(U @ Vt)))[..., None]
+    return np.asarray(U @ Vt)
+
+
+def _checked(offsets: Floats, symmetry: Symmetry) -> Floats:
+    array, n = np.asarray(offsets, dtype=np.float64), len(symmetry.surface.vertices)
+    if array.shape != (n, 3):
+        raise MeshError(f"The displacements have the shape {array.shape}: give three numbers for each of {n} vertices.")
+    return array
+
+
+def _need_sides(symmetry: Symmetry) -> None:
+    if not symmetry.has_sides:
+        raise MeshError("This symmetry has no left and right side: choose a reflection.")

@@ -1,0 +1,156 @@
+"""The two sides of a mirror symmetry, and the line between them.
+
+Whatever is left of the line is nearer to every other place on the left than to that place's mirror image: a path
+that crosses the line can be mirrored behind it, and does not get longer. So differences of geodesic distances tell
+sides apart, and change sign on the line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_areas
+
+# Sides are decided by places within about this distance, at unit area; the result is smoothed over a diffusion length,
+# so that the line between them does not follow the noise of the map.
+REACH, SMOOTHING = 0.1, 0.02
+# Where so large a part of the differences contradicts two sides, there are none.
+MOST_CONTRADICTION = 0.2
+# Images that lie to the left by less than this part of the distances between places and images do not tell left.
+CLEARLY_LEFT = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Where a function on a surface is zero.
+
+    Attributes:
+        edges: (p, 2) vertices of the surface between which each point lies.
+        points: (p, 3) on the surface's edges.
+        segments: (s, 2) numbers of points that are connected across a triangle.
+    """
+
+    edges: Integers
+    points: Floats
+    segments: Integers
+
+    @property
+    def polylines(self) -> list[Integers]:
+        """The connected curves, each as numbers of points in their order; a closed one ends where it begins."""
+        beside: dict[int, list[int]] = {}
+        for a, b in self.segments.tolist():
+            beside.setdefault(a, []).append(b)
+            beside.setdefault(b, []).append(a)
+        curves = []
+        # Open curves first, from their ends.
+        for start in sorted(beside, key=lambda point: len(beside[point]) != 1):
+            curve = [start]
+            while beside[curve[-1]]:
+                following = beside[curve[-1]].pop()
+                beside[following].remove(curve[-1])
+                curve.append(following)
+            if len(curve) > 1:
+                curves.append(np.array(curve))
+        return curves
+
+
+def signed_distance(there: SurfaceMap, shape: Shape) -> Floats | None:
+    """(n,) distance along the surface of each vertex from the line of a mirror symmetry, positive on one side.
+
+    It is half the distance between a vertex and its image, near the line; farther off than some tenth of the root of
+    the area it stays about constant.
+
+    Args:
+        there: the symmetry, of the shape's mesh.
+        shape: the shape.
+
+    Returns:
+        Distances at unit area; None where the symmetry does not divide the surface in two.
+    """
+    here = shape.distances.T
+    images = there.interpolate(here)
+    nearer = images - here  # (n, d) by how much each vertex is nearer to each sample than its image is
+    samples = shape.sampled.samples[: len(shape.distances)]
+    mutual = nearer[samples]
+    mutual = (mutual + mutual.T) / 2
+    side_of_sample = np.sign(np.linalg.eigh(mutual)[1][:, -1])
+    agreement = side_of_sample @ mutual @ side_of_sample / max(np.abs(mutual).sum(), 1e-300)
+    if agreement < 1 - 2 * MOST_CONTRADICTION:
+        return None
+    closest = np.minimum(here, images)
+    weights = np.exp(-(((closest - closest.min(axis=1, keepdims=True)) / REACH) ** 2))
+    distance = (weights * nearer * side_of_sample).sum(axis=1) / weights.sum(axis=1) / 2
+    antisymmetric = (distance - there.interpolate(distance)) / 2
+    return shape.basis.smoothed(antisymmetric[:, None], SMOOTHING**2)[:, 0]
+
+
+def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: Shape, surface: Surface) -> Floats:
+    """(n,) the signed distance of all vertices of a surface from the line, in the surface's unit.
+
+    Loose parts lie on the side of the body near them: pairs as a whole, what is its own partner vertex by vertex.
+
+    Args:
+        on_mesh: (n_mesh,) signed distance at the vertices of the shape's mesh, at unit area.
+        surface_map: the symmetry of the surface.
+        shape: the surface's main part.
+        surface: the surface.
+    """
+    full = shape.proxy.full
+    inside = full.vertex_of >= 0
+    distance = np.zeros(len(surface.vertices))
+    distance[inside] = full.scale * shape.proxy.place.interpolate(on_mesh)[full.vertex_of[inside]]
+    loose = np.flatnonzero(~inside & (surface.components > 0))
+    if len(loose):
+        body = np.flatnonzero(inside)
+        near = body[cKDTree(surface.vertices[body]).query(surface.vertices[loose])[1]]
+        apart = np.linalg.norm(surface.vertices[loose] - surface_map.interpolate(surface.vertices)[loose], axis=1)
+        side = np.sign(distance[near])
+        component = surface.components[loose]
+        elsewhere = surface.components[surface_map.vertex[loose]] != component
+        if elsewhere.any():
+            side[elsewhere] = np.sign(np.bincount(component[elsewhere], distance[near[elsewhere]]))[
+                component[elsewhere]
+            ]
+        distance[loose] = side * apart / 2
+    return distance
+
+
+def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
+    """How far places on the positive side lie to the left of their images: 1 throughout, -1 to the right throughout.
+
+    Args:
+        distance: (n,) signed distance from the line.
+        surface_map: the symmetry.
+        surface: the surface.
+        left: (3,) unit vector.
+    """
+    triangles = surface.triangles
+    mass = np.bincount(
+        triangles.ravel(),
+        np.repeat(triangle_areas(surface.vertices, triangles), 3),
+        minlength=len(surface.vertices),
+    )
+    used = mass > 0
+    offset = (surface.vertices - surface_map.interpolate(surface.vertices))[used]
+    share = mass[used] * np.sign(distance[used])
+    return float(share @ (offset @ left) / max(mass[used] @ np.linalg.norm(offset, axis=1), 1e-300))
+
+
+def zero_line(values: Floats, surface: Surface) -> Line:
+    """Where a function (n,) on a surface's vertices changes sign, linear on its triangles."""
+    triangles = surface.triangles
+    positive: Booleans = values > 0
+    crossed = triangles[(positive[triangles].sum(axis=1) % 3) > 0]
+    sides = np.stack([crossed, np.roll(crossed, -1, axis=1)], axis=2)  # (c, 3, 2)
+    cut = positive[sides[..., 0]] != positive[sides[..., 1]]
+    ends = np.sort(sides[cut], axis=1)  # two cut sides of each triangle, one after the other
+    edges, number = np.unique(ends, axis=0, return_inverse=True)
+    a, b = values[edges].T
+    share = (a / (a - b))[:, None]
+    points = (1 - share) * surface.vertices[edges[:, 0]] + share * surface.vertices[edges[:, 1]]
+    return Line(edges.reshape(-1, 2), points.reshape(-1, 3), number.reshape(-1, 2))
