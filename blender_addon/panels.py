@@ -9,7 +9,7 @@ from bpy.types import Context, Panel, UILayout
 from . import stored_match
 from .operators.match import ZOOMOUT_OT_match
 from .operators.transfer import ZOOMOUT_OT_transfer, summary
-from .properties import EVIDENCE, TransferOptions
+from .properties import EVIDENCE, BlendOptions, TransferOptions
 from .stored_report import transfer_report
 
 # Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
@@ -55,8 +55,16 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         column = layout.column(align=True)
         for name in TransferOptions.__annotations__:
             column.prop(settings, name)
-        layout.operator(ZOOMOUT_OT_transfer.bl_idname)
         target = context.active_object
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        for name in BlendOptions.__annotations__:
+            if name == "mask_group" and target:
+                column.prop_search(settings, name, target, "vertex_groups")
+            else:
+                column.prop(settings, name)
+        layout.operator(ZOOMOUT_OT_transfer.bl_idname)
         report = transfer_report(target) if target and target.type == "MESH" else None
         if report is not None:
             skipped = [f"{name}: skipped, {reason}" for name, reason in report["skipped"].items()]

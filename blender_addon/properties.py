@@ -5,8 +5,10 @@ Property annotations are read by Blender as they are, so this module does withou
 
 from typing import Any
 
-from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from bpy.types import Object, Operator, PropertyGroup
+
+from .cargo import FILL_BELOW, Settings, parse_group_names
 
 # An operator's own options hold for one call only; what is left open comes from the scene.
 ONCE = {"SKIP_SAVE"}
@@ -115,6 +117,86 @@ class TransferOptions:
         return [name for name in TransferOptions.__annotations__ if getattr(self, name)]
 
 
+class BlendOptions:
+    """How to transfer."""
+
+    fill_below: FloatProperty(
+        name="Fill Below",
+        description=(
+            "Weights, colours and numbers at vertices of less confidence than this are filled in from around them; "
+            "at 0 all are taken as they are mapped"
+        ),
+        default=FILL_BELOW,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        options=ONCE,
+    )
+    mode: EnumProperty(
+        name="Where",
+        description="Where the target receives what it may have already",
+        items=(
+            ("MIX", "Everywhere", "Replace what the target has, as far as factor and mask say"),
+            (
+                "MISSING",
+                "Only Missing",
+                "Keep what the target has: add weights to vertices that have none, and other data where it is zero",
+            ),
+        ),
+        default="MIX",
+        options=ONCE,
+    )
+    factor: FloatProperty(
+        name="Factor",
+        description=(
+            "How much is taken of what is transferred, the rest being what the target has; of labels and UVs, "
+            "which cannot be mixed, all above one half"
+        ),
+        default=1,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        options=ONCE,
+    )
+    mask_group: StringProperty(
+        name="Mask",
+        description="A vertex group of the target, by which the factor is multiplied",
+        options=ONCE,
+    )
+    limit: IntProperty(
+        name="Limit Weights",
+        description=(
+            "How many weights of groups that deform a vertex may have, of which the largest are kept; "
+            "at 0 as many as on the source"
+        ),
+        default=0,
+        min=0,
+        soft_max=8,
+        options=ONCE,
+    )
+    flip_names: BoolProperty(
+        name="Flip Group Names",
+        description="Vertex groups change sides, as from Arm.L to Arm.R: for a match of left with right",
+        default=False,
+        options=ONCE,
+    )
+    group_names: StringProperty(
+        name="Rename Groups",
+        description="New names of vertex groups on the target: old = new, old = new",
+        options=ONCE,
+    )
+
+    def settings(self) -> Settings:
+        """What is chosen here.
+
+        Raises:
+            MeshError: new names of groups are not given as pairs.
+        """
+        chosen = {name: getattr(self, name) for name in BlendOptions.__annotations__}
+        names = parse_group_names(self.group_names)
+        return Settings(**{**chosen, "mode": self.mode.lower(), "group_names": names})
+
+
 class SourceName:
     """Which object an operator takes as the source."""
 
@@ -132,7 +214,7 @@ def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
     return obj.type == "MESH"
 
 
-class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, PropertyGroup):
+class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, BlendOptions, PropertyGroup):
     """The scene's settings."""
 
     source: PointerProperty(
@@ -148,7 +230,7 @@ class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, PropertyGroup):
 
 def take_settings(operator: Operator, settings: ZOOMOUT_PG_settings) -> None:
     """Give an operator the scene's settings for all options that its caller left open."""
-    for options in (MatchOptions, TransferOptions):
+    for options in (MatchOptions, TransferOptions, BlendOptions):
         for name in options.__annotations__ if isinstance(operator, options) else ():
             if not operator.properties.is_property_set(name):
                 setattr(operator, name, getattr(settings, name))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from . import layers, materials, vertex_groups
 from .cargo import Cargo, Origin, Remarks, Way
+from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names
 
 # In the order in which they are written.
 PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (layers.pack, vertex_groups.pack, materials.pack)
@@ -20,4 +21,16 @@ NOUNS = {
 }
 DATA = tuple(NOUNS)
 
-__all__ = ["DATA", "NOUNS", "PACK", "Cargo", "Origin", "Remarks", "Way"]
+__all__ = [
+    "DATA",
+    "DEFAULT",
+    "FILL_BELOW",
+    "NOUNS",
+    "PACK",
+    "Cargo",
+    "Origin",
+    "Remarks",
+    "Settings",
+    "Way",
+    "parse_group_names",
+]

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 from bpy.types import Mesh, Object
 
 from zoomout_core.progress import Steps, spread
-from zoomout_core.transfer import Attribute, transfer_steps
+from zoomout_core.transfer import Attribute, Blend, Domain, blend, drape, transfer_steps
+from zoomout_core.transfer.draped import Draped
 
 from ..pair import ObjectPair
 from ..stored_match import Match
+from .settings import Settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +28,8 @@ class Origin:
         mesh: the mesh that these leave.
         target: the object that receives the data.
         data: which kinds of it were asked for, see `DATA`.
+        settings: how it is transferred.
+        blend: how it is blended with what the target has.
     """
 
     source: Object
@@ -32,6 +37,8 @@ class Origin:
     mesh: Mesh
     target: Object
     data: Collection[str]
+    settings: Settings
+    blend: Blend
 
 
 @dataclass
@@ -46,6 +53,10 @@ class Remarks:
     skipped: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
+    def add(self, notes: Iterable[str]) -> None:
+        """Add sentences, but those that are there already, as of several attributes."""
+        self.notes.extend(note for note in notes if note not in self.notes)
+
 
 @dataclass(frozen=True, eq=False)
 class Way:
@@ -55,18 +66,36 @@ class Way:
         match: leads from the target to the source.
         pair: the surfaces of both.
         remarks: what the user is to know of the transfer.
+        settings: how data is transferred.
+        blend: how it is blended with what the target has.
     """
 
     match: Match
     pair: ObjectPair
     remarks: Remarks
+    settings: Settings
+    blend: Blend
+
+    @cached_property
+    def draped(self) -> Draped:
+        """The target on the source, for all attributes."""
+        return drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
 
     def carry(self, attribute: Attribute, what: str, **options: Any) -> Steps[Attribute]:
         """An attribute of the source, on the target; `what` it is called in the progress."""
-        steps = transfer_steps(attribute, self.match, self.pair.source, self.pair.target, **options)
+        steps = transfer_steps(attribute, self.draped, **options)
         carried = yield from spread(steps, 0, 1, f"Transferring {what}")
-        self.remarks.notes.extend(carried.notes)
+        self.remarks.add(carried.notes)
         return carried
+
+    def blended(self, carried: Attribute, present: Attribute | None, sharing: Collection[str] = ()) -> Attribute:
+        """An attribute that was carried, blended with the one that the target has, see `blend`."""
+        if self.blend.replaces:
+            return carried
+        if carried.domain is Domain.EDGE:
+            self.remarks.add([f"{carried.name}: values of edges were replaced as a whole."])
+            return carried
+        return blend(carried, present, self.pair.target, self.blend, sharing)
 
 
 class Cargo(Protocol):

@@ -8,6 +8,7 @@ from bpy.types import Object
 
 import zoomout_core as zo
 from zoomout_core.progress import Steps
+from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
 from ..mesh_data import ActiveLayers, Layer, Role
@@ -21,10 +22,12 @@ class LayerCargo:
     Attributes:
         layer: its values, and how Blender keeps them.
         active: what the source shows and renders, of this layer.
+        present: what the target has already under its name, if that can be blended with it.
     """
 
     layer: Layer
     active: ActiveLayers
+    present: Attribute | None
 
     @property
     def kind(self) -> str:
@@ -36,7 +39,7 @@ class LayerCargo:
 
     def carry(self, way: Way) -> Steps[None]:
         attribute = yield from way.carry(self.layer.attribute, f"'{self.layer.attribute.name}'")
-        self.layer = replace(self.layer, attribute=attribute)
+        self.layer = replace(self.layer, attribute=way.blended(attribute, self.present))
 
     def write(self, target: Object) -> None:
         mesh_data.write_layer(target.data, self.layer)
@@ -57,7 +60,15 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     _check_uv_maps(layers, origin.target)
     _check_names(layers, origin.target, remarks)
     active = mesh_data.read_active_layers(origin.mesh)
-    return [LayerCargo(layer, active.among({layer.attribute.name})) for layer in layers]
+    return [LayerCargo(layer, active.among({layer.attribute.name}), _present(layer, origin)) for layer in layers]
+
+
+def _present(layer: Layer, origin: Origin) -> Attribute | None:
+    """The attribute of the target that a layer is blended with."""
+    mesh, name = origin.target.data, layer.attribute.name
+    if origin.blend.replaces or name not in mesh.attributes or not mesh_data.fits(mesh.attributes[name], layer):
+        return None
+    return mesh_data.read_layer(mesh, name, layer.role).attribute
 
 
 def _check_uv_maps(layers: list[Layer], target: Object) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bpy.types import Object
@@ -19,12 +19,15 @@ class MaterialCargo:
     """Materials.
 
     Attributes:
-        materials: what the source's slots hold, see `mesh_data.read_materials`.
-        face_slots: each face's slot.
+        materials: what the source's slots hold, see `mesh_data.read_materials`, after nothing, and before what the
+            target's slots hold if that is blended with it.
+        face_slots: each face's place in that list.
+        present: the same of the target.
     """
 
     materials: list[str | None]
     face_slots: Attribute
+    present: Attribute | None
     kind: str = "materials"
 
     @property
@@ -32,7 +35,8 @@ class MaterialCargo:
         return [self.materials[slot] or "(none)" for slot in np.unique(self.face_slots.values)]
 
     def carry(self, way: Way) -> Steps[None]:
-        self.face_slots = yield from way.carry(self.face_slots, "materials")
+        carried = yield from way.carry(self.face_slots, "materials")
+        self.face_slots = way.blended(carried, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_materials(target, self.materials, self.face_slots)
@@ -41,4 +45,13 @@ class MaterialCargo:
 def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     """The source's materials, if it has any."""
     materials, face_slots = mesh_data.read_materials(origin.evaluated, origin.mesh)
-    return [MaterialCargo(materials, face_slots)] if materials and "materials" in origin.data else []
+    if not materials or "materials" not in origin.data:
+        return []
+    listed = [None, *materials]
+    face_slots = replace(face_slots, values=face_slots.values + 1)
+    if origin.blend.replaces:
+        return [MaterialCargo(listed, face_slots, None)]
+    theirs, present = mesh_data.read_materials(origin.target, origin.target.data)
+    held = np.array([name is not None for name in theirs] or [False])[present.values]
+    present = replace(present, values=np.where(held, present.values + len(listed), 0))
+    return [MaterialCargo(listed + theirs, face_slots, present)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from bpy.types import Object
 
 from zoomout_core.progress import Steps
 from zoomout_core.transfer import Attribute
-from zoomout_core.transfer.weights import sum_to_one
+from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
 
 from .. import mesh_data
 from .cargo import Cargo, Origin, Remarks, Way
@@ -23,10 +23,14 @@ class WeightCargo:
     Attributes:
         weights: their weights.
         sharing: how these share a vertex among them and with locked groups, see `weights.mix_weights`.
+        deforming: names of the groups that share a vertex, of the source and of the target.
+        present: what the target has, if that is blended with them.
     """
 
     weights: Attribute
-    sharing: dict[str, Any] = field(default_factory=dict)
+    sharing: dict[str, Any]
+    deforming: set[str]
+    present: Attribute | None
     kind: str = "vertex_groups"
 
     @property
@@ -34,7 +38,10 @@ class WeightCargo:
         return list(self.weights.labels)
 
     def carry(self, way: Way) -> Steps[None]:
-        self.weights = yield from way.carry(self.weights, "vertex groups", **self.sharing)
+        carried = yield from way.carry(self.weights, "vertex groups", **self.sharing)
+        self.weights = way.blended(carried, self.present, self.deforming)
+        if self.weights is not carried and way.settings.limit:
+            limit_weights(self.weights.values, way.pair.target, self.sharing["normalised"], way.settings.limit)
 
     def write(self, target: Object) -> None:
         mesh_data.write_weights(target, self.weights)
@@ -44,8 +51,9 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     """The groups that are not locked on the target."""
     if "vertex_groups" not in origin.data:
         return []
-    target = origin.target
+    target, settings = origin.target, origin.settings
     weights, locked = mesh_data.read_weights(origin.evaluated, origin.mesh), mesh_data.locked_groups(target)
+    weights = rename_groups(weights, {name: settings.new_name(name) for name in weights.labels})
     open_columns = [i for i, name in enumerate(weights.labels) if name not in locked]
     closed = [name for name in weights.labels if name in locked]
     remarks.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
@@ -68,12 +76,15 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
         "normalised": np.array([name in deforming for name in labels]),
         "sums": weights.values[:, columns].sum(axis=1),
     }
+    if settings.limit:
+        sharing["limit"] = settings.limit
     held = locked & deforming
-    if held:
-        present = mesh_data.read_weights(target, target.data)
+    present = mesh_data.read_weights(target, target.data) if held or not origin.blend.replaces else None
+    if held and present:
         columns = [i for i, name in enumerate(present.labels) if name in held]
         sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
-    return [WeightCargo(replace(weights, values=weights.values[:, open_columns], labels=labels), sharing)]
+    chosen = replace(weights, values=weights.values[:, open_columns], labels=labels)
+    return [WeightCargo(chosen, sharing, deforming, present)]
 
 
 def _deforming_groups(weights: Attribute, origin: Origin, remarks: Remarks) -> set[str]:
@@ -81,7 +92,8 @@ def _deforming_groups(weights: Attribute, origin: Origin, remarks: Remarks) -> s
 
     What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
     """
-    bones = mesh_data.deforming_bones(origin.source) | mesh_data.deforming_bones(origin.target)
+    bones = {origin.settings.new_name(name) for name in mesh_data.deforming_bones(origin.source)}
+    bones |= mesh_data.deforming_bones(origin.target)
     if bones.intersection(weights.labels) or weights.values.nnz == 0:
         return bones
     skin = sum_to_one(weights.values)

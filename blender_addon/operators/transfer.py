@@ -9,20 +9,21 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain, within
+from zoomout_core.transfer import Blend
 
 from .. import stored_match, stored_report
-from ..cargo import DATA, NOUNS, PACK, Cargo, Origin, Remarks, Way
+from ..cargo import DATA, DEFAULT, NOUNS, PACK, Cargo, Origin, Remarks, Settings, Way
 from ..evidence import matching_steps
 from ..mesh_data import evaluated_mesh
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
-from ..properties import MatchOptions, SourceName, TransferOptions, option_label, take_settings
+from ..properties import BlendOptions, MatchOptions, SourceName, TransferOptions, option_label, take_settings
 from .stepped import SteppedOperator
 
 # Part of the progress that matching takes, where there is no match yet.
 MATCHING = 0.8
 
 
-class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, SteppedOperator):
+class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, BlendOptions, SteppedOperator):
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
     bl_description = (
@@ -34,7 +35,7 @@ class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, SteppedOper
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
         names = _choose_names(context, self.source)
-        report = yield from transfer_steps(context, *names, self.data(), **self.match_options())
+        report = yield from transfer_steps(context, *names, self.data(), self.settings(), **self.match_options())
         return summary(report)
 
 
@@ -45,7 +46,12 @@ def _choose_names(context: Context, named: str) -> tuple[str, str]:
 
 
 def transfer_objects(
-    context: Context, source: Object, target: Object, data: Collection[str] = DATA, **match_options: Any
+    context: Context,
+    source: Object,
+    target: Object,
+    data: Collection[str] = DATA,
+    settings: Settings = DEFAULT,
+    **match_options: Any,
 ) -> dict[str, Any]:
     """Transfer data between two mesh objects, along the match that is kept on the target, or a new one.
 
@@ -54,6 +60,7 @@ def transfer_objects(
         source: has the data; read as its modifiers leave it.
         target: receives it.
         data: which kinds of it, of `DATA`.
+        settings: how it is transferred.
         match_options: of `match_objects`, where no match of these two is kept.
 
     Returns:
@@ -62,23 +69,28 @@ def transfer_objects(
     Raises:
         MeshError: something cannot be transferred; nothing was written.
     """
-    return drain(transfer_steps(context, source.name, target.name, data, **match_options))
+    return drain(transfer_steps(context, source.name, target.name, data, settings, **match_options))
 
 
 def transfer_steps(
-    context: Context, source_name: str, target_name: str, data: Collection[str], **match_options: Any
+    context: Context,
+    source_name: str,
+    target_name: str,
+    data: Collection[str],
+    settings: Settings = DEFAULT,
+    **match_options: Any,
 ) -> Steps[dict[str, Any]]:
     """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
     pair = read_pair(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
-    cargo, remarks = _packed(context, pair, data)
+    cargo, remarks, blend = _packed(context, pair, data, settings)
     match: stored_match.Match
     if kept is None:
         match = yield from within(matching_steps(context, pair, **match_options), 0, MATCHING)
     else:
         match = kept
         remarks.notes.extend(_unused_settings(kept, match_options))
-    way = Way(match, pair, remarks)
+    way = Way(match, pair, remarks, settings, blend)
     yield from within(_carried(cargo, way), MATCHING if kept is None else 0, 1)
 
     _, target = check_unedited(context, pair)
@@ -99,18 +111,20 @@ def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -
     return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
 
 
-def _packed(context: Context, pair: ObjectPair, data: Collection[str]) -> tuple[list[Cargo], Remarks]:
-    """Choose from what the source has, and see that the target has room for it."""
+def _packed(
+    context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
+) -> tuple[list[Cargo], Remarks, Blend]:
+    """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
-    remarks = Remarks()
+    remarks, blend = Remarks(), settings.blend(target)
     with evaluated_mesh(source, context.evaluated_depsgraph_get()) as (evaluated, mesh):
-        origin = Origin(source, evaluated, mesh, target, data)
+        origin = Origin(source, evaluated, mesh, target, data, settings, blend)
         cargo = [one for pack in PACK for one in pack(origin, remarks)]
     if not cargo:
         raise zo.MeshError(f"'{source.name}' has none of the data that is to be transferred: choose other data.")
-    return cargo, remarks
+    return cargo, remarks, blend
 
 
 def _carried(cargo: list[Cargo], way: Way) -> Steps[None]:

@@ -1,6 +1,21 @@
 """Transfer of attributes from a source surface to a target, along a map between them."""
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rules import RULES, Rule, transfer, transfer_steps
+from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
+from zoomout_core.transfer.rules import RULES, Rule, drape, transfer, transfer_along, transfer_steps
 
-__all__ = ["RULES", "Attribute", "Domain", "Kind", "Rule", "transfer", "transfer_steps"]
+__all__ = [
+    "MODES",
+    "RULES",
+    "Attribute",
+    "Blend",
+    "Domain",
+    "Kind",
+    "Mode",
+    "Rule",
+    "blend",
+    "drape",
+    "transfer",
+    "transfer_along",
+    "transfer_steps",
+]

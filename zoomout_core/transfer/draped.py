@@ -10,6 +10,7 @@ import numpy as np
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_areas
 from zoomout_core.transfer.cut import CutSurface, cut_open, nearer_than, ragged
+from zoomout_core.transfer.inpaint import Filling, filling
 
 # A corner's side of an edge of the source is asked for this far into the face.
 NUDGE = 0.25
@@ -48,12 +49,14 @@ class Draped:
         target: the surface that receives.
         surface_map: where each target vertex lies on the source.
         confidence: (n_t,) how far the map is to be trusted, in [0, 1].
+        fill_below: vertices of less confidence are filled in from the others; None for none.
     """
 
     source: Surface
     target: Surface
     surface_map: SurfaceMap
     confidence: Floats
+    fill_below: float | None = None
 
     @cached_property
     def points(self) -> Floats:
@@ -64,6 +67,12 @@ class Draped:
     def whole(self) -> CutSurface:
         """The source without any cut."""
         return cut_open(self.source, np.zeros((len(self.source.corner_vertex), 1)))
+
+    @cached_property
+    def filling(self) -> Filling | None:
+        """How vertices of too little confidence are filled in, or None where there are none."""
+        trusted = self.confidence >= (0 if self.fill_below is None else self.fill_below)
+        return None if trusted.all() else filling(self.target, trusted)
 
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
         """Where points of the target lie on the source: the images of the corners, mixed in space.

@@ -1,6 +1,7 @@
 """Values at points, faces and corners of the target, mixed from those around where it lies on the source.
 
-Numbers are mixed linearly by barycentric weights, faces by area; labels are voted on by the same weights.
+Numbers are mixed linearly by barycentric weights, faces by area; labels are voted on by the same weights. Numbers at
+points and corners that are of too little confidence are filled in from around them.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.surface import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute
@@ -19,7 +20,7 @@ from zoomout_core.transfer.voting import LOYALTY, circumference, elect, tally
 
 def mix_points(attribute: Attribute, draped: Draped) -> Attribute:
     """Values (n, ...) at vertices."""
-    return _mixed(attribute, draped.surface_map.interpolate(_floats(attribute)))
+    return _filled(attribute, draped, draped.surface_map.interpolate(_floats(attribute)), np.arange(len(draped.points)))
 
 
 def mix_faces(attribute: Attribute, draped: Draped) -> Attribute:
@@ -37,7 +38,8 @@ def mix_faces(attribute: Attribute, draped: Draped) -> Attribute:
 def mix_corners(attribute: Attribute, draped: Draped) -> Attribute:
     """Values (c, ...) at face corners, which jump where the source's values jump from face to face.
 
-    A corner takes the side that its face lies on, and the value as near to it as that side reaches.
+    A corner takes the side that its face lies on, and the value as near to it as that side reaches. Those that are
+    filled in do not jump: they continue the means of the corners at each vertex around them.
     """
     values = _floats(attribute)
     target, corners_of = draped.target, draped.source.triangle_corners
@@ -47,7 +49,8 @@ def mix_corners(attribute: Attribute, draped: Draped) -> Attribute:
     near = np.flatnonzero(draped.near_border(cut)[target.corner_face])
     start, _ = draped.nudged(near)
     triangle[near], barycentric[near], _ = cut.walk(start, draped.points[target.corner_vertex[near]])
-    return _mixed(attribute, np.einsum("ck,ck...->c...", barycentric, values[corners_of[triangle]]))
+    mixed = np.einsum("ck,ck...->c...", barycentric, values[corners_of[triangle]])
+    return _filled(attribute, draped, mixed, target.corner_vertex)
 
 
 def vote_points(attribute: Attribute, draped: Draped) -> Attribute:
@@ -93,6 +96,22 @@ def _mixed(attribute: Attribute, values: Floats) -> Attribute:
     """The attribute with new values; floats keep their precision, integers have become floats."""
     dtype = np.asarray(attribute.values).dtype
     return replace(attribute, values=values.astype(dtype) if dtype.kind == "f" else values)
+
+
+def _filled(attribute: Attribute, draped: Draped, values: Floats, vertex: Integers) -> Attribute:
+    """The attribute with values (q, ...) at vertices (q,), those of too little confidence filled in."""
+    filling = draped.filling
+    if filling is None:
+        return _mixed(attribute, values)
+    flat = values.reshape(len(values), -1)
+    count = np.bincount(vertex, minlength=len(draped.points))
+    sums = csr_array((np.ones(len(vertex)), (vertex, np.arange(len(vertex)))), shape=(len(count), len(vertex))) @ flat
+    whole = filling.fill(sums / np.maximum(count, 1)[:, None])
+    chosen = np.isin(vertex, filling.filled)
+    mixed = flat.copy()
+    mixed[chosen] = whole[vertex[chosen]]
+    result = _mixed(attribute, mixed.reshape(values.shape))
+    return replace(result, notes=(*result.notes, *filling.notes()))
 
 
 def _coded(attribute: Attribute) -> tuple[Integers, np.ndarray]:

@@ -81,7 +81,12 @@ RULES: dict[Kind, Rule] = {
 
 
 def transfer(
-    attribute: Attribute, result: Match | SurfaceMap, source: Surface, target: Surface, **options: Any
+    attribute: Attribute,
+    result: Match | SurfaceMap,
+    source: Surface,
+    target: Surface,
+    fill_below: float | None = None,
+    **options: Any,
 ) -> Attribute:
     """An attribute of the source, on the target.
 
@@ -90,6 +95,8 @@ def transfer(
         result: the match, or only its map, of each target vertex to a point of the source.
         source: the surface that has the attribute.
         target: the surface that receives it.
+        fill_below: numbers, colours and weights of vertices of less confidence than this are filled in from
+            around them, see `inpaint`; None to take all as they are mapped.
         options: of the attribute's kind; for weights see `weights.mix_weights`.
 
     Returns:
@@ -98,21 +105,36 @@ def transfer(
     Raises:
         MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map
             is of other surfaces.
+        ValueError: `fill_below` is no confidence.
     """
-    rule = _rule(attribute)
-    _check_values(attribute, rule, source)
+    return transfer_along(attribute, drape(result, source, target, fill_below), **options)
+
+
+def drape(result: Match | SurfaceMap, source: Surface, target: Surface, fill_below: float | None = None) -> Draped:
+    """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.
+
+    Raises:
+        MeshError: the map is of other surfaces.
+        ValueError: `fill_below` is no confidence.
+    """
+    if fill_below is not None and not 0 <= fill_below <= 1:
+        raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
     surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
     confidence = np.ones(len(target.vertices)) if isinstance(result, SurfaceMap) else np.asarray(result.confidence)
     _check_map(surface_map, confidence, source, target)
-    draped = Draped(source, target, surface_map, confidence)
+    return Draped(source, target, surface_map, confidence, fill_below)
+
+
+def transfer_along(attribute: Attribute, draped: Draped, **options: Any) -> Attribute:
+    """`transfer` of one of many attributes, which share what is worked out of the map."""
+    rule = _rule(attribute)
+    _check_values(attribute, rule, draped.source)
     return rule.domains[attribute.domain](attribute, draped, **options)
 
 
-def transfer_steps(
-    attribute: Attribute, result: Match | SurfaceMap, source: Surface, target: Surface, **options: Any
-) -> Generator[float, None, Attribute]:
-    """`transfer` in the background of short steps; yields the fraction done."""
-    return in_background(partial(transfer, attribute, result, source, target, **options))
+def transfer_steps(attribute: Attribute, draped: Draped, **options: Any) -> Generator[float, None, Attribute]:
+    """`transfer_along` in the background of short steps; yields the fraction done."""
+    return in_background(partial(transfer_along, attribute, draped, **options))
 
 
 def _rule(attribute: Attribute) -> Rule:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,14 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from zoomout_core.surface import Booleans, Floats, MeshError
+from zoomout_core.surface import Booleans, Floats, MeshError, Surface, unique_edges
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.inpaint import CLIP
 
-# Weights below this move nothing that can be seen, but count towards the limit.
-CLIP = 1e-4
 # Weights that sum to one up to rounding are meant to.
 SUM_TOLERANCE = 0.01
+# Groups fade out over so many edges towards vertices where a limit leaves them out. Where 13 to 29 smooth groups to a
+# vertex are limited to four, that takes 16 to 37 % off the larger steps between neighbours (their 99th percentile),
+# for 6 to 23 % more error; fading further takes off little more.
+FADING = 3
 
 
 def mix_weights(
@@ -32,14 +36,15 @@ def mix_weights(
 
     Weights below 1e-4 are dropped. Of the `normalised` groups each vertex keeps the `limit` largest, scaled to
     sum to one where the source's do, and elsewhere to keep their sum, as far as there is `room`. Other groups are
-    mixed only. Vertices without any weight stay without.
+    mixed only. Vertices without any weight stay without. Vertices of too little confidence are filled in.
 
     Args:
         attribute: values are a sparse (n_s, groups) array.
         draped: the target on the source.
         normalised: (groups,) mask, or column numbers, of the groups that share a vertex among them: those
             that deform and are not locked. All, when not given.
-        limit: how many of these a vertex may have; the most that one has on the source, when not given.
+        limit: how many of these a vertex may have; the most that one has on the source, when not given. Where it
+            is less than that, groups fade out, see `limit_weights`.
         sums: (n_s,) what the groups that share a vertex sum to on the source, with those that are locked on the
             target; that of the `normalised` ones, when not given.
         room: (n_t,) or a number: what locked groups leave of each vertex of the target.
@@ -50,30 +55,80 @@ def mix_weights(
     weights = csr_array(attribute.values)
     weights = weights.astype(np.promote_types(weights.dtype, np.float64))
     shared = _column_mask(normalised, weights.shape[1])
-    if limit is None:
-        counted = shared[weights.indices] & (weights.data >= CLIP)
-        limit = int(np.bincount(_rows(weights)[counted], minlength=1).max())
-    elif limit < 1:
+    if limit is not None and limit < 1:
         raise MeshError(f"A limit of {limit} weights to a vertex leaves none: give 1 or more.")
-
     mixing = _mixing_matrix(draped)
     mixed = csr_array(mixing @ weights)
     own_sums = weights @ shared.astype(float)
     source_sums = own_sums if sums is None else _each(sums, len(draped.source.vertices), "sums")
+    both_sums = mixing @ np.stack([source_sums, own_sums], axis=1)
+    notes = attribute.notes
+    if draped.filling is not None:
+        mixed, both_sums = draped.filling.fill_weights(mixed), draped.filling.fill(both_sums, following=True)
+        notes += draped.filling.notes(following=True)
     mixed.data[mixed.data < CLIP] = 0
     mixed.eliminate_zeros()
-    _keep_largest(mixed, shared, limit)
-    full = np.abs(mixing @ source_sums - 1) < SUM_TOLERANCE
-    wanted = np.where(full, 1.0, mixing @ own_sums)
+    counted = shared[weights.indices] & (weights.data >= CLIP)
+    most = int(np.bincount(_rows(weights)[counted], minlength=1).max())
+    if limit is None or limit >= most:
+        _keep_largest(mixed, shared, limit or most)
+    else:
+        limit_weights(mixed, draped.target, shared, limit)
+    wanted = np.where(np.abs(both_sums[:, 0] - 1) < SUM_TOLERANCE, 1.0, both_sums[:, 1])
     without = _rescale(mixed, shared, np.minimum(wanted, _each(room, len(wanted), "room")))
     mixed.sort_indices()
-    notes = attribute.notes
     if without:
         notes += (
             f"{attribute.name}: locked groups leave no room on {without} of {len(wanted)} vertices, where others "
             "would have weights: lower or unlock them.",
         )
     return replace(attribute, values=mixed.astype(attribute.values.dtype), notes=notes)
+
+
+def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit: int) -> None:
+    """Keep of the shared groups only the largest at each vertex, in place; they keep their sum.
+
+    A group that is among the largest at one vertex and not at the next one would make a step there. It fades out
+    over some edges instead.
+
+    Args:
+        weights: (n, groups) sparse.
+        surface: whose vertices they are of.
+        shared: (groups,) mask of the groups that are limited.
+        limit: how many of these a vertex may have.
+    """
+    sums = weights @ shared.astype(float)
+    dropped = _keep_largest(weights, shared, limit)
+    if dropped.nnz == 0:
+        return
+    near = _neighbours(surface)
+    kept = csr_array((np.arange(1, weights.nnz + 1), weights.indices, weights.indptr), shape=weights.shape)
+    share = np.ones(weights.nnz)
+    for edges in range(1, FADING + 1):
+        dropped = csr_array(near @ dropped)
+        dropped.data[:] = 1
+        reached = kept.multiply(dropped).data - 1
+        share[reached] = np.minimum(share[reached], edges / (FADING + 1))
+    weights.data *= share
+    _rescale(weights, shared, sums)
+
+
+def rename_groups(weights: Attribute, names: Mapping[str, str]) -> Attribute:
+    """Weights under other names; groups that get the same one become one, whose weights are their sums.
+
+    Args:
+        weights: labelled by the groups' names.
+        names: new names by the old ones; other groups keep theirs.
+    """
+    renamed = [names.get(label, label) for label in weights.labels]
+    labels = tuple(dict.fromkeys(renamed))
+    if len(labels) == len(renamed):
+        return replace(weights, labels=labels)
+    column = np.array([labels.index(name) for name in renamed])
+    joining = csr_array(
+        (np.ones(len(column), weights.values.dtype), (np.arange(len(column)), column)), (len(column), len(labels))
+    )
+    return replace(weights, values=csr_array(weights.values @ joining), labels=labels)
 
 
 def sum_to_one(weights: Any) -> bool:
@@ -118,8 +173,26 @@ def _rows(matrix: Any) -> np.ndarray:
     return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
 
 
-def _keep_largest(weights: Any, shared: Booleans, limit: int) -> None:
-    """Drop all but the largest weights of each row in the shared columns; the first of equals stay."""
+def _neighbours(surface: Surface) -> csr_array:
+    """(n, n) which vertices of a surface lie at most an edge apart, where borders that coincide are one."""
+    working = surface.working
+    edges, _ = unique_edges(working.triangles)
+    count, places = len(surface.vertices), len(working.vertices)
+    rows, columns = np.concatenate([edges, edges[:, ::-1], np.tile(np.arange(places)[:, None], 2)]).T
+    adjacent = csr_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(places, places))
+    used = np.flatnonzero(working.vertex_of >= 0)
+    place = csr_array((np.ones(len(used), np.int8), (used, working.vertex_of[used])), shape=(count, places))
+    near = csr_array(place @ adjacent @ place.T)
+    near.data[:] = 1
+    return near
+
+
+def _keep_largest(weights: csr_array, shared: Booleans, limit: int) -> csr_array:
+    """Drop all but the largest weights of each row in the shared columns; the first of equals stay.
+
+    Returns:
+        A one for each weight that was dropped.
+    """
     rows = _rows(weights)
     counts = shared[weights.indices]
     crowded = np.bincount(rows[counts], minlength=weights.shape[0]) > limit
@@ -128,8 +201,11 @@ def _keep_largest(weights: Any, shared: Booleans, limit: int) -> None:
     row = rows[entries]
     begin = np.flatnonzero(np.diff(row, prepend=-1))
     rank = np.arange(len(row)) - np.repeat(begin, np.diff(begin, append=len(row)))
-    weights.data[entries[rank >= limit]] = 0
+    out = entries[rank >= limit]
+    dropped = csr_array((np.ones(len(out), np.int8), (rows[out], weights.indices[out])), shape=weights.shape)
+    weights.data[out] = 0
     weights.eliminate_zeros()
+    return dropped
 
 
 def _rescale(weights: Any, shared: Booleans, wanted: Floats) -> int:

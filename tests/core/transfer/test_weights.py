@@ -7,11 +7,12 @@ import tracemalloc
 import numpy as np
 import pytest
 from scipy.sparse import csr_array, random_array
-from transfer_meshes import Sheet, identity, permuted, sheet, true_map, tube
+from transfer_meshes import Sheet, identity, permuted, sheet, split_at_faces, true_map, tube
 
-from zoomout_core.surface import MeshError
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import MeshError, unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.weights import sum_to_one
+from zoomout_core.transfer.weights import rename_groups, sum_to_one
 
 GRID = (120, 80)
 
@@ -81,16 +82,67 @@ def test_every_vertex_has_at_most_the_limit_and_sums_to_one(source: Sheet, targe
     assert np.abs(result.sum(axis=1) - 1).max() < 1e-12
 
 
-def test_the_largest_weights_are_the_ones_that_stay(source: Sheet, target: Sheet) -> None:
+def largest(full: np.ndarray, limit: int) -> np.ndarray:
+    """Weights (n, groups), the largest of each row, scaled to sum to one."""
+    full = np.where(full < 1e-4, 0, full)
+    order = np.argsort(-full, axis=1, kind="stable")[:, :limit]
+    kept = np.zeros_like(full)
+    np.put_along_axis(kept, order, np.take_along_axis(full, order, axis=1), axis=1)
+    return kept / kept.sum(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("limit", [4, 5, None])
+def test_the_largest_weights_are_the_ones_that_stay(source: Sheet, target: Sheet, limit: int | None) -> None:
     weights = scattered(len(source.parameters), 60, 4)
+    full = true_map(source, *GRID, target.parameters).interpolate(weights.toarray())
+    result = skinned(weights, source, target, limit=limit).toarray()
+    assert np.abs(result - largest(full, limit or 4)).max() < 1e-12
+
+
+def crowded(parameters: np.ndarray, bones: int = 60) -> csr_array:
+    """(n, bones) smooth weights of many bones to a vertex."""
+    offset = parameters[:, None] - np.random.default_rng(0).random((bones, 2))
+    offset[:, :, 0] -= np.round(offset[:, :, 0])
+    weights = np.exp(-(offset**2).sum(axis=2) / 0.1**2)
+    weights[weights < 1e-4] = 0
+    return csr_array(weights / weights.sum(axis=1, keepdims=True))
+
+
+def test_a_tight_limit_makes_smaller_steps_between_neighbours(source: Sheet) -> None:
+    target = sheet(tube, 200, 130, jitter=0.2, sides=3, seed=1)
+    weights = crowded(source.parameters)
+    edges, _ = unique_edges(target.surface.triangles)
+
+    def steps(result: np.ndarray) -> np.ndarray:
+        return np.abs(result[edges[:, 0]] - result[edges[:, 1]]).sum(axis=1)
+
+    result = skinned(weights, source, target, limit=4).toarray()
+    hard = largest(skinned(weights, source, target).toarray(), 4)
+    assert ((result > 0) <= (hard > 0)).all()
+    assert np.abs(result.sum(axis=1) - 1).max() < 1e-12
+    assert np.quantile(steps(result), 0.99) < 0.85 * np.quantile(steps(hard), 0.99)
+
+
+def test_a_tight_limit_tears_no_border_that_coincides(source: Sheet) -> None:
+    target = sheet(tube, 97, 61, jitter=0.2, sides=3, seed=1)
+    apart, vertex = split_at_faces(target.surface)
     surface_map = true_map(source, *GRID, target.parameters)
-    full = surface_map.interpolate(weights.toarray())
-    full[full < 1e-4] = 0
-    order = np.argsort(-full, axis=1, kind="stable")[:, :3]
-    truth = np.zeros_like(full)
-    np.put_along_axis(truth, order, np.take_along_axis(full, order, axis=1), axis=1)
-    truth /= truth.sum(axis=1, keepdims=True)
-    assert np.abs(skinned(weights, source, target, limit=3).toarray() - truth).max() < 1e-12
+    corners = SurfaceMap(surface_map.triangle[vertex], surface_map.barycentric[vertex], surface_map.source_triangles)
+    attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, crowded(source.parameters))
+    whole = transfer(attribute, surface_map, source.surface, target.surface, limit=3).values
+    torn = transfer(attribute, corners, source.surface, apart, limit=3).values
+    assert abs(torn - whole[vertex]).max() < 1e-9
+
+
+def test_renamed_groups_keep_their_weights_and_those_of_one_name_become_one(source: Sheet) -> None:
+    weights = scattered(len(source.parameters), 4, 3)
+    skin = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights, ("a", "b", "c", "d"))
+    swapped = rename_groups(skin, {"a": "b", "b": "a"})
+    assert swapped.labels == ("b", "a", "c", "d")
+    assert abs(swapped.values - weights).max() == 0
+    joined = rename_groups(skin, {"a": "d", "c": "hip"})
+    assert joined.labels == ("d", "b", "hip")
+    assert np.abs(joined.values.toarray() - weights.toarray() @ np.eye(3)[[0, 1, 2, 0]]).max() < 1e-15
 
 
 def test_groups_that_share_nothing_are_mixed_only(source: Sheet, target: Sheet) -> None:

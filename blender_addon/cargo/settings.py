@@ -1,0 +1,81 @@
+"""How data is transferred."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import bpy
+from bpy.types import Object
+
+import zoomout_core as zo
+from zoomout_core.transfer import Blend, Mode
+
+from .. import mesh_data
+
+# Below this confidence values are filled in. Mapped ones are as often nearer to the truth as filled ones there, and
+# above it more often; but what the source has no counterpart for, as a tail that only the target has, lies below.
+FILL_BELOW = 0.05
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How data is transferred, of whatever kind it is.
+
+    Attributes:
+        fill_below: numbers, colours and weights of less confidence than this are filled in from around them.
+        mode: how they are blended with what the target has, see `Blend`.
+        factor: how much of them is taken.
+        mask_group: the vertex group of the target that limits where; empty for everywhere.
+        limit: how many weights of deforming groups a vertex may have; 0 for as many as on the source.
+        flip_names: whether vertex groups change sides, from "Arm.L" to "Arm.R", for a match that does.
+        group_names: new names of vertex groups by their names on the source.
+    """
+
+    fill_below: float = FILL_BELOW
+    mode: Mode = "mix"
+    factor: float = 1.0
+    mask_group: str = ""
+    limit: int = 0
+    flip_names: bool = False
+    group_names: Mapping[str, str] = field(default_factory=dict)
+
+    def new_name(self, group: str) -> str:
+        """What a vertex group of the source is called on the target."""
+        if group in self.group_names:
+            return self.group_names[group]
+        return bpy.utils.flip_name(group) if self.flip_names else group
+
+    def blend(self, target: Object) -> Blend:
+        """How values are blended with those of a target.
+
+        Raises:
+            MeshError: it has no such mask.
+        """
+        if not self.mask_group:
+            return Blend(self.mode, self.factor)
+        weights = mesh_data.read_weights(target, target.data)
+        if self.mask_group not in weights.labels:
+            raise zo.MeshError(
+                f"'{target.name}' has no vertex group '{self.mask_group}' to use as a mask: choose another one."
+            )
+        column = weights.labels.index(self.mask_group)
+        return Blend(self.mode, self.factor, weights.values[:, [column]].toarray()[:, 0].clip(0, 1))
+
+
+DEFAULT = Settings()
+
+
+def parse_group_names(text: str) -> dict[str, str]:
+    """New names of vertex groups by the old ones, from `old = new` pairs with commas between them.
+
+    Raises:
+        MeshError: the text is not of that form.
+    """
+    names: dict[str, str] = {}
+    for pair in filter(str.strip, text.split(",")):
+        old, equals, new = (part.strip() for part in pair.partition("="))
+        if not (old and equals and new):
+            raise zo.MeshError(f"New group names are given as 'old = new, old = new', and '{pair.strip()}' is no pair.")
+        names[old] = new
+    return names

@@ -1,0 +1,135 @@
+"""Blending with what is there: the same modes, factor and mask for every kind of value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from transfer_meshes import sheet, tube
+
+from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend
+
+TARGET = sheet(tube, 12, 6).surface
+N = len(TARGET.vertices)
+COUNT = {Domain.POINT: N, Domain.FACE: len(TARGET.face_start) - 1, Domain.CORNER: len(TARGET.corner_vertex)}
+RANDOM = np.random.default_rng(0)
+MASK = RANDOM.uniform(0, 1, N)
+
+
+def attribute(kind: Kind, domain: Domain, values: np.ndarray) -> Attribute:
+    return Attribute("data", domain, kind, values)
+
+
+def numbers(domain: Domain, width: int) -> np.ndarray:
+    return RANDOM.uniform(0.1, 1, (COUNT[domain], width)).astype(np.float32)
+
+
+@pytest.mark.parametrize("kind", [Kind.VECTOR, Kind.COLOR])
+@pytest.mark.parametrize("domain", list(COUNT))
+def test_numbers_are_mixed_by_factor_and_mask(kind: Kind, domain: Domain) -> None:
+    new, old = numbers(domain, 4), numbers(domain, 4)
+    both = attribute(kind, domain, new), attribute(kind, domain, old)
+    half = blend(*both, TARGET, Blend(factor=0.5)).values
+    assert half.dtype == np.float32
+    np.testing.assert_allclose(half, (new + old) / 2, atol=1e-6)
+    whole_mask = blend(*both, TARGET, Blend(mask=np.ones(N))).values
+    np.testing.assert_allclose(whole_mask, new, atol=1e-6)
+    masked = blend(*both, TARGET, Blend(mask=MASK)).values
+    start, size = TARGET.face_start[:-1], np.diff(TARGET.face_start)
+    amount = {
+        Domain.POINT: MASK,
+        Domain.CORNER: MASK[TARGET.corner_vertex],
+        Domain.FACE: np.add.reduceat(MASK[TARGET.corner_vertex], start) / size,
+    }[domain][:, None]
+    np.testing.assert_allclose(masked, amount * new + (1 - amount) * old, atol=1e-6)
+
+
+def test_only_what_is_missing_is_added() -> None:
+    new, old = numbers(Domain.POINT, 3), numbers(Domain.POINT, 3)
+    old[::3] = 0
+    old[1, 0] = 0
+    result = blend(
+        attribute(Kind.COLOR, Domain.POINT, new), attribute(Kind.COLOR, Domain.POINT, old), TARGET, Blend("missing")
+    ).values
+    np.testing.assert_array_equal(result[::3], new[::3])
+    rest = np.arange(N) % 3 > 0
+    np.testing.assert_array_equal(result[rest], old[rest])
+
+
+def test_what_the_target_lacks_counts_as_zero() -> None:
+    new = numbers(Domain.POINT, 3)
+    result = blend(attribute(Kind.VECTOR, Domain.POINT, new), None, TARGET, Blend(mask=MASK)).values
+    np.testing.assert_allclose(result, new * MASK[:, None], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "new", "old"),
+    [(Kind.LABEL, 7, -2), (Kind.BOOLEAN, True, False), (Kind.LABEL, "left", "right")],
+)
+def test_labels_are_replaced_where_the_mask_is_above_one_half(kind: Kind, new: object, old: object) -> None:
+    both = (attribute(kind, Domain.POINT, np.full(N, value)) for value in (new, old))
+    result = blend(*both, TARGET, Blend(mask=MASK)).values
+    np.testing.assert_array_equal(result == new, MASK > 0.5)
+    assert set(result.tolist()) == {new, old}
+
+
+def test_uvs_are_chosen_for_whole_faces() -> None:
+    new, old = numbers(Domain.CORNER, 2), -numbers(Domain.CORNER, 2)
+    both = (attribute(Kind.UV, Domain.CORNER, values) for values in (new, old))
+    result = blend(*both, TARGET, Blend(mask=MASK)).values
+    chosen = (result == new).all(axis=1)
+    np.testing.assert_array_equal(result[~chosen], old[~chosen])
+    of_face = np.add.reduceat(chosen.astype(int), TARGET.face_start[:-1])
+    assert set(of_face.tolist()) == {0, 4}
+
+
+def skin(labels: tuple[str, ...], seed: int) -> Attribute:
+    """Weights of some groups, two to a vertex, that sum to one."""
+    random = np.random.default_rng(seed)
+    weights = np.zeros((N, len(labels)))
+    for row in weights:
+        row[random.permutation(len(labels))[:2]] = random.dirichlet((3, 3))
+    return Attribute("skin", Domain.POINT, Kind.WEIGHT, csr_array(weights), labels)
+
+
+def test_mixed_weights_keep_the_sum_and_the_order_of_the_transferred_groups() -> None:
+    new, old = skin(("a", "b", "c"), 1), skin(("c", "b", "a"), 2)
+    result = blend(new, old, TARGET, Blend(factor=0.25, mask=MASK), {"a", "b", "c"})
+    assert result.labels == new.labels
+    amount = 0.25 * MASK[:, None]
+    expected = amount * new.values.toarray() + (1 - amount) * old.values.toarray()[:, ::-1]
+    np.testing.assert_allclose(result.values.toarray(), expected, atol=1e-12)
+    np.testing.assert_allclose(result.values.sum(axis=1), 1, atol=1e-12)
+
+
+def test_vertices_with_weights_of_any_sharing_group_lack_none_but_masks_are_each_for_themselves() -> None:
+    new = skin(("a", "b", "mask"), 1)
+    table = np.zeros((N, 3))
+    table[: N // 2, 0] = 1  # of a bone that the source lacks
+    table[::2, 1] = 0.3
+    old = Attribute("skin", Domain.POINT, Kind.WEIGHT, csr_array(table), ("other", "mask", "unrelated"))
+    result = blend(new, old, TARGET, Blend("missing"), {"a", "b", "other"}).values.toarray()
+    expected = new.values.toarray()
+    expected[: N // 2, :2] = 0
+    expected[::2, 2] = 0.3
+    np.testing.assert_allclose(result, expected, atol=1e-12)
+
+
+def test_groups_that_the_target_lacks_are_scaled() -> None:
+    new = skin(("a", "b", "c"), 1)
+    for present in (None, skin(("d", "e"), 2)):
+        result = blend(new, present, TARGET, Blend(mask=MASK)).values
+        np.testing.assert_allclose(result.toarray(), new.values.toarray() * MASK[:, None], atol=1e-12)
+
+
+def test_wrong_ways_to_blend_are_refused() -> None:
+    new = attribute(Kind.SCALAR, Domain.POINT, np.ones(N))
+    with pytest.raises(ValueError, match="mode is 'add'"):
+        Blend("add")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"factor is 1\.5"):
+        Blend(factor=1.5)
+    for mask in (np.ones(N + 1), np.full(N, 2.0), np.full(N, np.nan)):
+        with pytest.raises(ValueError, match="mask needs a number from 0 to 1"):
+            blend(new, None, TARGET, Blend(mask=mask))
+    with pytest.raises(ValueError, match="values of edges"):
+        blend(attribute(Kind.SCALAR, Domain.EDGE, np.ones(3)), None, TARGET, Blend())

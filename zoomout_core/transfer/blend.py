@@ -1,0 +1,134 @@
+"""Transferred values, blended with those that the target has already."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array, diags_array
+
+from zoomout_core.surface import Booleans, Floats, Surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+Mode: TypeAlias = Literal["mix", "missing"]
+MODES: tuple[Mode, ...] = ("mix", "missing")
+
+# Values of these kinds are mixed; of others one or the other is taken, whichever weighs more.
+MIXABLE = frozenset({Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.OFFSET, Kind.WEIGHT})
+
+
+@dataclass(frozen=True, eq=False)
+class Blend:
+    """How transferred values are blended with those that are there.
+
+    Attributes:
+        mode: "mix": everywhere. "missing": only where there is nothing, that is where all numbers of a value are
+            zero, or a label is zero, false or empty; a vertex without any weight of the groups that share it.
+        factor: how much of the transferred values is taken, in [0, 1].
+        mask: (n_t,) the same for each vertex of the target, by which the factor is multiplied; None for 1 everywhere.
+    """
+
+    mode: Mode = "mix"
+    factor: float = 1.0
+    mask: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise ValueError(f"The mode is {self.mode!r}: choose one of {', '.join(MODES)}.")
+        if not 0 <= self.factor <= 1:
+            raise ValueError(f"The factor is {self.factor!r}: give a number from 0 to 1.")
+
+    @property
+    def replaces(self) -> bool:
+        """Whether nothing is left of what was there."""
+        return self.mode == "mix" and self.factor == 1 and self.mask is None
+
+
+def blend(
+    transferred: Attribute,
+    present: Attribute | None,
+    target: Surface,
+    how: Blend,
+    sharing: Collection[str] = (),
+) -> Attribute:
+    """An attribute that was transferred, blended with the one that the target has.
+
+    Args:
+        transferred: onto the target.
+        present: what the target has under the same name, of the same kind and domain, or, of weights, all its groups;
+            None if it has nothing, which counts as zeros.
+        target: the surface that has them.
+        how: they are blended.
+        sharing: names of the vertex groups that share a vertex among them, as those that deform do.
+
+    Returns:
+        The blended values; weights of the transferred groups only, though other groups tell what is missing.
+
+    Raises:
+        ValueError: the mask does not fit the target, or the values are of edges.
+    """
+    amount = _amounts(transferred, target, how)
+    if transferred.kind is Kind.WEIGHT:
+        return replace(transferred, values=_blended_weights(transferred, present, amount, how.mode, set(sharing)))
+    new = np.asarray(transferred.values)
+    old = np.zeros_like(new) if present is None else np.asarray(present.values)
+    if how.mode == "missing":
+        amount = amount * _is_nothing(old)
+    amount = amount.reshape(-1, *[1] * (new.ndim - 1))
+    if transferred.kind in MIXABLE:
+        return replace(transferred, values=(old + amount * (new - old)).astype(new.dtype))
+    return replace(transferred, values=np.where(amount > 0.5, new, old))
+
+
+def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
+    """(count,) how much of each transferred value is taken; the corners of a face are chosen together."""
+    n, corner_vertex, start = len(target.vertices), target.corner_vertex, target.face_start[:-1]
+    mask = np.ones(n) if how.mask is None else np.asarray(how.mask, dtype=np.float64)
+    if mask.shape != (n,) or not ((mask >= 0) & (mask <= 1)).all():
+        raise ValueError(f"A mask needs a number from 0 to 1 for each of the target's {n} vertices.")
+    mask = how.factor * mask
+    if attribute.domain is Domain.POINT:
+        return mask
+    if attribute.domain is Domain.CORNER and attribute.kind in MIXABLE:
+        return np.asarray(mask[corner_vertex])
+    of_faces = np.add.reduceat(mask[corner_vertex], start) / np.diff(target.face_start)
+    if attribute.domain is Domain.CORNER:
+        return np.asarray(of_faces[target.corner_face])
+    if attribute.domain is Domain.FACE:
+        return np.asarray(of_faces)
+    raise ValueError(f"'{attribute.name}' has values of edges, which are not blended: replace them.")
+
+
+def _is_nothing(values: np.ndarray) -> Booleans:
+    """(count,) whether a value is zero, false or empty in all its columns."""
+    nothing = np.asarray(values == np.zeros(1, values.dtype))
+    return np.asarray(nothing.reshape(len(values), -1).all(axis=1))
+
+
+def _blended_weights(
+    transferred: Attribute, present: Attribute | None, amount: Floats, mode: Mode, sharing: set[str]
+) -> Any:
+    """(n, groups) sparse weights of the transferred groups."""
+    new = csr_array(transferred.values)
+    if present is None:
+        return csr_array(diags_array(amount) @ new).astype(new.dtype)
+    present_labels = {name: column for column, name in enumerate(present.labels)}
+    theirs = csr_array(present.values)
+    pairs = [(present_labels[name], i) for i, name in enumerate(transferred.labels) if name in present_labels]
+    rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    old = csr_array(theirs @ csr_array((np.ones(len(rows)), (rows, columns)), shape=(theirs.shape[1], new.shape[1])))
+    if mode == "mix":
+        mixed = diags_array(1 - amount) @ old + diags_array(amount) @ new
+    else:
+        shares = np.array([name in sharing for name in transferred.labels], dtype=bool)
+        theirs_share = np.array([name in sharing for name in present.labels], dtype=float)
+        bare = theirs @ theirs_share == 0
+        alone = new - new.multiply(old > 0)  # of groups that are each for themselves
+        added = diags_array(bare.astype(float)) @ new @ diags_array(shares.astype(float))
+        mixed = old + diags_array(amount) @ (added + alone @ diags_array((~shares).astype(float)))
+    mixed = csr_array(mixed).astype(new.dtype)
+    mixed.eliminate_zeros()
+    return mixed

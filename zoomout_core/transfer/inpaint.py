@@ -1,0 +1,186 @@
+"""Values where the map cannot be trusted, filled in from their surroundings on the target.
+
+Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023): the values w of the
+doubtful vertices minimise w' (-L + L M^-1 L) w, in which L is the Laplacian and M holds the vertices' areas, while
+those of the trusted ones are fixed. The second term lets them run on smoothly, the first keeps them from running far.
+Both are taken at unit area, so that the result does not depend on units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
+from scipy.sparse.linalg import SuperLU, splu
+from scipy.spatial import cKDTree
+
+from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.surface import Booleans, Floats, Integers, Surface, WorkingMesh, triangle_areas
+
+# Columns that are solved for together: bounds the memory.
+BLOCK = 16
+# Areas below this part of the mean one make the system as ill-conditioned as they are small, and nothing smoother.
+SMALLEST_AREA = 1e-3
+# The factors of more doubtful vertices than this take gigabytes; those of the first term alone a fifth of that.
+MOST_SMOOTH = 150_000
+# A loose part of less than this part of the area is a button or an eye, and moves as a whole.
+SMALL_PART = 0.02
+# Weights below this move nothing that can be seen, but count towards limits.
+CLIP = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Filling:
+    """Which vertices of a surface are filled in, prepared for any number of values.
+
+    Attributes:
+        filled: (f,) doubtful vertices that have trusted ones on their part of the surface.
+        row: (f,) where each of them stands among k trusted places, followed by u doubtful ones.
+        follower: (c,) vertices of small loose parts without any trusted vertex.
+        followed: (c,) the trusted vertex that lies nearest to each one's part.
+        left: number of doubtful vertices that stay as they are: of larger parts without any trusted vertex, of no
+            face, or all of them, where none is trusted.
+        merged: (k, n) sparse; means of the trusted vertices that lie in one place.
+        coupling: (u, k) sparse; the part of the system that the trusted places take,
+        factor: and the factors of the rest, or None where u is zero.
+    """
+
+    filled: Integers
+    row: Integers
+    follower: Integers
+    followed: Integers
+    left: int
+    merged: csr_array
+    coupling: csr_array
+    factor: SuperLU | None
+
+    def fill(self, values: Floats, following: bool = False) -> Floats:
+        """Values (n, d), those of the filled vertices in the range of the trusted ones.
+
+        Where trusted values are not finite, nothing is filled in.
+
+        Args:
+            values: of which only those of trusted vertices count.
+            following: whether followers take the values of the vertices that they follow, or stay as they are.
+        """
+        known = self.merged @ values
+        whole = values.copy()
+        if following:
+            whole[self.follower] = values[self.followed]
+        if len(self.filled) and np.isfinite(known).all():
+            solved = np.clip(self._solved(-(self.coupling @ known)), known.min(axis=0), known.max(axis=0))
+            whole[self.filled] = np.concatenate([known, solved])[self.row]
+        return whole
+
+    def fill_weights(self, weights: csr_array) -> csr_array:
+        """Weights (n, groups), sparse, from zero to one; followers take those of the vertex that they follow.
+
+        Only groups that occur around a hole reach into it.
+        """
+        n, groups = weights.shape
+        known = csr_array(self.merged @ weights)
+        pull = csc_array(self.coupling @ known)
+        pull.eliminate_zeros()
+        occurring = np.flatnonzero(np.diff(pull.indptr))
+        blocks = [csr_array((pull.shape[0], 0))]
+        for first in range(0, len(occurring), BLOCK):
+            columns = pull[:, occurring[first : first + BLOCK]].toarray()
+            solved = np.clip(self._solved(-columns), 0, max(1, weights.max()))
+            blocks.append(csr_array(np.where(solved < CLIP, 0, solved)))
+        narrow = hstack(blocks, format="csr")
+        found = csr_array((narrow.data, occurring[narrow.indices], narrow.indptr), shape=(narrow.shape[0], groups))
+        origin = np.arange(n)
+        origin[self.follower] = self.followed
+        origin[self.filled] = n + self.row
+        return csr_array(vstack([weights, known, found], format="csr")[origin])
+
+    def notes(self, following: bool = False) -> tuple[str, ...]:
+        """What the user should know of it, a sentence each; `following` as for `fill`."""
+        left = self.left + (0 if following else len(self.follower))
+        told = (
+            (len(self.filled), "{} vertices of low confidence were filled in from around them."),
+            (len(self.follower) * following, "{} vertices of small parts of low confidence move as what is nearest."),
+            (left, "{} vertices of low confidence have none of higher confidence on their part: left as mapped."),
+        )
+        return tuple(text.format(count) for count, text in told if count)
+
+    def _solved(self, right: Floats) -> Floats:
+        """(u, b) solutions for right-hand sides (u, b)."""
+        return right if self.factor is None else np.asarray(self.factor.solve(np.ascontiguousarray(right)))
+
+
+def filling(surface: Surface, trusted: Booleans) -> Filling:
+    """Prepare to fill in the vertices of a surface that are not trusted (n,).
+
+    Each connected part of the surface, borders that coincide welded, is filled in from its own trusted vertices.
+    """
+    working, vertex_of = surface.working, surface.working.vertex_of
+    known = np.zeros(len(working.vertices), dtype=bool)
+    known[vertex_of[trusted & (vertex_of >= 0)]] = True
+    anchored = np.bincount(working.component[known], minlength=working.component.max() + 1) > 0
+    unknown = ~known & anchored[working.component]
+    row = np.full(len(known) + 1, -1)  # the extra last entry answers for vertex_of = -1
+    row[np.flatnonzero(known)] = np.arange(known.sum())
+    row[np.flatnonzero(unknown)] = known.sum() + np.arange(unknown.sum())
+
+    doubtful = np.flatnonzero(~trusted)
+    filled = doubtful[row[vertex_of[doubtful]] >= 0]
+    follower, place = _followers(working, known, ~anchored & _small_parts(working), doubtful)
+    giver = np.flatnonzero(trusted & (vertex_of >= 0))
+    given = vertex_of[giver]
+    one_giver = np.empty(len(known), dtype=np.int64)
+    one_giver[given] = giver
+    share = 1 / np.bincount(given, minlength=len(known))[given]
+    coupling, factor = _system(working, known, unknown)
+    return Filling(
+        filled=filled,
+        row=row[vertex_of[filled]],
+        follower=follower,
+        followed=one_giver[place],
+        left=len(doubtful) - len(filled) - len(follower),
+        merged=csr_array((share, (row[given], giver)), shape=(known.sum(), len(trusted))),
+        coupling=coupling,
+        factor=factor,
+    )
+
+
+def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[csr_array, SuperLU | None]:
+    """The rows of the system at the unknown vertices: (u, k) at the known ones, and the factors of the rest."""
+    if not unknown.any():
+        return csr_array((0, int(known.sum()))), None
+    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    rows = csr_array(stiffness)[unknown]
+    if unknown.sum() <= MOST_SMOOTH:
+        rows = rows + rows @ diags_array(1 / np.maximum(areas, SMALLEST_AREA * areas.mean())) @ stiffness
+    columns = csc_array(rows)
+    factor = splu(
+        columns[:, np.flatnonzero(unknown)],
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return csr_array(columns[:, np.flatnonzero(known)]), factor
+
+
+def _small_parts(working: WorkingMesh) -> Booleans:
+    """Which connected components are as small as buttons, by their numbers."""
+    areas = triangle_areas(working.vertices, working.triangles)
+    return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
+
+
+def _followers(
+    working: WorkingMesh, known: Booleans, following: Booleans, doubtful: Integers
+) -> tuple[Integers, Integers]:
+    """The doubtful vertices on following components, and the known working vertex nearest to each one's component."""
+    at = working.vertex_of[doubtful]
+    follower = doubtful[(at >= 0) & following[working.component[at]]]
+    if len(follower) == 0 or not known.any():
+        return follower[:0], follower[:0]
+    places = np.flatnonzero(known)
+    component = working.component[working.vertex_of[follower]]
+    found = cKDTree(working.vertices[places]).query(working.vertices[working.vertex_of[follower]])
+    distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+    order = np.lexsort((distance, component))
+    first = order[np.flatnonzero(np.diff(component[order], prepend=-1))]
+    return follower, places[nearest[first[np.searchsorted(component[first], component)]]]
