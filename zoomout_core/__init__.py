@@ -3,6 +3,7 @@
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.correspondence.kept_shapes import forget_shapes, store_shapes
 from zoomout_core.correspondence.matching import MatchResult, match, match_steps
+from zoomout_core.correspondence.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import zoomout
 from zoomout_core.evaluation import geodesic_error
@@ -21,6 +22,7 @@ __all__ = [
     "MeshError",
     "PointCloud",
     "Progress",
+    "ProximityMatch",
     "SpectralBasis",
     "Surface",
     "SurfaceMap",
@@ -33,6 +35,8 @@ __all__ = [
     "forget_shapes",
     "geodesic_error",
     "match",
+    "match_by_proximity",
+    "match_by_proximity_steps",
     "match_steps",
     "orthonormality_error",
     "read_point_cloud",

@@ -16,6 +16,12 @@ from zoomout_core.correspondence.confidence import cycle_error
 from zoomout_core.correspondence.evidence import checked_axes
 from zoomout_core.correspondence.kept_shapes import store_shapes
 from zoomout_core.correspondence.matching import MatchResult, match_steps
+from zoomout_core.correspondence.proximity import (
+    MOST_ANGLE,
+    MOST_DISTANCE,
+    ProximityMatch,
+    match_by_proximity_steps,
+)
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.files import read_surface
@@ -31,6 +37,8 @@ DETAIL: dict[str, dict[str, int | None]] = {
     "full": {"k_final": 200, "samples": 2000, "proxy_vertices": None},
 }
 STARTS = ("auto", "landmarks", "proximity")
+# A start that nothing follows.
+NEAREST = "nearest"
 NO_CACHE = "off"
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
 
@@ -217,20 +225,49 @@ def with_progress_bar(steps: Steps[Result]) -> Result:
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
 @match_options
-def match(source: str, target: str, output: str, **options: Any) -> None:
+@click.option(
+    "--most-distance",
+    type=float,
+    default=MOST_DISTANCE,
+    show_default=True,
+    help="With --initial nearest: how far the nearest point may be, over the square root of SOURCE's area.",
+)
+@click.option(
+    "--most-angle",
+    type=float,
+    default=MOST_ANGLE,
+    show_default=True,
+    help="With --initial nearest: by how many degrees the normals may differ there.",
+)
+@click.option("--either-side", is_flag=True, help="With --initial nearest: the normals may also oppose each other.")
+def match(
+    source: str,
+    target: str,
+    output: str,
+    most_distance: float,
+    most_angle: float,
+    either_side: bool,
+    **options: Any,
+) -> None:
     """Find for every vertex of TARGET the point on SOURCE that it corresponds to.
 
-    Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file.
+    Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file. With --initial nearest the
+    map is that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
     """
     try:
         check_output(output)
         surfaces = read_surface(source), read_surface(target)
-        arguments = start_arguments(**options)
-        result = with_progress_bar(match_steps(*surfaces, **arguments))
-        result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
+        if options["initial"] == NEAREST:
+            _check_nothing_else(options)
+            nearest = match_by_proximity_steps(*surfaces, most_distance, most_angle, either_side)
+            lines = _save_nearest(with_progress_bar(nearest), output)
+        else:
+            result = with_progress_bar(match_steps(*surfaces, **start_arguments(**options)))
+            result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
+            lines = summary(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    for line in summary(result):
+    for line in lines:
         click.echo(line)
     click.echo(f"Written to {output}")
 
@@ -245,6 +282,20 @@ def check_output(path: str) -> None:
         raise MeshError(f"There is no folder {Path(path).parent}: create it, or write elsewhere.")
     if Path(path).suffix != ".npz":
         raise MeshError(f"{path} does not end in .npz: a map is written to such a file only.")
+
+
+def _check_nothing_else(options: dict[str, Any]) -> None:
+    """Raise a MeshError if the user gave more than a map to the nearest points takes."""
+    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
+        if options[name]:
+            option = f"--{name}".replace("_", "-").replace("axes", "axis")
+            raise MeshError(f"{option} has no effect on --initial {NEAREST}: leave one of them out.")
+
+
+def _save_nearest(result: ProximityMatch, output: str) -> list[str]:
+    """Write a map to the nearest points; what a user should know about it, a sentence a line."""
+    result.surface_map.save(output, confidence=result.confidence)
+    return [f"{result.confidence.mean():.1%} of the vertices have a partner on the source.", *result.notes]
 
 
 def summary(result: MatchResult) -> list[str]:

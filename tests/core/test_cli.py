@@ -42,6 +42,23 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
     assert error.mean() < 0.03
 
 
+def test_nearest_points_are_a_map_without_anything_else(files: Path) -> None:
+    meshes = files / "source.ply", files / "target.ply"
+    asked = "-o", files / "nearest.npz", "--initial", "nearest"
+    outcome = run("match", *meshes, *asked, "--most-distance", "0.05", "--most-angle", "45")
+    assert outcome.exit_code == 0, outcome.output
+    with np.load(files / "nearest.npz") as file:
+        assert set(file.files) == {"triangle", "barycentric", "vertex", "confidence"}
+        expected = zo.match_by_proximity(*(zo.read_surface(mesh) for mesh in meshes), 0.05, 45)
+        np.testing.assert_array_equal(file["confidence"], expected.confidence)
+        np.testing.assert_array_equal(file["triangle"], expected.surface_map.triangle)
+    for note in expected.notes:
+        assert note in outcome.output
+    refused = run("match", *meshes, *asked, "--common-axis", "z")
+    assert refused.exit_code == 1
+    assert "--common-axis has no effect on --initial nearest" in refused.output
+
+
 def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Creature, bent: Creature) -> None:
     tips = np.array([bent.directions @ axis for axis in ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])]).argmax(1)
     pairs = np.column_stack([mirrored_vertex(resting, bent)[tips], tips])

@@ -1,0 +1,164 @@
+"""Clothes on a body: what is near and faces the same way is mapped, and the rest is known to be unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from clothes import Region, dressed, jacket, shell, shirt, skin, trousers
+from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
+
+import zoomout_core as zo
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+
+# Places that bones pull at, of the creature at rest.
+BONES = np.array(
+    [[0, 0, 0], [0.8, 0.1, 0.35], [1.6, 0.1, 0.5], [0.3, 0, -0.9], [0.6, 0, -1.8], [0, 0, 1.2], [0, 1, -0.2]]
+)
+BONES = np.unique(np.concatenate([BONES, BONES * [-1, 1, 1]]), axis=0)
+
+
+def skin_weights(rest: np.ndarray) -> np.ndarray:
+    """(n, bones) smooth weights of places (n, 3) at rest, that sum to one."""
+    weights = np.exp(-((np.linalg.norm(rest[:, None] - BONES, axis=2) / 0.45) ** 2)) + 1e-9
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def wearing(region: Region, offset: float, bend: float) -> tuple[zo.Surface, np.ndarray, zo.Surface, np.ndarray]:
+    """A body and a garment on it, in one pose, with the true weights of each."""
+    both = dressed([shell("garment", region, offset, 1500, seed=3)], 4000, bend=bend)
+    parts = []
+    for name in ("skin", "garment"):
+        first, last = both.parts[name][[0, -1]]
+        triangles = both.surface.triangles
+        own = triangles[(triangles[:, 0] >= first) & (triangles[:, 0] <= last)] - first
+        parts += [
+            zo.Surface(both.surface.vertices[first : last + 1], own),
+            skin_weights(skin(both.keys[both.parts[name]])),
+        ]
+    return tuple(parts)
+
+
+def weights_error(
+    body: zo.Surface, weights: np.ndarray, garment: zo.Surface, truth: np.ndarray, **options: float
+) -> np.ndarray:
+    """(n,) sums of the errors of a vertex's weights."""
+    result = zo.match_by_proximity(body, garment, **options)
+    attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, csr_array(weights))
+    return np.abs(transfer(attribute, result, body, garment, fill_below=0.5).values.toarray() - truth).sum(axis=1)
+
+
+@pytest.mark.parametrize("bend", [0.0, 1.0])
+@pytest.mark.parametrize("region", [shirt(), jacket, trousers])
+def test_wide_clothes_take_better_weights_than_from_nearest_points_alone(region: Region, bend: float) -> None:
+    outfit = wearing(region, 0.2, bend)
+    ours = weights_error(*outfit)
+    nearest = weights_error(*outfit, most_distance=10, most_angle=180)
+    assert ours.mean() < 0.9 * nearest.mean()
+    assert np.quantile(ours, 0.99) < np.quantile(nearest, 0.99)
+
+
+def test_tight_clothes_are_mapped_as_good_as_whole() -> None:
+    body, _, garment, _ = wearing(shirt(), 0.03, 1.0)
+    result = zo.match_by_proximity(body, garment)
+    assert result.confidence.mean() > 0.99
+    alone = int((result.confidence == 0).sum())
+    assert sum(int(note.split(" of ")[0]) for note in result.notes) == alone
+
+
+def legs(radius: float, layers: tuple[float, ...] = ()) -> tuple[zo.Surface, np.ndarray]:
+    """Two upright tubes so close that each lies nearer to the other's surface than to itself, and whose are left.
+
+    With layers each tube has an inner and an outer one, joined at the hems.
+    """
+    around, rows = 48, 20
+    turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, around, endpoint=False), np.linspace(0, 4, rows))
+    profile = [(r, h) for r, h in zip(np.full(rows, radius), height[:, 0], strict=True)]
+    profile += [(r, h) for r in layers for h in height[::-1, 0]]
+    ring = np.stack([np.cos(turn[0]), np.sin(turn[0])], axis=1)
+    points = np.concatenate([np.column_stack([r * ring, np.full(around, h)]) for r, h in profile])
+    steps = len(profile) if layers else len(profile) - 1
+    row, column = (axis.ravel() for axis in np.meshgrid(np.arange(steps), np.arange(around), indexing="ij"))
+    after, beside = (row + 1) % len(profile), (column + 1) % around
+    quads = np.stack(
+        [row * around + column, row * around + beside, after * around + beside, after * around + column], 1
+    )
+    sides = [points + np.array([x, 0, 0]) for x in (1.1, -1.1)]
+    surface = zo.Surface(np.concatenate(sides), np.concatenate([quads, quads + len(points)]))
+    return surface, np.arange(2 * len(points)) < len(points)
+
+
+def of_leg(surface: zo.Surface, left: np.ndarray, cloth: zo.Surface, **options: float | bool) -> np.ndarray:
+    """(n,) the weight that the left leg has on cloth."""
+    sides = Attribute("side", Domain.POINT, Kind.WEIGHT, csr_array(np.stack([left, ~left], axis=1).astype(float)))
+    result = zo.match_by_proximity(surface, cloth, **options)
+    return transfer(sides, result, surface, cloth, fill_below=0.5).values.toarray()[:, 0]
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_trousers_between_the_thighs_belong_to_their_own_leg(inside_out: bool) -> None:
+    body, left = legs(1.0)
+    cloth, of_left = legs(1.17)
+    if inside_out:  # as open cloth may be wound
+        cloth = zo.Surface(cloth.vertices, cloth.corner_vertex.reshape(-1, 4)[:, ::-1])
+    alone = of_leg(body, left, cloth, most_angle=180)
+    assert (np.abs(alone - of_left) > 0.5).mean() > 0.02
+    np.testing.assert_allclose(of_leg(body, left, cloth), of_left, atol=1e-6)
+
+
+def test_the_inner_side_of_thick_clothes_takes_part_if_it_may() -> None:
+    body, left = legs(1.0)
+    cloth, of_left = legs(1.04, layers=(1.08,))
+    strict, both = (zo.match_by_proximity(body, cloth, either_side=either) for either in (False, True))
+    assert strict.confidence.mean() < 0.6
+    assert both.confidence.mean() > 0.95
+    np.testing.assert_allclose(of_leg(body, left, cloth, either_side=True), of_left, atol=1e-6)
+
+
+def test_what_is_too_far_off_is_said_and_not_trusted() -> None:
+    body, _ = legs(1.0)
+    cloth, _ = legs(1.04)
+    high = cloth.vertices[:, 2] > 2
+    moved = zo.Surface(cloth.vertices + np.where(high, 9, 0)[:, None] * [0, 1, 0], cloth.corner_vertex.reshape(-1, 4))
+    result = zo.match_by_proximity(body, moved)
+    assert (result.confidence[high] == 0).all()
+    assert result.confidence[~high].mean() > 0.9
+    assert f"{high.sum()} of {len(high)} vertices have no partner on the source: what is nearest is too far off." in (
+        result.notes
+    )
+
+
+def test_units_placement_and_numbering_do_not_matter() -> None:
+    body, _, garment, _ = wearing(shirt(), 0.2, 1.0)
+    once = zo.match_by_proximity(body, garment).confidence
+    turn = Rotation.from_rotvec([1, 2, 3])
+
+    def moved(surface: zo.Surface) -> np.ndarray:
+        return 1000 * turn.apply(surface.vertices) + 5
+
+    order = np.random.default_rng(0).permutation(len(garment.vertices))
+    other = zo.Surface(moved(garment)[order], np.argsort(order)[garment.triangles])
+    again = zo.match_by_proximity(zo.Surface(moved(body), body.triangles), other).confidence
+    assert (again != once[order]).sum() <= 1
+
+
+def test_vertices_of_no_face_are_mapped_without_confidence() -> None:
+    body, _ = legs(1.0)
+    cloth, _ = legs(1.04)
+    stray = np.concatenate([cloth.vertices, [[np.nan] * 3, [1.1, 0, 5]]])
+    result = zo.match_by_proximity(body, zo.Surface(stray, cloth.corner_vertex.reshape(-1, 4)))
+    np.testing.assert_array_equal(result.confidence[-2:], 0)
+    assert np.isfinite(result.surface_map.barycentric).all()
+
+
+def test_wrong_thresholds_and_clothes_elsewhere_are_refused() -> None:
+    body, _ = legs(1.0)
+    for distance in (0, -1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="most_distance is"):
+            zo.match_by_proximity(body, body, most_distance=distance)
+    for angle in (-1, 181, np.nan):
+        with pytest.raises(ValueError, match="most_angle is"):
+            zo.match_by_proximity(body, body, most_angle=angle)
+    away = zo.Surface(body.vertices + 100, body.corner_vertex.reshape(-1, 4))
+    with pytest.raises(zo.MeshError, match="Nothing of the target is near the source"):
+        zo.match_by_proximity(body, away)
