@@ -38,8 +38,10 @@ def matching_steps(
     same_up: bool = False,
     from_last: bool = False,
     **options: Any,
-) -> Steps[zo.MatchResult]:
+) -> Steps[zo.MatchResult | zo.ProximityMatch]:
     """`zoomout_core.match_steps` with the evidence of two objects, which the result's notes name.
+
+    With initial="nearest" it is `zoomout_core.match_by_proximity_steps`, which weighs none.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -48,11 +50,15 @@ def matching_steps(
             that the target has from an earlier transfer are not used: they would prove the match that it followed.
         same_up: whether both objects stand upright in the world.
         from_last: whether the match that is kept on the target is a good one to start from.
-        options: of `zoomout_core.match`; only an automatic start weighs evidence.
+        options: of `zoomout_core.match`, of which only an automatic start weighs evidence; or of
+            `zoomout_core.match_by_proximity`.
 
     Raises:
         MeshError: see `zoomout_core.match`.
     """
+    if options.get("initial") == "nearest":
+        nearness = {name: value for name, value in options.items() if name != "initial"}
+        return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **nearness))
     automatic = options.get("initial", "auto") == "auto"
     evidence, notes = _evidence(context, pair, names, same_up, from_last) if automatic else ({}, [])
     result = yield from zo.match_steps(pair.source, pair.target, **evidence | options)

@@ -9,7 +9,7 @@ from bpy.types import Context, Panel, UILayout
 from . import stored_match
 from .operators.match import ZOOMOUT_OT_match
 from .operators.transfer import ZOOMOUT_OT_transfer, summary
-from .properties import EVIDENCE, BlendOptions, TransferOptions
+from .properties import EVIDENCE, NEARNESS, BlendOptions, TransferOptions
 from .stored_report import transfer_report
 
 # Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
@@ -33,11 +33,15 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         layout.use_property_decorate = False
         layout.prop(settings, "source")
         layout.prop(settings, "initial")
-        layout.prop(settings, "k_final")
-        evidence = layout.column(heading="Evidence")
-        evidence.enabled = settings.initial == "AUTO"
-        for name in EVIDENCE:
-            evidence.prop(settings, name)
+        if settings.initial == "NEAREST":
+            for name in NEARNESS:
+                layout.prop(settings, name)
+        else:
+            layout.prop(settings, "k_final")
+            evidence = layout.column(heading="Evidence")
+            evidence.enabled = settings.initial == "AUTO"
+            for name in EVIDENCE:
+                evidence.prop(settings, name)
         layout.operator(ZOOMOUT_OT_match.bl_idname)
         target = context.active_object
         kept = stored_match.description(target.data) if target and target.type == "MESH" else None

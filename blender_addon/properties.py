@@ -3,10 +3,13 @@
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.
 """
 
+import math
 from typing import Any
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from bpy.types import Object, Operator, PropertyGroup
+
+from zoomout_core.correspondence.proximity import MOST_ANGLE, MOST_DISTANCE
 
 from .cargo import FILL_BELOW, Settings, parse_group_names
 
@@ -14,6 +17,8 @@ from .cargo import FILL_BELOW, Settings, parse_group_names
 ONCE = {"SKIP_SAVE"}
 # Options that say which evidence an automatic start weighs.
 EVIDENCE = ("names", "same_up", "from_last")
+# Options that say which nearest points are a match.
+NEARNESS = ("most_distance", "most_angle", "either_side")
 
 
 class MatchOptions:
@@ -25,6 +30,12 @@ class MatchOptions:
         items=(
             ("AUTO", "Automatic", "The shapes alone: poses and placements may differ"),
             ("PROXIMITY", "Nearest Points", "The nearest points in space: for meshes that lie over each other"),
+            (
+                "NEAREST",
+                "Clothes on a Body",
+                "The nearest points are the match, as far as they are near and face the same way, "
+                "and what has none is filled in: for clothes, in the pose of the body that they are on",
+            ),
         ),
         default="AUTO",
         options=ONCE,
@@ -63,8 +74,44 @@ class MatchOptions:
         options=ONCE,
     )
 
+    most_distance: FloatProperty(
+        name="Distance",
+        description=(
+            "How far the nearest point of a body may be, over the square root of the body's area, "
+            "which is about 1.4 m for a human"
+        ),
+        default=MOST_DISTANCE,
+        min=1e-3,
+        soft_max=0.5,
+        options=ONCE,
+    )
+    most_angle: FloatProperty(
+        name="Angle",
+        description="By how much the directions that clothes and body face may differ",
+        default=math.radians(MOST_ANGLE),
+        min=0,
+        max=math.pi,
+        subtype="ANGLE",
+        options=ONCE,
+    )
+    either_side: BoolProperty(
+        name="Either Side",
+        description="Clothes and body may also face each other: for clothes that have an inner side of their own",
+        default=False,
+        options=ONCE,
+    )
+
     def match_options(self) -> dict[str, Any]:
         """The arguments of `operators.match.match_objects` that are chosen here."""
+        if self.initial == "NEAREST":
+            return {
+                "initial": "nearest",
+                "most_distance": self.most_distance,
+                "most_angle": round(
+                    math.degrees(self.most_angle), 3
+                ),  # a half turn in single precision is more than one
+                "either_side": self.either_side,
+            }
         chosen = {name: getattr(self, name) for name in ("k_final", *EVIDENCE)}
         return {"initial": self.initial.lower(), **chosen}
 

@@ -45,7 +45,7 @@ class StoredMatch:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-Match: TypeAlias = zo.MatchResult | StoredMatch
+Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
 
 
 def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:

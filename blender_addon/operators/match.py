@@ -36,14 +36,17 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
         )
 
 
-def match_objects(context: Context, source: Object, target: Object, **options: Any) -> zo.MatchResult:
+def match_objects(
+    context: Context, source: Object, target: Object, **options: Any
+) -> zo.MatchResult | zo.ProximityMatch:
     """Match two mesh objects, and keep the result on the target's mesh.
 
     Args:
         context: Blender's; both objects are in its scene.
         source: has the data; read as its modifiers leave it.
         target: receives the data.
-        options: `names`, `same_up` and `from_last` of `evidence.matching_steps`, and those of `zoomout_core.match`.
+        options: `names`, `same_up` and `from_last` of `evidence.matching_steps`, and those of `zoomout_core.match`;
+            or initial="nearest", and those of `zoomout_core.match_by_proximity`.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
@@ -51,7 +54,9 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
     return drain(match_steps(context, source.name, target.name, **options))
 
 
-def match_steps(context: Context, source_name: str, target_name: str, **options: Any) -> Steps[zo.MatchResult]:
+def match_steps(
+    context: Context, source_name: str, target_name: str, **options: Any
+) -> Steps[zo.MatchResult | zo.ProximityMatch]:
     """`match_objects` as a generator, which holds no Blender data while it is suspended."""
     pair = read_pair(context, source_name, target_name)
     result = yield from matching_steps(context, pair, **options)

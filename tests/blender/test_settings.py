@@ -1,0 +1,271 @@
+"""How data is transferred: filled in, blended with what is there, limited, renamed, and for clothes on a body."""
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    activate,
+    add_attribute,
+    add_uv_map,
+    ellipsoid,
+    from_pydata,
+    new_material,
+    positions,
+    set_weights,
+    snapshot_file,
+    values,
+    weight_array,
+    weights,
+)
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.cargo import Settings, parse_group_names
+from blender_addon.operators.transfer import transfer_objects
+from blender_addon.pair import read_pair
+from blender_addon.stored_report import transfer_report
+
+
+@pytest.fixture
+def source():
+    return ellipsoid("Source")
+
+
+@pytest.fixture
+def target(source):
+    """The same mesh again, with the true match, which has little confidence around one end, and is wrong there."""
+    obj = ellipsoid("Target")
+    keep_match(obj)
+    return obj
+
+
+def keep_match(target):
+    pair = read_pair(bpy.context, "Source", "Target")
+    vertex = np.arange(len(pair.target.vertices))
+    vertex[doubtful(target)] = 0
+    confidence = np.where(doubtful(target), 0.01, 0.9)
+    match = stored_match.StoredMatch(zo.SurfaceMap.from_vertices(vertex, pair.source), confidence, ())
+    stored_match.write(target.data, match, pair, {})
+
+
+def doubtful(obj):
+    """(n,) which vertices have a wrong match."""
+    return positions(obj.data)[:, 0] > 0.8
+
+
+def ramp(obj, axis=1):
+    """(n,) from 0 to 1 along an axis."""
+    coordinate = positions(obj.data)[:, axis]
+    return (coordinate - coordinate.min()) / np.ptp(coordinate)
+
+
+def skin(source):
+    """Two bones' groups that share every vertex."""
+    set_weights(source, "Arm.L", 1 - ramp(source))
+    set_weights(source, "Arm.R", ramp(source))
+
+
+def transfer(source, target, *data, **settings):
+    return transfer_objects(bpy.context, source, target, data, Settings(**settings))
+
+
+def test_weights_colours_and_numbers_of_low_confidence_are_filled_in_and_said_to_be(source, target):
+    skin(source)
+    add_attribute(source.data, "Paint", "FLOAT_COLOR", "POINT", np.repeat(ramp(source)[:, None], 4, axis=1))
+    add_attribute(source.data, "side", "FLOAT", "POINT", ramp(source))
+    there = doubtful(target)
+    everything = "vertex_groups", "color_attributes", "attributes"
+    plain = transfer(source, target, *everything, fill_below=0)
+    assert not any("filled in" in note for note in plain["notes"])
+    wrong = np.abs(weight_array(target, "Arm.R") - ramp(target))[there].mean()
+    report = transfer(source, target, *everything)
+    for found in (weight_array(target, "Arm.R"), values(target.data, "Paint")[:, 0], values(target.data, "side")):
+        assert np.abs(found - ramp(target))[there].mean() < 0.3 * wrong
+        np.testing.assert_allclose(found[~there], ramp(target)[~there], atol=1e-4)
+    np.testing.assert_allclose(weight_array(target, "Arm.L") + weight_array(target, "Arm.R"), 1, atol=1e-6)
+    assert [note for note in report["notes"] if "filled in" in note] == [
+        f"{there.sum()} vertices of low confidence were filled in from around them."
+    ]
+
+
+def test_what_is_transferred_is_mixed_with_what_is_there_by_factor_and_mask(source, target):
+    skin(source)
+    add_attribute(source.data, "Paint", "FLOAT_COLOR", "POINT", np.ones((len(source.data.vertices), 4)))
+    add_attribute(source.data, "zone", "INT", "POINT", np.full(len(source.data.vertices), 7))
+    add_uv_map(source.data, "Map")
+    count = len(target.data.vertices)
+    mask = ramp(target, axis=2)
+    set_weights(target, "Mask", mask)
+    set_weights(target, "Arm.L", np.full(count, 0.75))
+    set_weights(target, "Arm.R", np.full(count, 0.25))
+    add_attribute(target.data, "Paint", "FLOAT_COLOR", "POINT", np.full((count, 4), 0.5))
+    add_attribute(target.data, "zone", "INT", "POINT", np.full(count, 3))
+    before = weights(target)["Mask"]
+    everything = "vertex_groups", "color_attributes", "attributes", "uv_maps"
+    transfer(source, target, *everything, mask_group="Mask", factor=0.8)
+    kept = ~doubtful(target)
+    expected = 0.25 + 0.8 * mask * (ramp(target) - 0.25)
+    np.testing.assert_allclose(weight_array(target, "Arm.R")[kept], expected[kept], atol=1e-4)
+    np.testing.assert_allclose(weight_array(target, "Arm.L") + weight_array(target, "Arm.R"), 1, atol=1e-5)
+    assert weights(target)["Mask"] == before
+    np.testing.assert_allclose(values(target.data, "Paint")[:, 0], 0.5 + 0.4 * mask, atol=1e-5)
+    np.testing.assert_array_equal(values(target.data, "zone"), np.where(0.8 * mask > 0.5, 7, 3))
+    corner = values(target.data, "Map").reshape(-1, 3, 2)
+    of_face = mask[np.array([list(face.vertices) for face in target.data.polygons])].mean(axis=1) * 0.8 > 0.5
+    np.testing.assert_array_equal((corner != 0).any(axis=(1, 2)), of_face)
+
+
+def test_weights_are_added_only_where_there_are_none(source, target):
+    skin(source)
+    rigged = ramp(target, axis=2) > 0.5
+    set_weights(target, "Arm.L", rigged.astype(float))
+    transfer(source, target, "vertex_groups", mode="missing", fill_below=0)
+    right = weight_array(target, "Arm.R")
+    assert (right[rigged] == 0).all()
+    assert (weight_array(target, "Arm.L")[rigged] == 1).all()
+    bare = ~rigged & ~doubtful(target)
+    np.testing.assert_allclose(right[bare], ramp(target)[bare], atol=1e-4)
+
+
+def test_faces_outside_the_mask_keep_their_materials(source, target):
+    red, green, blue = (new_material(name) for name in ("red", "green", "blue"))
+    source.data.materials.append(red)
+    for material in (green, blue):
+        target.data.materials.append(material)
+    target.data.polygons.foreach_set("material_index", np.full(len(target.data.polygons), 1, np.int32))
+    set_weights(target, "Mask", (ramp(target) > 0.5).astype(float))
+    transfer(source, target, "materials", mask_group="Mask")
+    shown = np.array([target.data.materials[face.material_index].name for face in target.data.polygons])
+    inside = np.array([weight_array(target, "Mask")[list(face.vertices)].mean() for face in target.data.polygons]) > 0.5
+    np.testing.assert_array_equal(shown, np.where(inside, "red", "blue"))
+
+
+def test_materials_are_added_only_to_faces_without_any(source, target):
+    source.data.materials.append(new_material("red"))
+    for material in (None, new_material("blue")):
+        target.data.materials.append(material)
+    second = np.arange(len(target.data.polygons)) % 2
+    target.data.polygons.foreach_set("material_index", second.astype(np.int32))
+    transfer(source, target, "materials", mode="missing")
+    shown = np.array([target.data.materials[face.material_index].name for face in target.data.polygons])
+    np.testing.assert_array_equal(shown, np.where(second == 1, "blue", "red"))
+
+
+def rig(*names):
+    """An armature with a bone of each name."""
+    armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    bpy.context.scene.collection.objects.link(armature)
+    activate(armature)
+    bpy.ops.object.mode_set(mode="EDIT")
+    for name in names:
+        armature.data.edit_bones.new(name).tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return armature
+
+
+def test_groups_change_sides_and_names_and_are_still_those_that_deform(source, target):
+    armature = rig("Arm.L", "Arm.R", "Hip")
+    source.modifiers.new("Armature", "ARMATURE").object = armature
+    bpy.context.view_layer.update()
+    keep_match(target)
+    skin(source)
+    set_weights(source, "Hip", np.zeros(len(source.data.vertices)))
+    set_weights(source, "Mask", np.full(len(source.data.vertices), 0.4))
+    transfer(source, target, "vertex_groups", flip_names=True, group_names={"Hip": "Pelvis"})
+    assert [group.name for group in target.vertex_groups] == ["Arm.R", "Arm.L", "Pelvis", "Mask"]
+    kept = ~doubtful(target)
+    np.testing.assert_allclose(weight_array(target, "Arm.L")[kept], ramp(target)[kept], atol=1e-4)
+    np.testing.assert_allclose(weight_array(target, "Arm.L") + weight_array(target, "Arm.R"), 1, atol=1e-6)
+    np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
+
+
+def test_names_are_given_as_pairs():
+    assert parse_group_names(" Arm = Upper Arm,Spine=Back , ") == {"Arm": "Upper Arm", "Spine": "Back"}
+    for wrong in ("Arm", "Arm=", "=Arm", "Arm=Upper Arm, Spine"):
+        with pytest.raises(zo.MeshError, match="old = new"):
+            parse_group_names(wrong)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_a_limit_holds_for_what_deforms_also_after_mixing(source, target, factor):
+    names = [f"Bone {i}" for i in range(6)]
+    for obj, centre in ((source, 0.0), (target, 0.2)):
+        share = np.exp(-(((ramp(obj)[:, None] - centre - np.arange(6) / 5) / 0.3) ** 2))
+        share /= share.sum(axis=1, keepdims=True)
+        for name, column in zip(names, share.T, strict=True):
+            set_weights(obj, name, column)
+    transfer(source, target, "vertex_groups", limit=3, factor=factor)
+    table = np.stack([weight_array(target, name) for name in names], axis=1)
+    assert (table > 0).sum(axis=1).max() == 3
+    np.testing.assert_allclose(table.sum(axis=1), 1, atol=1e-5)
+
+
+def test_a_mask_that_is_not_there_is_refused_before_anything_is_written(source, target):
+    skin(source)
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match="'Target' has no vertex group 'Mask'"):
+        transfer(source, target, "vertex_groups", mask_group="Mask")
+    assert snapshot_file() == before
+
+
+def test_settings_come_from_the_scene_where_the_caller_leaves_them_open(source, target):
+    skin(source)
+    activate(target, source)
+    settings = bpy.context.scene.zoomout
+    settings.factor, settings.group_names = 0.5, "Arm.L = Leg.L"
+    assert bpy.ops.zoomout.transfer(flip_names=True) == {"FINISHED"}
+    kept = ~doubtful(target)
+    np.testing.assert_allclose(weight_array(target, "Leg.L")[kept], (1 - ramp(target))[kept] / 2, atol=1e-4)
+    assert "Arm.L" in weights(target)  # the source's right arm
+    with pytest.raises(RuntimeError, match="old = new"):
+        bpy.ops.zoomout.transfer(group_names="Arm.L")
+
+
+def legs(name, radius):
+    """Two upright tubes so close that each, a little wider, lies nearer to the other's surface than to itself."""
+    around, rows = 32, 16
+    turn = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    vertices, faces = [], []
+    for x in (1.1, -1.1):
+        first = len(vertices)
+        for z in np.linspace(0, 4, rows):
+            vertices += [(x + radius * math.cos(t), radius * math.sin(t), z) for t in turn]
+        for i in range(rows - 1):
+            row, after = first + i * around, first + (i + 1) * around
+            faces += [(row + j, row + (j + 1) % around, after + (j + 1) % around, after + j) for j in range(around)]
+    return from_pydata(name, vertices, faces)
+
+
+def test_clothes_move_with_the_leg_that_they_are_on():
+    body, cloth = legs("Body", 1.0), legs("Cloth", 1.17)
+    armature = rig("Leg.L", "Leg.R")
+    left = positions(body.data)[:, 0] > 0
+    set_weights(body, "Leg.L", left.astype(float))
+    set_weights(body, "Leg.R", (~left).astype(float))
+    for obj in (body, cloth):
+        obj.modifiers.new("Armature", "ARMATURE").object = armature
+    bpy.context.view_layer.update()
+    rest = positions(cloth.data)
+    of_left = np.arange(len(rest)) < len(rest) // 2  # which is not always on the left: the tubes cut into each other
+
+    def moved(**options):
+        """How far each vertex of the cloth moves as the left leg does."""
+        activate(cloth, body)
+        assert bpy.ops.zoomout.match(initial="NEAREST", **options) == {"FINISHED"}
+        assert bpy.ops.zoomout.transfer(initial="NEAREST", **options) == {"FINISHED"}
+        armature.pose.bones["Leg.L"].location = (0, 0.5, 0)
+        bpy.context.view_layer.update()
+        posed = cloth.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        distance = np.linalg.norm(positions(posed.data) - rest, axis=1)
+        armature.pose.bones["Leg.L"].location = (0, 0, 0)
+        bpy.context.view_layer.update()
+        return distance
+
+    assert np.abs(moved(most_angle=math.pi) - 0.5 * of_left).max() > 0.4
+    assert np.abs(moved() - 0.5 * of_left).max() < 1e-4
+    notes = transfer_report(cloth)["notes"]
+    assert any("faces another way" in note for note in notes)
+    assert any("filled in" in note for note in notes)
+    assert not any("made before" in note for note in notes)
