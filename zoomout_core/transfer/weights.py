@@ -179,9 +179,9 @@ def _neighbours(surface: Surface) -> csr_array:
     edges, _ = unique_edges(working.triangles)
     count, places = len(surface.vertices), len(working.vertices)
     rows, columns = np.concatenate([edges, edges[:, ::-1], np.tile(np.arange(places)[:, None], 2)]).T
-    adjacent = csr_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(places, places))
+    adjacent = csr_array((np.ones(len(rows), np.int32), (rows, columns)), shape=(places, places))
     used = np.flatnonzero(working.vertex_of >= 0)
-    place = csr_array((np.ones(len(used), np.int8), (used, working.vertex_of[used])), shape=(count, places))
+    place = csr_array((np.ones(len(used), np.int32), (used, working.vertex_of[used])), shape=(count, places))
     near = csr_array(place @ adjacent @ place.T)
     near.data[:] = 1
     return near
@@ -202,7 +202,7 @@ def _keep_largest(weights: csr_array, shared: Booleans, limit: int) -> csr_array
     begin = np.flatnonzero(np.diff(row, prepend=-1))
     rank = np.arange(len(row)) - np.repeat(begin, np.diff(begin, append=len(row)))
     out = entries[rank >= limit]
-    dropped = csr_array((np.ones(len(out), np.int8), (rows[out], weights.indices[out])), shape=weights.shape)
+    dropped = csr_array((np.ones(len(out), np.int32), (rows[out], weights.indices[out])), shape=weights.shape)
     weights.data[out] = 0
     weights.eliminate_zeros()
     return dropped

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tracemalloc
 from dataclasses import dataclass
 
@@ -54,6 +55,15 @@ def test_a_smooth_function_is_continued_into_a_hole(mesh: Sheet) -> None:
     rim = truth[~holes & hole(mesh, 0.15)]
     flat = np.abs(truth[holes] - rim.mean(axis=0)).mean()
     assert np.abs(filled[holes] - truth[holes]).mean() < 0.1 * flat
+
+
+def test_more_than_can_be_filled_in_smoothly_is_still_filled_in(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+    holes, truth = hole(mesh, 0.06), waves(mesh.parameters)
+    smooth = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    monkeypatch.setattr(sys.modules[filling.__module__], "MOST_SMOOTH", 10)
+    plain = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    error = [np.abs(filled[holes] - truth[holes]).max() for filled in (smooth, plain)]
+    assert error[0] < error[1] < 0.1
 
 
 def test_constants_stay_constant_and_nothing_leaves_the_range_of_the_trusted(mesh: Sheet) -> None:
