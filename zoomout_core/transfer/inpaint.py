@@ -24,6 +24,8 @@ BLOCK = 16
 SMALLEST_AREA = 1e-3
 # The factors of more doubtful vertices than this take gigabytes; those of the first term alone a fifth of that.
 MOST_SMOOTH = 150_000
+# Edges from the doubtful vertices over which the Laplacian is worked out: two count, and it looks a little around.
+SURROUNDINGS = 4
 # A loose part of less than this part of the area is a button or an eye, and moves as a whole.
 SMALL_PART = 0.02
 # Weights below this move nothing that can be seen, but count towards limits.
@@ -149,18 +151,27 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     """The rows of the system at the unknown vertices: (u, k) at the known ones, and the factors of the rest."""
     if not unknown.any():
         return csr_array((0, int(known.sum()))), None
-    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
-    rows = csr_array(stiffness)[unknown]
+    near = unknown.copy()
+    for _ in range(SURROUNDINGS):
+        near[working.triangles[near[working.triangles].any(axis=1)]] = True
+    triangles = (np.cumsum(near) - 1)[working.triangles[near[working.triangles].all(axis=1)]]
+    stiffness, shares = mesh_laplacian(working.vertices[near], triangles)
+    areas = shares * triangle_areas(working.vertices[near], triangles).sum()
+    rows = csr_array(stiffness)[unknown[near]]
     if unknown.sum() <= MOST_SMOOTH:
         rows = rows + rows @ diags_array(1 / np.maximum(areas, SMALLEST_AREA * areas.mean())) @ stiffness
     columns = csc_array(rows)
     factor = splu(
-        columns[:, np.flatnonzero(unknown)],
+        columns[:, np.flatnonzero(unknown[near])],
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return csr_array(columns[:, np.flatnonzero(known)]), factor
+    pull = csr_array(columns[:, np.flatnonzero(known[near])])
+    place = (np.cumsum(known) - 1)[near & known]
+    return csr_array(
+        (pull.data, place[pull.indices], pull.indptr), shape=(int(unknown.sum()), int(known.sum()))
+    ), factor
 
 
 def _small_parts(working: WorkingMesh) -> Booleans:

@@ -66,6 +66,13 @@ def test_more_than_can_be_filled_in_smoothly_is_still_filled_in(mesh: Sheet, mon
     assert error[0] < error[1] < 0.1
 
 
+def test_only_what_is_near_a_hole_counts(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+    holes, truth = hole(mesh), waves(mesh.parameters)
+    near = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    monkeypatch.setattr(sys.modules[filling.__module__], "SURROUNDINGS", 1000)
+    np.testing.assert_allclose(near, filling(mesh.surface, ~holes).fill(spoilt(truth, holes)), atol=1e-9)
+
+
 def test_constants_stay_constant_and_nothing_leaves_the_range_of_the_trusted(mesh: Sheet) -> None:
     holes = hole(mesh)
     steps = np.stack([np.ones(len(holes)), mesh.parameters[:, 0] > 0.5, mesh.parameters[:, 1] > 0.5], axis=1)
