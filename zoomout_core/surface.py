@@ -120,6 +120,7 @@ class Surface:
     Args:
         vertices: (n, 3) positions, in any unit.
         faces: (f, k) vertex numbers, or a sequence of polygons of any size.
+        edges: (e, 2) vertex numbers, where a program numbers the edges; those of the faces when not given.
 
     Attributes:
         vertices: (n, 3) positions.
@@ -131,9 +132,11 @@ class Surface:
         MeshError: no faces, numbers that are not whole or out of range, coordinates that are not finite, or no area.
     """
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]]) -> None:
+    def __init__(
+        self, vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]], edges: ArrayLike | None = None
+    ) -> None:
         corner_vertex, face_start = _corners(faces)
-        self._set(vertices, corner_vertex, face_start, None)
+        self._set(vertices, corner_vertex, face_start, None, edges)
 
     @classmethod
     def from_corners(
@@ -142,6 +145,7 @@ class Surface:
         corner_vertex: ArrayLike,
         face_start: ArrayLike,
         triangle_corners: ArrayLike | None = None,
+        edges: ArrayLike | None = None,
     ) -> Surface:
         """A surface from flat corner arrays, as programs store them (no Python list of faces).
 
@@ -150,6 +154,7 @@ class Surface:
             corner_vertex: (c,) the vertex of each corner.
             face_start: (f + 1,) first corner of each face; the last entry is c.
             triangle_corners: (m, 3) a triangulation by corner numbers; worked out when not given.
+            edges: (e, 2) vertex numbers of the edges, loose ones too; those of the faces when not given.
 
         Raises:
             MeshError: as for the constructor, or the arrays do not fit each other.
@@ -160,6 +165,7 @@ class Surface:
             _whole_numbers(corner_vertex),
             _whole_numbers(face_start),
             triangle_corners,
+            edges,
         )
         return surface
 
@@ -169,6 +175,7 @@ class Surface:
         corner_vertex: Integers,
         face_start: Integers,
         triangle_corners: ArrayLike | None,
+        edges: ArrayLike | None,
     ) -> None:
         self._working: WorkingMesh | None = None
         self.vertices: Floats = _checked_points(vertices)
@@ -180,6 +187,7 @@ class Surface:
             if triangle_corners is None
             else _checked_triangles(triangle_corners, len(corner_vertex))
         )
+        self._edges = None if edges is None else _checked_edges(edges, len(self.vertices))
         if not self.area > 0:
             raise MeshError("The mesh has no area: all of its faces are degenerate; give it faces with an extent.")
 
@@ -197,6 +205,13 @@ class Surface:
     def triangle_face(self) -> Integers:
         """(m,) the face that each triangle is a part of."""
         return self.corner_face[self.triangle_corners[:, 0]]
+
+    @property
+    def edges(self) -> Integers:
+        """(e, 2) vertex numbers of the edges: as given, else each of the faces' once, the smaller number first."""
+        if self._edges is None:
+            self._edges = _edges_of_faces(self.corner_vertex, self.face_start)
+        return self._edges
 
     @cached_property
     def area(self) -> float:
@@ -370,7 +385,7 @@ def _whole_numbers(numbers: ArrayLike) -> Integers:
         array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
     )
     if array.size and not whole:
-        raise MeshError("Faces must name their vertices by whole numbers, counted from 0.")
+        raise MeshError("Faces and edges must name their vertices by whole numbers, counted from 0.")
     return array.astype(np.int64)
 
 
@@ -379,6 +394,24 @@ def _checked_triangles(triangle_corners: ArrayLike, corner_count: int) -> Intege
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < corner_count):
         raise MeshError(f"The triangulation names corner {triangles.max()}, but there are {corner_count}: correct it.")
     return triangles
+
+
+def _checked_edges(edges: ArrayLike, vertex_count: int) -> Integers:
+    array = _whole_numbers(edges)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise MeshError(f"Edges must be an array of shape (e, 2), not {array.shape}.")
+    if array.size and not (array.min() >= 0 and array.max() < vertex_count):
+        wrong = array[(array < 0) | (array >= vertex_count)][0]
+        raise MeshError(f"An edge names vertex {wrong}, but the mesh has {vertex_count} vertices, numbered from 0.")
+    return array
+
+
+def _edges_of_faces(corner_vertex: Integers, face_start: Integers) -> Integers:
+    following = np.roll(corner_vertex, -1)
+    following[face_start[1:] - 1] = corner_vertex[face_start[:-1]]
+    count = int(corner_vertex.max()) + 1
+    keys = np.unique(np.minimum(corner_vertex, following) * count + np.maximum(corner_vertex, following))
+    return np.stack(np.divmod(keys, count), axis=1)
 
 
 def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers) -> None:

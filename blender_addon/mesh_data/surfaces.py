@@ -52,7 +52,7 @@ def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
         MeshError: there is no surface, or it is not evaluated.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        return _surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh))
+        return _surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh), mesh)
 
 
 def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
@@ -64,7 +64,7 @@ def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         if len(mesh.vertices) != len(obj.data.vertices):
             raise zo.MeshError(_change_of_vertices(obj))
-        return _surface(evaluated, obj.data, read_positions(mesh))
+        return _surface(evaluated, obj.data, read_positions(mesh), obj.data)
 
 
 def read_positions(mesh: Mesh) -> np.ndarray:
@@ -72,8 +72,8 @@ def read_positions(mesh: Mesh) -> np.ndarray:
     return read_array(mesh.vertices, "co", np.float32, 3)
 
 
-def _surface(obj: Object, mesh: Mesh, positions: np.ndarray) -> zo.Surface:
-    """A mesh in world space: corners and triangles are numbered as Blender does.
+def _surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
+    """A mesh in world space: corners and triangles are numbered as Blender does, edges as in `with_edges`.
 
     A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
     """
@@ -89,6 +89,7 @@ def _surface(obj: Object, mesh: Mesh, positions: np.ndarray) -> zo.Surface:
             read_array(mesh.loops, "vertex_index", np.int32),
             face_start,
             triangle_corners,
+            read_array(with_edges.edges, "vertices", np.int32, 2),
         )
     except zo.MeshError as error:
         raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error

@@ -306,3 +306,13 @@ def test_materials_are_written_by_identity_and_appended_only_where_missing():
     assert [material and material.name for material in target.data.materials] == ["blue", None, "red"]
     shown = [target.data.materials[polygon.material_index].name for polygon in target.data.polygons]
     assert shown == ["red", "blue"] * (len(shown) // 2)
+
+
+def test_edges_are_numbered_as_blender_numbers_them():
+    mesh = bpy.data.meshes.new("Wire")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (5, 5, 5)], [(4, 2)], [(0, 1, 2, 3)])
+    obj = linked("Wire", mesh)
+    expected = [list(edge.vertices) for edge in mesh.edges]
+    assert [2, 4] in [sorted(edge) for edge in expected]
+    for surface in (mesh_data.read_source_surface(obj, depsgraph()), mesh_data.read_target_surface(obj, depsgraph())):
+        assert surface.edges.tolist() == expected

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from creatures import Creature
@@ -44,6 +46,28 @@ def test_corners_keep_their_faces_and_order() -> None:
     assert np.array_equal(
         surface.corner_face[surface.triangle_corners], np.repeat(surface.triangle_face, 3).reshape(-1, 3)
     )
+
+
+def test_edges_are_those_of_the_faces_unless_a_program_numbers_its_own() -> None:
+    faces = [[0, 1, 2, 3], [0, 4, 1], [2, 1, 4]]
+    vertices = np.vstack([SQUARE, [[0.5, 0.5, 1], [3, 3, 3]]])
+    surface = Surface(vertices, faces)
+    assert {tuple(edge) for edge in surface.edges} == {(0, 1), (1, 2), (2, 3), (0, 3), (0, 4), (1, 4), (2, 4)}
+    assert len(surface.edges) == 7
+    given = [[4, 2], [5, 0], [1, 0]]
+    assert Surface(vertices, faces, given).edges.tolist() == given
+    from_corners = Surface.from_corners(vertices, surface.corner_vertex, surface.face_start, edges=given)
+    assert from_corners.edges.tolist() == given
+    assert len(Surface(vertices, faces, np.zeros((0, 2), int)).edges) == 0
+
+
+@pytest.mark.parametrize(
+    ("edges", "sentence"),
+    [([[0, 4]], "names vertex 4"), ([[0, -1]], "names vertex -1"), ([0, 1], "(e, 2)"), ([[0, 0.5]], "whole numbers")],
+)
+def test_edges_that_fit_no_mesh_are_refused(edges: object, sentence: str) -> None:
+    with pytest.raises(MeshError, match=re.escape(sentence)):
+        Surface(SQUARE, [[0, 1, 2, 3]], edges)
 
 
 @pytest.mark.parametrize(
