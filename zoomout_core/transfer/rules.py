@@ -15,6 +15,7 @@ from zoomout_core.surface import Floats, MeshError, Surface
 from zoomout_core.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.edges import transfer_edges
 from zoomout_core.transfer.interpolate import (
     mix_corners,
     mix_faces,
@@ -58,8 +59,18 @@ class Rule:
     sparse: bool = False
 
 
-MIXED = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corners}
-VOTED = {Domain.POINT: vote_points, Domain.FACE: vote_faces, Domain.CORNER: vote_corners}
+MIXED = {
+    Domain.POINT: mix_points,
+    Domain.EDGE: transfer_edges,
+    Domain.FACE: mix_faces,
+    Domain.CORNER: mix_corners,
+}
+VOTED = {
+    Domain.POINT: vote_points,
+    Domain.EDGE: transfer_edges,
+    Domain.FACE: vote_faces,
+    Domain.CORNER: vote_corners,
+}
 ANY = 1 << 30
 
 RULES: dict[Kind, Rule] = {
@@ -162,6 +173,7 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
         raise MeshError(f"'{name}' has a {type(attribute.values).__name__} of values, but {needs}.")
     count = {
         Domain.POINT: len(source.vertices),
+        Domain.EDGE: len(source.edges),
         Domain.FACE: len(source.face_start) - 1,
         Domain.CORNER: len(source.corner_vertex),
     }[domain]

@@ -1,0 +1,446 @@
+"""Data on edges: lines such as seams, creases and sharp edges, drawn anew along the target's edges.
+
+No edge of the target corresponds to one of the source, and the nearest edges of each form dashes. So the lines that
+the source's marked edges form are traced whole: each chain of edges, from one junction to the next, becomes the
+shortest path along the target's edges that stays near it. The target is laid onto the source by the map, so that
+distances from a line are measured there. A step of a path costs its length, or that of the line between its ends
+where this is larger, and what it cuts short once more, so that no path skips from one reach of a line to another; and
+the more, the farther from the line it goes. Values are taken along the line.
+
+Values that most edges have are no lines, but a field: they are read around the middle of each edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Booleans, Floats, Integers, Surface
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.cut import edge_lengths, face_edges, ragged
+from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.lines import Chains, Samples, runs, sample, string_together
+
+# Where more than this part of the edges have a value, these are no lines,
+MOST_MARKED = 0.5
+# unless they are this many times as long as the target's: then every edge may be a line of its own.
+COARSE = 2.0
+# Points of lines are this part of the target's edges apart,
+SPACING = 1 / 3
+# and lie on the target if they are closer to it than so many of its edges, and it is trusted there more than places
+# that have no partner on the source are, see `correspondence.confidence`.
+REACH = 2.0
+LEAST_TRUST = 0.04
+# A gap of a line in the target is bridged, and a piece between two gaps dropped, if shorter than so many edges.
+GAP = 4.0
+# A path keeps to vertices that are at most so many edges away from the faces that its line crosses.
+RINGS = 2
+# So much the cost of a step grows for each edge's length that it is away from its line.
+STRAYING = 2.0
+# A path that takes so many times the length of its line goes around a tear of the map.
+DETOUR = 3.0
+# Points of lines that are traced together: bounds the memory.
+BLOCK = 1 << 16
+
+
+def transfer_edges(attribute: Attribute, draped: Draped) -> Attribute:
+    """Values at edges: lines of edges that have one become lines; where most have one, a field of values."""
+    values = np.asarray(attribute.values)
+    marked = _marked(values)
+    source, target = _Web(draped.source), _Web(draped.target)
+    if not (marked.any() and len(target.ends)):
+        return replace(attribute, values=_nothing(values, len(draped.target.edges)))
+    laid = _Laid(draped, target)
+    coarse = np.median(source.lengths) > COARSE * laid.edge_length
+    if marked.mean() > MOST_MARKED and not coarse:
+        return _spread(attribute, draped)
+    return _traced(attribute, marked, source, laid)
+
+
+def _marked(values: np.ndarray) -> Booleans:
+    """(e,) which of the values (e, ...) are neither zero nor false nor empty."""
+    differs = values != _nothing(values, 1)
+    return np.asarray(differs if values.ndim == 1 else differs.any(axis=1), dtype=bool)
+
+
+def _nothing(values: np.ndarray, count: int) -> np.ndarray:
+    """(count, ...) zeros, false or empty strings, of the type of values."""
+    if values.dtype.kind == "O":
+        return np.full((count, *values.shape[1:]), "", dtype=object)
+    return np.zeros((count, *values.shape[1:]), dtype=values.dtype)
+
+
+# --- fields -------------------------------------------------------------------------------------------------
+
+
+def _spread(attribute: Attribute, draped: Draped) -> Attribute:
+    """Values of a field at edges: floats by way of the vertices, all others those of the nearest edge."""
+    values, source, target = np.asarray(attribute.values), draped.source, draped.target
+    if values.dtype.kind == "f":
+        ends = source.edges.ravel()
+        table = csr_array((np.ones(len(ends)), (ends, np.arange(len(ends)) // 2)), (len(source.vertices), len(values)))
+        sums = (table @ values.reshape(len(values), -1)) / np.maximum(table.sum(axis=1), 1).reshape(-1, 1)
+        mixed = draped.surface_map.interpolate(sums)[target.edges].mean(axis=1)
+        return replace(attribute, values=mixed.reshape(-1, *values.shape[1:]).astype(values.dtype))
+    middles = source.vertices[source.edges].mean(axis=1)
+    _, nearest = cKDTree(middles).query(draped.points[target.edges].mean(axis=1), workers=2)
+    return replace(attribute, values=values[nearest])
+
+
+# --- lines --------------------------------------------------------------------------------------------------
+
+
+class _Web:
+    """The edges of a surface's faces, where vertices that coincide at borders are one.
+
+    Attributes:
+        of_edge: (e,) the strand that each edge of the surface is part of, -1 for loose edges.
+        ends: (s, 2) the knots that each strand connects, the smaller number first, in rising order.
+        vertex: (k,) a vertex of the surface at each knot.
+        points: (k, 3) where the knots are.
+        lengths: (s,) of the strands.
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        knot_of = surface.working.vertex_of
+        self.surface = surface
+        self.vertex = np.empty(knot_of.max() + 1, dtype=np.int64)
+        self.vertex[knot_of[knot_of >= 0]] = np.flatnonzero(knot_of >= 0)
+        self.points: Floats = surface.vertices[self.vertex]
+        of_faces = self._keys(knot_of[surface.corner_vertex[face_edges(surface)]])
+        of_edges = self._keys(knot_of[surface.edges])
+        keys = np.intersect1d(of_faces, of_edges)
+        keys = keys[keys >= 0]
+        self.ends = np.stack(np.divmod(keys, len(self.vertex)), axis=1)
+        self.of_edge = self._among(keys, of_edges)
+        self.lengths = edge_lengths(self.points, self.ends)
+
+    def _keys(self, ends: Integers) -> Integers:
+        """(e,) a number for each pair of knots (e, 2), -1 where these are no two."""
+        low, high = ends.min(axis=1), ends.max(axis=1)
+        return np.where((low >= 0) & (low < high), low * len(self.vertex) + high, -1)
+
+    @staticmethod
+    def _among(keys: Integers, wanted: Integers) -> Integers:
+        place = np.searchsorted(keys, wanted)
+        return np.where(np.append(keys, -2)[place] == wanted, place, -1)
+
+    def strand_between(self, knots: Integers) -> Integers:
+        """(t,) the strand that connects each pair of knots (t, 2), -1 for none."""
+        return self._among(self._keys(self.ends), self._keys(knots))
+
+    @cached_property
+    def around(self) -> tuple[Integers, Integers, Integers]:
+        """Strands around knots: (k + 1,) where each knot's begin, the strands, and the knots at their other ends."""
+        count = len(self.ends)
+        knot = self.ends.T.ravel()
+        order = np.argsort(knot, kind="stable")
+        start = np.concatenate([[0], np.cumsum(np.bincount(knot, minlength=len(self.vertex)))])
+        return start, order % count, self.ends[:, ::-1].T.ravel()[order]
+
+
+class _Laid:
+    """The target's web, laid onto the source.
+
+    Attributes:
+        draped: the target on the source.
+        web: the target's.
+        points: (k, 3) where its knots lie on the source.
+        edge_length: how long its strands are there, about.
+    """
+
+    def __init__(self, draped: Draped, web: _Web) -> None:
+        self.draped, self.web = draped, web
+        self.points = draped.points[web.vertex]
+        lengths = edge_lengths(self.points, web.ends)
+        trusted = (draped.confidence[web.vertex] >= LEAST_TRUST)[web.ends].all(axis=1) & (lengths > 0)
+        known = lengths[trusted if trusted.any() else slice(None)]
+        self.edge_length = float(np.median(known)) or draped.source.working.scale
+        self.scale = self.edge_length / float(np.median(web.lengths[trusted if trusted.any() else slice(None)]))
+
+
+class _Pieces(NamedTuple):
+    """Parts of lines that become a path each.
+
+    Attributes:
+        first: (p,) the sample that each begins with, and
+        last: (p,) ends with.
+        loose_first: (p,) whether its line begins there, and
+        loose_last: (p,) ends there, with no other line going on.
+    """
+
+    first: Integers
+    last: Integers
+    loose_first: Booleans
+    loose_last: Booleans
+
+
+class _Steps(NamedTuple):
+    """Steps of paths along strands of the target.
+
+    Attributes:
+        piece: (t,) whose path they are part of.
+        strand: (t,) the strand.
+        sample: (t,) the sample of the line that is nearest to it.
+        stray: (t,) how far the strand's ends are from the line.
+    """
+
+    piece: Integers
+    strand: Integers
+    sample: Integers
+    stray: Floats
+
+
+def _traced(attribute: Attribute, marked: Booleans, source: _Web, laid: _Laid) -> Attribute:
+    """Values at the edges of lines, and none elsewhere."""
+    values = np.asarray(attribute.values)
+    edge = np.flatnonzero(marked)
+    on_faces = source.of_edge[edge] >= 0
+    strand, index = np.unique(source.of_edge[edge[on_faces]], return_index=True)
+    edge = edge[on_faces][index]
+    chains = string_together(source.ends[strand])
+    samples = sample(chains, source.points, SPACING * laid.edge_length)
+    place = _placed(samples, laid)
+    pieces = _pieces(chains, samples, place, laid)
+    steps = _paths(pieces, samples, place, laid)
+    kept = _without_spurs(steps, pieces, place, laid.web)
+    result = _nothing(values, len(laid.web.ends) + 1)  # the last for loose edges, whose strand is -1
+    result[steps.strand[kept]] = values[edge[samples.edge[steps.sample[kept]]]]
+    notes = _notes(attribute.name, int((~on_faces).sum()), samples, pieces, steps)
+    return replace(attribute, values=result[laid.web.of_edge], notes=attribute.notes + notes)
+
+
+class _Place(NamedTuple):
+    """Where samples lie on the target: the corners (q, 3) of the triangle, the nearest of them, and whether at all.
+
+    Attributes:
+        knots: (q, 3) at the corners of the target's triangle.
+        nearest: (q,) the nearest of these.
+        nearness: (q,) how near it is: 1 if the sample lies there.
+        covered: (q,) whether the target covers the sample.
+    """
+
+    knots: Integers
+    nearest: Integers
+    nearness: Floats
+    covered: Booleans
+
+
+def _placed(samples: Samples, laid: _Laid) -> _Place:
+    target, draped = laid.web.surface, laid.draped
+    proper = np.flatnonzero(_proper(target))
+    triangles = target.triangles[proper]
+    triangle, barycentric = closest_points(samples.point, draped.points, triangles)
+    corners = triangles[triangle]
+    laid_corners = draped.points[corners]
+    gap = np.linalg.norm(np.einsum("qc,qcx->qx", barycentric, laid_corners) - samples.point, axis=1)
+    sides = np.linalg.norm(laid_corners - np.roll(laid_corners, 1, axis=1), axis=2)
+    trust = np.einsum("qc,qc->q", barycentric, draped.confidence[corners])
+    knots = target.working.vertex_of[corners]
+    nearest = np.argmax(barycentric, axis=1)
+    each = np.arange(len(nearest))
+    covered = (gap <= REACH * np.maximum(sides.mean(axis=1), laid.edge_length)) & (trust >= LEAST_TRUST)
+    return _Place(knots, knots[each, nearest], barycentric[each, nearest], covered)
+
+
+def _proper(surface: Surface) -> Booleans:
+    """(m,) which triangles have three corners apart."""
+    knots = surface.working.vertex_of[surface.triangles]
+    return np.asarray((knots != np.roll(knots, 1, axis=1)).all(axis=1) & (knots >= 0).all(axis=1))
+
+
+def _pieces(chains: Chains, samples: Samples, place: _Place, laid: _Laid) -> _Pieces:
+    """Divide lines where the target does not cover them, and loops in three, so that no path is its own way back."""
+    chain, covered = samples.chain, _bridged(samples, place.covered, GAP * laid.edge_length)
+    run = runs(chain, covered)
+    first = np.flatnonzero(np.diff(run, prepend=-1)) if len(run) else run
+    last = np.append(first[1:], len(run)) - 1 if len(run) else run
+    kept = covered[first]
+    first, last = first[kept], last[kept]
+    starts = np.diff(chain, prepend=-1)[first] != 0 if len(chain) else covered[first]
+    stops = np.diff(chain, append=-1)[last] != 0 if len(chain) else covered[last]
+    meeting = np.bincount(np.concatenate([chains.begin, chains.end])) if len(chain) else first
+    alone = [meeting[np.maximum(samples.vertex[ends], 0)] == 1 for ends in (first, last)]
+    loose_first, loose_last = ~starts | alone[0], ~stops | alone[1]
+    loop = starts & stops & (samples.vertex[first] == samples.vertex[last])
+    thirds = [_anchors(first[loop], last[loop], samples, place, share) for share in (1 / 3, 2 / 3)]
+    none = np.zeros(3 * int(loop.sum()), dtype=bool)
+    return _Pieces(
+        np.concatenate([first[~loop], first[loop], *thirds]),
+        np.concatenate([last[~loop], *thirds, last[loop]]),
+        np.concatenate([loose_first[~loop], none]),
+        np.concatenate([loose_last[~loop], none]),
+    )
+
+
+def _bridged(samples: Samples, covered: Booleans, longest: float) -> Booleans:
+    """(q,) the samples that count as covered, without short gaps and without short pieces between gaps."""
+    chain, along = samples.chain, samples.along
+    for state in (False, True):
+        if not len(chain):
+            break
+        run = runs(chain, covered)
+        first = np.flatnonzero(np.diff(run, prepend=-1))
+        last = np.append(first[1:], len(run)) - 1
+        inside = (np.diff(chain, prepend=-1)[first] == 0) & (np.diff(chain, append=-1)[last] == 0)
+        short = inside & (along[last] - along[first] < longest) & (covered[first] == state)
+        covered = covered ^ short[run]
+    return covered
+
+
+def _anchors(first: Integers, last: Integers, samples: Samples, place: _Place, share: float) -> Integers:
+    """(l,) a sample of each loop near a share of its length, as near to a knot of the target as may be."""
+    owner, index = ragged(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
+    length = (samples.along[last] - samples.along[first])[owner]
+    part = (samples.along[index] - samples.along[first[owner]]) / length
+    off = np.abs(part - share)
+    # Near a third and near a knot; any sample will do where a loop has few.
+    order = np.lexsort((np.where(off < 1 / 12, -place.nearness[index], off), off >= 1 / 12, owner))
+    return index[order[np.flatnonzero(np.diff(owner[order], prepend=-1))]]
+
+
+def _paths(pieces: _Pieces, samples: Samples, place: _Place, laid: _Laid) -> _Steps:
+    """The steps of the paths of all pieces, traced in blocks."""
+    size = pieces.last - pieces.first + 1
+    block_of = np.cumsum(size) // BLOCK
+    parts = [_paths_of(np.flatnonzero(block_of == b), pieces, samples, place, laid) for b in np.unique(block_of)]
+    empty = _Steps(*(np.zeros(0, dtype=t) for t in (np.int64, np.int64, np.int64, np.float64)))
+    return _Steps(*(np.concatenate(columns) for columns in zip(empty, *parts, strict=True)))
+
+
+def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: _Place, laid: _Laid) -> _Steps:
+    """The steps of the paths of some pieces: each has a graph of its own, of the knots around its line."""
+    web, count = laid.web, len(laid.web.vertex)
+    every = np.arange(len(samples.chain))
+    piece, index = ragged(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
+    nodes = _band(np.unique(piece[:, None] * count + place.knots[index]), web)
+    owner, knot = np.divmod(nodes, count)
+    nearest, along, stray = _beside(owner, laid.points[knot], piece, index, samples)
+
+    start, strands, other = web.around
+    node, entry = ragged(np.arange(len(nodes)), start[knot], start[knot + 1], np.arange(len(strands)))
+    there = owner[node] * count + other[entry]
+    place_of = np.minimum(np.searchsorted(nodes, there), len(nodes) - 1)
+    inside = (nodes[place_of] == there) & (place_of > node)
+    a, b, strand = node[inside], place_of[inside], strands[entry[inside]]
+    passed = np.abs(along[a] - along[b])
+    skipped = np.maximum(passed - np.linalg.norm(laid.points[knot[a]] - laid.points[knot[b]], axis=1), 0)
+    away = (stray[a] + stray[b]) / (2 * laid.edge_length)
+    cost = np.maximum(laid.scale * web.lengths[strand], passed) * (1 + STRAYING * away) + skipped
+    cost = np.maximum(cost, 1e-9 * laid.edge_length)  # zeros would be no steps
+    graph = csr_array((cost, (a, b)), shape=(len(nodes), len(nodes)))
+
+    begin, end = (
+        np.searchsorted(nodes, np.arange(len(chosen)) * count + place.nearest[at[chosen]])
+        for at in (pieces.first, pieces.last)
+    )
+    _, before, _ = dijkstra(graph, directed=False, indices=begin, return_predecessors=True, min_only=True)
+    here = end[(before[end] >= 0) & (end != begin)]
+    walked = []
+    while len(here):
+        walked.append(np.stack([before[here], here], axis=1))
+        here = before[here]
+        here = here[before[here] >= 0]
+    step = np.concatenate([np.zeros((0, 2), dtype=np.int64), *walked]).astype(np.int64)
+    strand = web.strand_between(knot[step])
+    of = owner[step[:, 0]]
+    travelled = np.bincount(of, laid.scale * web.lengths[strand], minlength=len(chosen))
+    straight = samples.along[pieces.last[chosen]] - samples.along[pieces.first[chosen]]
+    direct = (travelled <= DETOUR * straight + GAP * laid.edge_length)[of]
+    return _Steps(
+        chosen[of[direct]],
+        strand[direct],
+        nearest[step].sum(axis=1)[direct] // 2,
+        stray[step].sum(axis=1)[direct],
+    )
+
+
+def _band(nodes: Integers, web: _Web) -> Integers:
+    """Numbers piece * k + knot, in rising order, with those of knots a few strands away."""
+    start, _, other = web.around
+    count = len(web.vertex)
+    for _ in range(RINGS):
+        owner, knot = np.divmod(nodes, count)
+        owner, knot = ragged(owner, start[knot], start[knot + 1], other)
+        nodes = np.unique(np.concatenate([nodes, owner * count + knot]))
+    return nodes
+
+
+def _beside(
+    owner: Integers, points: Floats, piece: Integers, index: Integers, samples: Samples
+) -> tuple[Integers, Floats, Floats]:
+    """Where points are beside the lines of their pieces.
+
+    Args:
+        owner: (n,) the piece of each point.
+        points: (n, 3) where they lie on the source.
+        piece: (q,) the piece of each sample.
+        index: (q,) its number.
+        samples: all of them.
+
+    Returns:
+        (n,) the nearest sample, (n,) how far along the line the nearest point of it is, and (n,) how far away.
+    """
+    # Pieces are far apart in a fourth dimension, so that each point finds its own.
+    apart = 2 * float(np.linalg.norm(np.ptp(np.concatenate([points, samples.point[index]]), axis=0)))
+    tree = cKDTree(np.column_stack([samples.point[index], piece * apart]))
+    _, found = tree.query(np.column_stack([points, owner * apart]), workers=2)
+    nearest, along = index[found], samples.along[index[found]]
+    stray = np.linalg.norm(samples.point[nearest] - points, axis=1)
+    for step in (-1, 1):
+        beside = np.clip(found + step, 0, len(index) - 1)
+        beside = index[np.where(piece[beside] == owner, beside, found)]
+        way = samples.point[beside] - samples.point[nearest]
+        square = np.einsum("nx,nx->n", way, way)
+        share = np.einsum("nx,nx->n", points - samples.point[nearest], way) / np.maximum(square, 1e-300)
+        share = np.clip(share, 0, 1)
+        distance = np.linalg.norm(samples.point[nearest] + share[:, None] * way - points, axis=1)
+        closer = distance < stray
+        there = samples.along[nearest] + share * (samples.along[beside] - samples.along[nearest])
+        along, stray = np.where(closer, there, along), np.where(closer, distance, stray)
+    return nearest, along, stray
+
+
+def _without_spurs(steps: _Steps, pieces: _Pieces, place: _Place, web: _Web) -> Integers:
+    """The steps, one for each strand, that lead somewhere: to another, or to the end of a line."""
+    order = np.lexsort((steps.stray, steps.strand))
+    kept = order[np.flatnonzero(np.diff(steps.strand[order], prepend=-1))]
+    ends = np.zeros(len(web.vertex), dtype=bool)
+    ends[place.nearest[pieces.first[pieces.loose_first]]] = True
+    ends[place.nearest[pieces.last[pieces.loose_last]]] = True
+    while True:
+        knots = web.ends[steps.strand[kept]]
+        meeting = np.bincount(knots.ravel(), minlength=len(web.vertex))
+        leads_on = ((meeting[knots] > 1) | ends[knots]).all(axis=1)
+        if leads_on.all():
+            return kept
+        kept = kept[leads_on]
+
+
+def _notes(name: str, loose: int, samples: Samples, pieces: _Pieces, steps: _Steps) -> tuple[str, ...]:
+    """What did not arrive."""
+    notes = []
+    if loose:
+        notes.append(f"{name}: {loose} edges of the source belong to no face and were left out.")
+    last = np.flatnonzero(np.diff(samples.chain, append=-1))
+    total = float(samples.along[last].sum())
+    drawn = np.zeros(len(pieces.first), dtype=bool)
+    drawn[steps.piece] = True
+    length = samples.along[pieces.last] - samples.along[pieces.first]
+    missing = 1 - float(length.sum()) / total if total else 0.0
+    if missing > 1e-6:
+        notes.append(
+            f"{name}: {missing:.1%} of the length of its lines was left out, where the target has no counterpart "
+            "of the source that can be trusted."
+        )
+    short = int((~drawn).sum())
+    if short:
+        notes.append(f"{name}: {short} pieces of its lines are too short for the target's edges, or torn by the map.")
+    return tuple(notes)
