@@ -1,4 +1,4 @@
-"""Data on edges: lines such as seams, creases and sharp edges, drawn anew along the target's edges.
+"""Data on edges: lines such as seams, creases and sharp edges, drawn anew along the target's edges; marked vertices.
 
 No edge of the target corresponds to one of the source, and the nearest edges of each form dashes. So the lines that
 the source's marked edges form are traced whole: each chain of edges, from one junction to the next, becomes the
@@ -13,7 +13,6 @@ Values that most edges have are no lines, but a field: they are read around the 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,23 +20,19 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import Booleans, Floats, Integers, Surface
+from zoomout_core.surface import Booleans, Floats, Integers
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut import edge_lengths, face_edges, ragged
+from zoomout_core.transfer.cut import ragged
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.lines import Chains, Samples, runs, sample, string_together
+from zoomout_core.transfer.webs import Laid, Place, Web, placed
 
 # Where more than this part of the edges have a value, these are no lines,
 MOST_MARKED = 0.5
 # unless they are this many times as long as the target's: then every edge may be a line of its own.
 COARSE = 2.0
-# Points of lines are this part of the target's edges apart,
+# Points of lines are this part of the target's edges apart.
 SPACING = 1 / 3
-# and lie on the target if they are closer to it than so many of its edges, and it is trusted there more than places
-# that have no partner on the source are, see `correspondence.confidence`.
-REACH = 2.0
-LEAST_TRUST = 0.04
 # A gap of a line in the target is bridged, and a piece between two gaps dropped, if shorter than so many edges.
 GAP = 4.0
 # A path keeps to vertices that are at most so many edges away from the faces that its line crosses.
@@ -54,10 +49,10 @@ def transfer_edges(attribute: Attribute, draped: Draped) -> Attribute:
     """Values at edges: lines of edges that have one become lines; where most have one, a field of values."""
     values = np.asarray(attribute.values)
     marked = _marked(values)
-    source, target = _Web(draped.source), _Web(draped.target)
+    source, target = Web(draped.source), Web(draped.target)
     if not (marked.any() and len(target.ends)):
         return replace(attribute, values=_nothing(values, len(draped.target.edges)))
-    laid = _Laid(draped, target)
+    laid = Laid(draped, target)
     coarse = np.median(source.lengths) > COARSE * laid.edge_length
     if marked.mean() > MOST_MARKED and not coarse:
         return _spread(attribute, draped)
@@ -75,6 +70,23 @@ def _nothing(values: np.ndarray, count: int) -> np.ndarray:
     if values.dtype.kind == "O":
         return np.full((count, *values.shape[1:]), "", dtype=object)
     return np.zeros((count, *values.shape[1:]), dtype=values.dtype)
+
+
+def snap_marks(attribute: Attribute, draped: Draped) -> Attribute:
+    """Values at vertices that single ones have: each goes to the nearest vertex, the largest where several meet."""
+    values = np.asarray(attribute.values)
+    marked = np.flatnonzero(_marked(values))
+    web = Web(draped.target)
+    place = placed(draped.source.vertices[marked], Laid(draped, web))
+    at_knots = np.zeros(len(web.vertex) + 1, dtype=values.dtype)  # the last for vertices without a knot
+    np.maximum.at(at_knots, place.nearest[place.covered], values[marked[place.covered]])
+    left = int((~place.covered).sum())
+    note = (
+        f"{attribute.name}: {left} of {len(marked)} marked vertices were left out, where the target has no counterpart "
+        "of the source that can be trusted.",
+    )
+    values = at_knots[draped.target.working.vertex_of]
+    return replace(attribute, values=values, notes=attribute.notes + note * bool(left))
 
 
 # --- fields -------------------------------------------------------------------------------------------------
@@ -95,75 +107,6 @@ def _spread(attribute: Attribute, draped: Draped) -> Attribute:
 
 
 # --- lines --------------------------------------------------------------------------------------------------
-
-
-class _Web:
-    """The edges of a surface's faces, where vertices that coincide at borders are one.
-
-    Attributes:
-        of_edge: (e,) the strand that each edge of the surface is part of, -1 for loose edges.
-        ends: (s, 2) the knots that each strand connects, the smaller number first, in rising order.
-        vertex: (k,) a vertex of the surface at each knot.
-        points: (k, 3) where the knots are.
-        lengths: (s,) of the strands.
-    """
-
-    def __init__(self, surface: Surface) -> None:
-        knot_of = surface.working.vertex_of
-        self.surface = surface
-        self.vertex = np.empty(knot_of.max() + 1, dtype=np.int64)
-        self.vertex[knot_of[knot_of >= 0]] = np.flatnonzero(knot_of >= 0)
-        self.points: Floats = surface.vertices[self.vertex]
-        of_faces = self._keys(knot_of[surface.corner_vertex[face_edges(surface)]])
-        of_edges = self._keys(knot_of[surface.edges])
-        keys = np.intersect1d(of_faces, of_edges)
-        keys = keys[keys >= 0]
-        self.ends = np.stack(np.divmod(keys, len(self.vertex)), axis=1)
-        self.of_edge = self._among(keys, of_edges)
-        self.lengths = edge_lengths(self.points, self.ends)
-
-    def _keys(self, ends: Integers) -> Integers:
-        """(e,) a number for each pair of knots (e, 2), -1 where these are no two."""
-        low, high = ends.min(axis=1), ends.max(axis=1)
-        return np.where((low >= 0) & (low < high), low * len(self.vertex) + high, -1)
-
-    @staticmethod
-    def _among(keys: Integers, wanted: Integers) -> Integers:
-        place = np.searchsorted(keys, wanted)
-        return np.where(np.append(keys, -2)[place] == wanted, place, -1)
-
-    def strand_between(self, knots: Integers) -> Integers:
-        """(t,) the strand that connects each pair of knots (t, 2), -1 for none."""
-        return self._among(self._keys(self.ends), self._keys(knots))
-
-    @cached_property
-    def around(self) -> tuple[Integers, Integers, Integers]:
-        """Strands around knots: (k + 1,) where each knot's begin, the strands, and the knots at their other ends."""
-        count = len(self.ends)
-        knot = self.ends.T.ravel()
-        order = np.argsort(knot, kind="stable")
-        start = np.concatenate([[0], np.cumsum(np.bincount(knot, minlength=len(self.vertex)))])
-        return start, order % count, self.ends[:, ::-1].T.ravel()[order]
-
-
-class _Laid:
-    """The target's web, laid onto the source.
-
-    Attributes:
-        draped: the target on the source.
-        web: the target's.
-        points: (k, 3) where its knots lie on the source.
-        edge_length: how long its strands are there, about.
-    """
-
-    def __init__(self, draped: Draped, web: _Web) -> None:
-        self.draped, self.web = draped, web
-        self.points = draped.points[web.vertex]
-        lengths = edge_lengths(self.points, web.ends)
-        trusted = (draped.confidence[web.vertex] >= LEAST_TRUST)[web.ends].all(axis=1) & (lengths > 0)
-        known = lengths[trusted if trusted.any() else slice(None)]
-        self.edge_length = float(np.median(known)) or draped.source.working.scale
-        self.scale = self.edge_length / float(np.median(web.lengths[trusted if trusted.any() else slice(None)]))
 
 
 class _Pieces(NamedTuple):
@@ -198,7 +141,7 @@ class _Steps(NamedTuple):
     stray: Floats
 
 
-def _traced(attribute: Attribute, marked: Booleans, source: _Web, laid: _Laid) -> Attribute:
+def _traced(attribute: Attribute, marked: Booleans, source: Web, laid: Laid) -> Attribute:
     """Values at the edges of lines, and none elsewhere."""
     values = np.asarray(attribute.values)
     edge = np.flatnonzero(marked)
@@ -207,7 +150,7 @@ def _traced(attribute: Attribute, marked: Booleans, source: _Web, laid: _Laid) -
     edge = edge[on_faces][index]
     chains = string_together(source.ends[strand])
     samples = sample(chains, source.points, SPACING * laid.edge_length)
-    place = _placed(samples, laid)
+    place = placed(samples.point, laid)
     pieces = _pieces(chains, samples, place, laid)
     steps = _paths(pieces, samples, place, laid)
     kept = _without_spurs(steps, pieces, place, laid.web)
@@ -217,46 +160,7 @@ def _traced(attribute: Attribute, marked: Booleans, source: _Web, laid: _Laid) -
     return replace(attribute, values=result[laid.web.of_edge], notes=attribute.notes + notes)
 
 
-class _Place(NamedTuple):
-    """Where samples lie on the target: the corners (q, 3) of the triangle, the nearest of them, and whether at all.
-
-    Attributes:
-        knots: (q, 3) at the corners of the target's triangle.
-        nearest: (q,) the nearest of these.
-        nearness: (q,) how near it is: 1 if the sample lies there.
-        covered: (q,) whether the target covers the sample.
-    """
-
-    knots: Integers
-    nearest: Integers
-    nearness: Floats
-    covered: Booleans
-
-
-def _placed(samples: Samples, laid: _Laid) -> _Place:
-    target, draped = laid.web.surface, laid.draped
-    proper = np.flatnonzero(_proper(target))
-    triangles = target.triangles[proper]
-    triangle, barycentric = closest_points(samples.point, draped.points, triangles)
-    corners = triangles[triangle]
-    laid_corners = draped.points[corners]
-    gap = np.linalg.norm(np.einsum("qc,qcx->qx", barycentric, laid_corners) - samples.point, axis=1)
-    sides = np.linalg.norm(laid_corners - np.roll(laid_corners, 1, axis=1), axis=2)
-    trust = np.einsum("qc,qc->q", barycentric, draped.confidence[corners])
-    knots = target.working.vertex_of[corners]
-    nearest = np.argmax(barycentric, axis=1)
-    each = np.arange(len(nearest))
-    covered = (gap <= REACH * np.maximum(sides.mean(axis=1), laid.edge_length)) & (trust >= LEAST_TRUST)
-    return _Place(knots, knots[each, nearest], barycentric[each, nearest], covered)
-
-
-def _proper(surface: Surface) -> Booleans:
-    """(m,) which triangles have three corners apart."""
-    knots = surface.working.vertex_of[surface.triangles]
-    return np.asarray((knots != np.roll(knots, 1, axis=1)).all(axis=1) & (knots >= 0).all(axis=1))
-
-
-def _pieces(chains: Chains, samples: Samples, place: _Place, laid: _Laid) -> _Pieces:
+def _pieces(chains: Chains, samples: Samples, place: Place, laid: Laid) -> _Pieces:
     """Divide lines where the target does not cover them, and loops in three, so that no path is its own way back."""
     chain, covered = samples.chain, _bridged(samples, place.covered, GAP * laid.edge_length)
     run = runs(chain, covered)
@@ -295,18 +199,18 @@ def _bridged(samples: Samples, covered: Booleans, longest: float) -> Booleans:
     return covered
 
 
-def _anchors(first: Integers, last: Integers, samples: Samples, place: _Place, share: float) -> Integers:
+def _anchors(first: Integers, last: Integers, samples: Samples, place: Place, share: float) -> Integers:
     """(l,) a sample of each loop near a share of its length, as near to a knot of the target as may be."""
     owner, index = ragged(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
     length = (samples.along[last] - samples.along[first])[owner]
     part = (samples.along[index] - samples.along[first[owner]]) / length
     off = np.abs(part - share)
     # Near a third and near a knot; any sample will do where a loop has few.
-    order = np.lexsort((np.where(off < 1 / 12, -place.nearness[index], off), off >= 1 / 12, owner))
+    order = np.lexsort((np.where(off < 1 / 12, place.distance[index], off), off >= 1 / 12, owner))
     return index[order[np.flatnonzero(np.diff(owner[order], prepend=-1))]]
 
 
-def _paths(pieces: _Pieces, samples: Samples, place: _Place, laid: _Laid) -> _Steps:
+def _paths(pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
     """The steps of the paths of all pieces, traced in blocks."""
     size = pieces.last - pieces.first + 1
     block_of = np.cumsum(size) // BLOCK
@@ -315,7 +219,7 @@ def _paths(pieces: _Pieces, samples: Samples, place: _Place, laid: _Laid) -> _St
     return _Steps(*(np.concatenate(columns) for columns in zip(empty, *parts, strict=True)))
 
 
-def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: _Place, laid: _Laid) -> _Steps:
+def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
     """The steps of the paths of some pieces: each has a graph of its own, of the knots around its line."""
     web, count = laid.web, len(laid.web.vertex)
     every = np.arange(len(samples.chain))
@@ -362,7 +266,7 @@ def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: _Place
     )
 
 
-def _band(nodes: Integers, web: _Web) -> Integers:
+def _band(nodes: Integers, web: Web) -> Integers:
     """Numbers piece * k + knot, in rising order, with those of knots a few strands away."""
     start, _, other = web.around
     count = len(web.vertex)
@@ -408,7 +312,7 @@ def _beside(
     return nearest, along, stray
 
 
-def _without_spurs(steps: _Steps, pieces: _Pieces, place: _Place, web: _Web) -> Integers:
+def _without_spurs(steps: _Steps, pieces: _Pieces, place: Place, web: Web) -> Integers:
     """The steps, one for each strand, that lead somewhere: to another, or to the end of a line."""
     order = np.lexsort((steps.stray, steps.strand))
     kept = order[np.flatnonzero(np.diff(steps.strand[order], prepend=-1))]

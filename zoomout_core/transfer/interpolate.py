@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.surface import Floats, Integers
-from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.cut import adjacent_edges, cut_open, edge_lengths
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.voting import LOYALTY, circumference, elect, tally
@@ -53,6 +53,9 @@ def mix_corners(attribute: Attribute, draped: Draped) -> Attribute:
     return _filled(attribute, draped, mixed, target.corner_vertex)
 
 
+MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corners}
+
+
 def vote_points(attribute: Attribute, draped: Draped) -> Attribute:
     """Labels at vertices: the one with the largest barycentric weight."""
     code, distinct = _coded(attribute)
@@ -86,6 +89,9 @@ def vote_faces(attribute: Attribute, draped: Draped) -> Attribute:
         label[first] == label[second],
     )
     return replace(attribute, values=distinct[label[chosen]])
+
+
+VOTE = {Domain.POINT: vote_points, Domain.FACE: vote_faces, Domain.CORNER: vote_corners}
 
 
 def _floats(attribute: Attribute) -> Floats:

@@ -15,15 +15,10 @@ from zoomout_core.surface import Floats, MeshError, Surface
 from zoomout_core.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.draped import Draped
-from zoomout_core.transfer.edges import transfer_edges
-from zoomout_core.transfer.interpolate import (
-    mix_corners,
-    mix_faces,
-    mix_points,
-    vote_corners,
-    vote_faces,
-    vote_points,
-)
+from zoomout_core.transfer.edges import snap_marks, transfer_edges
+from zoomout_core.transfer.interpolate import MIX, VOTE
+from zoomout_core.transfer.normals import turn_directions, turn_normals
+from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
 from zoomout_core.transfer.uv import transfer_uv
 from zoomout_core.transfer.weights import mix_weights
 
@@ -59,27 +54,37 @@ class Rule:
     sparse: bool = False
 
 
-MIXED = {
-    Domain.POINT: mix_points,
-    Domain.EDGE: transfer_edges,
-    Domain.FACE: mix_faces,
-    Domain.CORNER: mix_corners,
-}
-VOTED = {
-    Domain.POINT: vote_points,
-    Domain.EDGE: transfer_edges,
-    Domain.FACE: vote_faces,
-    Domain.CORNER: vote_corners,
-}
+ON_FACES = Domain.POINT, Domain.FACE, Domain.CORNER
+MIXED = {**MIX, Domain.EDGE: transfer_edges}
+VOTED = {**VOTE, Domain.EDGE: transfer_edges}
 ANY = 1 << 30
 
 RULES: dict[Kind, Rule] = {
     Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each"),
     Kind.VECTOR: Rule(MIXED, range(1, ANY), "fiu", "a row of numbers each"),
+    Kind.DIRECTION: Rule(dict.fromkeys(ON_FACES, turn_directions), range(3, 4), "f", "three floats each"),
+    Kind.NORMAL: Rule(dict.fromkeys(ON_FACES, turn_normals), range(3, 4), "f", "three floats each"),
     Kind.COLOR: Rule(MIXED, range(3, 5), "f", "three or four scene-linear floats each"),
     Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", finite=True),
+    Kind.QUATERNION: Rule(
+        dict.fromkeys(ON_FACES, mix_quaternions), range(4, 5), "f", "four floats each, w first", finite=True
+    ),
+    Kind.MATRIX: Rule(
+        dict.fromkeys(ON_FACES, mix_matrices),
+        range(16, 17),
+        "f",
+        "sixteen floats each, those of a 4x4 matrix row by row",
+        finite=True,
+    ),
     Kind.LABEL: Rule(VOTED, range(ANY), "iuUSO", "integers or strings"),
     Kind.BOOLEAN: Rule(VOTED, range(1), "b", "true or false each"),
+    Kind.MARK: Rule(
+        {Domain.POINT: snap_marks, Domain.EDGE: transfer_edges},
+        range(1),
+        "f",
+        "one float each, zero where there is no mark",
+        finite=True,
+    ),
     Kind.WEIGHT: Rule(
         {Domain.POINT: mix_weights},
         range(1, ANY),

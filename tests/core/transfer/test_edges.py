@@ -291,3 +291,31 @@ def test_a_target_that_numbers_no_edges_receives_none() -> None:
     bare = Surface.from_corners(mesh.vertices, mesh.corner_vertex, mesh.face_start, edges=np.zeros((0, 2), dtype=int))
     marked = np.arange(len(mesh.edges)) % 7 == 0
     assert carried(marked, identity(mesh), mesh, bare).values.shape == (0,)
+
+
+def test_marks_of_vertices_go_to_the_nearest_vertex_only() -> None:
+    source, target = sheet(torus, 120, 80), sheet(torus, 97, 61, jitter=0.2, sides=3, seed=1)
+    surface_map = true_map(source, 120, 80, target.parameters)
+    crease = np.zeros(len(source.surface.vertices), dtype=np.float32)
+    chosen = np.arange(0, len(crease), 397)
+    crease[chosen] = 0.1 + 0.9 * np.random.default_rng(0).random(len(chosen))
+    attribute = Attribute("crease_vert", Domain.POINT, Kind.MARK, crease)
+    result = transfer(attribute, surface_map, source.surface, target.surface)
+    assert result.notes == ()
+    marked = np.flatnonzero(result.values)
+    assert len(marked) == len(chosen)
+    distance, nearest = cKDTree(target.surface.vertices).query(source.surface.vertices[chosen])
+    assert (np.isin(marked, nearest)).mean() > 0.9
+    assert {round(float(value), 6) for value in result.values[marked]} == {round(float(v), 6) for v in crease[chosen]}
+    there, _ = cKDTree(source.surface.vertices[chosen]).query(target.surface.vertices[marked])
+    assert there.max() < 1.5 * distance.max()
+
+
+def test_of_marks_that_meet_the_largest_stays_and_the_others_are_not_smeared() -> None:
+    source, target = sheet(torus, 120, 80), sheet(torus, 30, 20)
+    surface_map = true_map(source, 120, 80, target.parameters)
+    crease = np.where(np.linalg.norm(source.surface.vertices - [3, 0, 0], axis=1) < 0.1, 0.3, 0)
+    crease[0] = 0.8
+    attribute = Attribute("crease_vert", Domain.POINT, Kind.MARK, crease)
+    values = transfer(attribute, surface_map, source.surface, target.surface).values
+    assert values[values > 0].tolist() == [0.8]

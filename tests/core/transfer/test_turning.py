@@ -1,0 +1,188 @@
+"""What has a direction turns with the surface: directions, normals, quaternions and matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature
+from scipy.spatial.transform import Rotation
+from transfer_meshes import identity
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Surface, triangle_normals, vertex_normals
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.frames import closest_rotations
+
+BEND = 0.6
+TURN = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]).as_matrix()
+
+
+def map_of(source: Creature, target: Creature) -> SurfaceMap:
+    triangles = source.surface.triangles
+    return SurfaceMap(*closest_points(target.directions, source.directions, triangles), triangles)
+
+
+def degrees(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    cosine = np.einsum("qx,qx->q", first, second) / np.linalg.norm(first, axis=1) / np.linalg.norm(second, axis=1)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def normals_of(surface: Surface) -> np.ndarray:
+    return vertex_normals(surface.vertices, surface.triangles)
+
+
+def directions_on(surface: Surface, seed: int = 0) -> np.ndarray:
+    """A smooth field of directions, neither along the surface nor across it."""
+    wave = np.random.default_rng(seed).normal(size=(3, 3))
+    field = np.sin(surface.vertices @ wave) + 0.5 * normals_of(surface)
+    return field / np.linalg.norm(field, axis=1, keepdims=True)
+
+
+def carried(values: np.ndarray, kind: Kind, surface_map: SurfaceMap, source: Surface, target: Surface, **options: bool):
+    domain = {
+        len(source.vertices): Domain.POINT,
+        len(source.face_start) - 1: Domain.FACE,
+        len(source.corner_vertex): Domain.CORNER,
+    }[len(values)]
+    return transfer(Attribute("x", domain, kind, values), surface_map, source, target, **options).values
+
+
+def at_domain(values: np.ndarray, surface: Surface, domain: str) -> np.ndarray:
+    at_corners = values[surface.corner_vertex]
+    return {"point": values, "corner": at_corners, "face": at_corners.reshape(-1, 3, values.shape[1]).mean(axis=1)}[
+        domain
+    ]
+
+
+@pytest.mark.parametrize("domain", ["point", "corner", "face"])
+@pytest.mark.parametrize("kind", [Kind.DIRECTION, Kind.NORMAL])
+def test_directions_turn_as_a_rigid_body_does_whatever_its_size_and_mesh(kind: Kind, domain: str) -> None:
+    source, target = creature(6000), creature(3000, seed=5)
+    turned = Surface(3 * target.surface.vertices @ TURN.T + 7, target.surface.triangles)
+    surface_map = map_of(source, target)
+    values = at_domain(directions_on(source.surface), source.surface, domain)
+    still = carried(values, Kind.VECTOR, surface_map, source.surface, target.surface)
+    result = carried(values, kind, surface_map, source.surface, turned)
+    assert degrees(result, still @ TURN.T).mean() < 1.5  # the target's edges cut the source's corners
+
+
+def test_directions_are_those_of_the_posed_surface() -> None:
+    source, posed, target = creature(8000), creature(8000, bend=1.5), creature(6000, seed=5, bend=1.5)
+    surface_map = map_of(source, target)
+    # On the same mesh every triangle's own turn is known.
+    sides = [
+        (s.surface.vertices[s.surface.triangles] - np.roll(s.surface.vertices[s.surface.triangles], 1, axis=1))
+        for s in (posed, source)
+    ]
+    normals = [triangle_normals(s.surface.vertices, s.surface.triangles) for s in (posed, source)]
+    products = np.einsum("msx,msy->mxy", *sides) + np.einsum("m,mx,my->mxy", (sides[1] ** 2).sum(axis=(1, 2)), *normals)
+    turns = closest_rotations(products)
+    values = np.random.default_rng(0).normal(size=(1, 3)).repeat(len(source.surface.vertices), axis=0)
+    truth = np.einsum("mxy,y->mx", turns, values[0])[surface_map.triangle]
+    result = carried(values, Kind.DIRECTION, surface_map, source.surface, target.surface)
+    unturned = degrees(surface_map.interpolate(values), truth)
+    bent = unturned > 15
+    error = degrees(result, truth)
+    assert bent.sum() > 300
+    assert np.median(error[bent]) < 0.25 * np.median(unturned[bent])  # a limb's tip has a few vertices
+    assert error.mean() < 2
+    shaken = target.directions + np.random.default_rng(0).normal(scale=0.01, size=target.directions.shape)
+    triangles = source.surface.triangles
+    rough = SurfaceMap(*closest_points(shaken, source.directions, triangles), triangles)
+    result = carried(values, Kind.DIRECTION, rough, source.surface, target.surface)
+    assert degrees(result, truth).mean() < 4
+    np.testing.assert_allclose(np.linalg.norm(result, axis=1), np.linalg.norm(values[0]), rtol=1e-6)
+
+
+def test_smooth_normals_of_the_source_are_the_target_s_own() -> None:
+    source, target = creature(8000), creature(6000, seed=5, bend=BEND)
+    values = normals_of(source.surface)[source.surface.corner_vertex].astype(np.float32)
+    result = carried(values, Kind.NORMAL, map_of(source, target), source.surface, target.surface)
+    assert result.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1, rtol=1e-5)
+    error = degrees(result, normals_of(target.surface)[target.surface.corner_vertex])
+    assert np.median(error) < 2
+    assert error.mean() < 4
+
+
+def test_normals_are_as_good_where_a_map_mirrors() -> None:
+    source, target = creature(8000), creature(6000, seed=5)
+    mirrored = Surface(target.surface.vertices * [-1, 1, 1], target.surface.triangles[:, ::-1])
+    values = normals_of(source.surface)
+    result = carried(values, Kind.NORMAL, map_of(source, target), source.surface, mirrored)
+    assert np.median(degrees(result, normals_of(mirrored))) < 2
+
+
+def test_normals_jump_where_the_source_s_do() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21), indexing="ij"), axis=-1).reshape(-1, 2)
+    roof = np.column_stack([grid, -np.abs(grid[:, 0])])
+    number = np.arange(441).reshape(21, 21)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    source = Surface(roof, quads)
+    target = Surface(roof @ TURN.T, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    slope = np.sign(roof[source.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0])
+    flat = np.column_stack([slope, 0 * slope, np.ones(len(slope))]) / np.sqrt(2)
+    result = carried(flat.repeat(4, axis=0), Kind.NORMAL, identity(source), source, target)
+    own = triangle_normals(target.vertices, target.triangles)
+    assert degrees(result, own.repeat(3, axis=0)).max() < 0.01
+
+
+def test_normals_stay_above_the_surface_but_where_the_source_s_are_below() -> None:
+    source, target = creature(3000), creature(3000, seed=5, bend=BEND)
+    up = np.tile([0.0, 0, 1], (len(source.surface.vertices), 1))
+    surface_map = map_of(source, target)
+    result = carried(up, Kind.NORMAL, surface_map, source.surface, target.surface)
+    above = surface_map.interpolate(np.einsum("nx,nx->n", up, normals_of(source.surface))) > 0
+    assert 0.2 < above.mean() < 0.8
+    height = np.einsum("nx,nx->n", result, normals_of(target.surface))
+    assert (height[above] > 0).all()
+    assert (height[~above] < 0).mean() > 0.9
+
+
+@pytest.mark.parametrize("domain", ["point", "corner", "face"])
+def test_quaternions_of_either_sign_are_the_same_rotation_and_turn_if_asked(domain: str) -> None:
+    source, target = creature(4000), creature(3000, seed=5)
+    turned = Surface(target.surface.vertices @ TURN.T, target.surface.triangles)
+    surface_map = map_of(source, target)
+
+    def rotations(surface: Surface) -> Rotation:
+        return Rotation.from_rotvec(at_domain(np.sin(surface.vertices), surface, domain))
+
+    def quaternions(rotation: Rotation) -> np.ndarray:
+        return np.roll(rotation.as_quat(), 1, axis=1)
+
+    values = quaternions(rotations(source.surface))
+    values *= np.where(np.random.default_rng(0).random(len(values)) < 0.5, -1, 1)[:, None]
+    truth = rotations(target.surface)
+    for options, expected in (({}, truth), ({"turned": True}, Rotation.from_matrix(TURN) * truth)):
+        result = carried(values, Kind.QUATERNION, surface_map, source.surface, turned, **options)
+        np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1, rtol=1e-6)
+        off = (Rotation.from_quat(np.roll(result, -1, axis=1)) * expected.inv()).magnitude()
+        assert np.median(np.degrees(off)) < 2
+
+
+def test_quaternions_keep_their_sign_and_missing_ones_turn_nothing() -> None:
+    mesh = creature(1000).surface
+    values = np.tile([-0.6, 0, 0.8, 0], (1000, 1))
+    np.testing.assert_allclose(carried(values, Kind.QUATERNION, identity(mesh), mesh, mesh), values, atol=1e-9)
+    result = carried(0 * values, Kind.QUATERNION, identity(mesh), mesh, mesh)
+    np.testing.assert_allclose(result, np.tile([1, 0, 0, 0], (1000, 1)), atol=1e-9)
+
+
+def test_matrices_are_neither_sheared_nor_shrunk_between_two_rotations() -> None:
+    source, target = creature(4000), creature(3000, seed=5)
+    surface_map = map_of(source, target)
+    angle = np.pi * (source.surface.vertices[:, 2] > 0)  # by half a turn, or not at all
+    rotation = Rotation.from_rotvec(np.column_stack([0 * angle, 0 * angle, 0.999 * angle])).as_matrix()
+    matrices = np.tile(np.eye(4), (4000, 1, 1))
+    matrices[:, :3, :3] = rotation @ np.diag([1.0, 2, -3])
+    matrices[:, :3, 3] = source.surface.vertices
+    result = carried(matrices.reshape(-1, 16), Kind.MATRIX, surface_map, source.surface, target.surface)
+    result = result.reshape(-1, 4, 4)
+    np.testing.assert_allclose(np.linalg.det(result[:, :3, :3]), -6, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.svd(result[:, :3, :3])[1], np.tile([3, 2, 1], (3000, 1)), rtol=1e-6)
+    np.testing.assert_allclose(result[:, :3, 3], surface_map.interpolate(source.surface.vertices), atol=1e-9)
+    np.testing.assert_allclose(result[:, 3], np.tile([0, 0, 0, 1], (3000, 1)), atol=1e-12)
+    kept = carried(matrices.reshape(-1, 16), Kind.MATRIX, identity(source.surface), source.surface, source.surface)
+    np.testing.assert_allclose(kept, matrices.reshape(-1, 16), atol=1e-6)

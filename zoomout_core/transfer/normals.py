@@ -1,0 +1,59 @@
+"""Directions, which turn with the surface, and normals, which point out of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from zoomout_core.surface import Floats, Surface, triangle_areas, triangle_normals, vertex_normals
+from zoomout_core.transfer.attribute import Attribute, Domain
+from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.frames import rotations
+from zoomout_core.transfer.interpolate import MIX
+
+# Sine of the angle above the surface that a normal is lifted to where only the transfer pushed it below.
+LIFTED = 0.05
+
+
+def turn_directions(attribute: Attribute, draped: Draped) -> Attribute:
+    """Directions (count, 3): mixed, turned with the surface, and as long as those that they are mixed from."""
+    values = np.asarray(attribute.values, dtype=np.float64)
+    directions, length = _turned(attribute, np.linalg.norm(values, axis=1), draped)
+    return replace(attribute, values=(_unit(directions) * length[:, None]).astype(attribute.values.dtype))
+
+
+def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
+    """Unit normals (count, 3): directions that stay above the surface where they are above the source's."""
+    values = np.asarray(attribute.values, dtype=np.float64)
+    height = np.einsum("cx,cx->c", values, _outward(draped.source, attribute.domain))
+    normals, height = _turned(attribute, height, draped)
+    normals, outward = _unit(normals), _outward(draped.target, attribute.domain)
+    found = np.einsum("cx,cx->c", normals, outward)
+    pushed = (height > 0) & (found < 0)
+    normals[pushed] += (LIFTED - found[pushed])[:, None] * outward[pushed]
+    return replace(attribute, values=_unit(normals).astype(attribute.values.dtype))
+
+
+def _turned(attribute: Attribute, number: Floats, draped: Draped) -> tuple[Floats, Floats]:
+    """Vectors on the target, mixed and turned, and a number (count,) that goes with each, mixed."""
+    both = np.column_stack([np.asarray(attribute.values, dtype=np.float64), number])
+    mixed = MIX[attribute.domain](replace(attribute, values=both), draped).values
+    return np.einsum("cxy,cy->cx", rotations(draped, attribute.domain), mixed[:, :3]), mixed[:, 3]
+
+
+def _outward(surface: Surface, domain: Domain) -> Floats:
+    """(count, 3) unit normals of the surface itself: of its vertices, or of the faces, for each corner its face's."""
+    vertices, triangles = surface.vertices, surface.triangles
+    if domain is Domain.POINT:
+        return vertex_normals(vertices, triangles)
+    weighted = triangle_normals(vertices, triangles) * triangle_areas(vertices, triangles)[:, None]
+    count = len(surface.face_start) - 1
+    sums = np.stack([np.bincount(surface.triangle_face, axis, minlength=count) for axis in weighted.T], axis=1)
+    normals = _unit(sums)
+    return normals if domain is Domain.FACE else normals[surface.corner_face]
+
+
+def _unit(vectors: Floats) -> Floats:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -1,0 +1,82 @@
+"""Rotations: quaternions, and the part of a matrix that turns.
+
+A quaternion and its negative are the same rotation, so their products with themselves are mixed, and the mean is the
+eigenvector of the largest eigenvalue (Markley et al., Averaging quaternions, 2007).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.surface import Floats
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.frames import rotations
+from zoomout_core.transfer.interpolate import MIX
+
+# Where all quaternions are zero, this makes their mean the rotation by nothing.
+NOTHING = 1e-12
+
+
+def mix_quaternions(attribute: Attribute, draped: Draped, *, turned: bool = False) -> Attribute:
+    """Unit quaternions (count, 4), w first; mixed, and if they are to be `turned`, turned with the surface."""
+    values = np.asarray(attribute.values, dtype=np.float64)
+    mixed = MIX[attribute.domain](replace(attribute, values=np.column_stack([_squared(values), values])), draped).values
+    quaternions = _mean(mixed[:, :16], mixed[:, 16:])
+    if turned:
+        quaternions = _quaternions(_turning(attribute, draped) @ _matrices(quaternions))
+    return replace(attribute, values=quaternions.astype(attribute.values.dtype))
+
+
+def mix_matrices(attribute: Attribute, draped: Draped, *, turned: bool = False) -> Attribute:
+    """Matrices (count, 16), row by row: rotations are mixed as quaternions, stretch and translation as numbers.
+
+    If they are to be `turned`, their rotations turn with the surface.
+    """
+    matrices = np.asarray(attribute.values, dtype=np.float64).reshape(-1, 4, 4)
+    left, stretch, right = np.linalg.svd(matrices[:, :3, :3])
+    # Polar decomposition into a rotation and a stretch, which takes what turns inside out.
+    handed = np.sign(np.linalg.det(left @ right))
+    left[:, :, 2] *= handed[:, None]
+    stretch[:, 2] *= handed
+    rest = matrices.copy()
+    rest[:, :3, :3] = np.einsum("qkx,qk,qky->qxy", right, stretch, right)
+    parts = np.column_stack([_squared(_quaternions(left @ right)), rest.reshape(-1, 16)])
+    mixed = MIX[attribute.domain](replace(attribute, values=parts), draped).values
+    rotation = _matrices(_mean(mixed[:, :16], None))
+    if turned:
+        rotation = _turning(attribute, draped) @ rotation
+    result = mixed[:, 16:].reshape(-1, 4, 4)
+    result[:, :3, :3] = rotation @ result[:, :3, :3]
+    return replace(attribute, values=result.reshape(-1, 16).astype(attribute.values.dtype))
+
+
+def _turning(attribute: Attribute, draped: Draped) -> Floats:
+    """(count, 3, 3) rotations from the source's surface to the target's; point reflections undo mirrored ones."""
+    found = rotations(draped, attribute.domain)
+    return found * np.sign(np.linalg.det(found))[:, None, None]
+
+
+def _squared(quaternions: Floats) -> Floats:
+    """(q, 16) products of quaternions (q, 4) with themselves."""
+    return np.einsum("qx,qy->qxy", quaternions, quaternions).reshape(-1, 16)
+
+
+def _mean(squared: Floats, like: Floats | None) -> Floats:
+    """(q, 4) unit quaternions of mixed products (q, 16), of the sign of `like` (q, 4), else with positive w."""
+    products = squared.reshape(-1, 4, 4)
+    products[:, 0, 0] += NOTHING
+    mean = np.linalg.eigh(products)[1][:, :, 3]
+    towards = mean[:, 0] if like is None else np.einsum("qx,qx->q", mean, like)
+    return np.asarray(mean * np.where(towards < 0, -1, 1)[:, None])
+
+
+def _matrices(quaternions: Floats) -> Floats:
+    return np.asarray(Rotation.from_quat(np.roll(quaternions, -1, axis=1)).as_matrix())
+
+
+def _quaternions(matrices: Floats) -> Floats:
+    return np.roll(Rotation.from_matrix(matrices).as_quat(), 1, axis=1)
