@@ -148,13 +148,35 @@ class TransferOptions:
     )
     attributes: BoolProperty(
         name="Attributes",
-        description="Transfer the other attributes of points, faces and face corners",
+        description=(
+            "Transfer the other attributes. Vectors arrive as they are, unless the source's mesh has a custom property "
+            "'zoomout_turning' with the names of those that turn with the surface, between commas"
+        ),
         default=True,
         options=ONCE,
     )
     materials: BoolProperty(
         name="Materials",
         description="Give each face the material of the source; slots that the target lacks are appended",
+        default=True,
+        options=ONCE,
+    )
+
+    edges: BoolProperty(
+        name="Seams & Sharps",
+        description=(
+            "Trace seams, sharp edges, creases, bevel weights and Freestyle edges as lines along the target's edges, "
+            "and creases and bevel weights of vertices. Of each kind that the source has, the target's own are replaced"
+        ),
+        default=True,
+        options=ONCE,
+    )
+    custom_normals: BoolProperty(
+        name="Custom Normals",
+        description=(
+            "Transfer the normals of face corners where the source has custom ones, turned with the surface. "
+            "Blender marks edges as sharp where they jump"
+        ),
         default=True,
         options=ONCE,
     )

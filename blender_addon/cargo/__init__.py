@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import layers, materials, vertex_groups
+from . import edges, layers, materials, normals, vertex_groups
 from .cargo import Cargo, Origin, Remarks, Way
 from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names
 
-# In the order in which they are written.
-PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (layers.pack, vertex_groups.pack, materials.pack)
+# In the order in which they are written. Normals come last: how they are stored depends on which edges and faces are
+# sharp.
+PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (
+    layers.pack,
+    vertex_groups.pack,
+    materials.pack,
+    edges.pack,
+    normals.pack,
+)
 
 # The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
 NOUNS = {
@@ -18,6 +25,8 @@ NOUNS = {
     "attributes": "attribute",
     "vertex_groups": "vertex group",
     "materials": "material",
+    "edges": "kind of edge mark",
+    "custom_normals": "layer of custom normals",
 }
 DATA = tuple(NOUNS)
 

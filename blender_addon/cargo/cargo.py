@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
 from bpy.types import Mesh, Object
 
 from zoomout_core.progress import Steps, spread
+from zoomout_core.surface import Surface
 from zoomout_core.transfer import Attribute, Blend, Domain, blend, drape, transfer_steps
 from zoomout_core.transfer.draped import Draped
 
@@ -81,9 +82,27 @@ class Way:
         """The target on the source, for all attributes."""
         return drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
 
-    def carry(self, attribute: Attribute, what: str, **options: Any) -> Steps[Attribute]:
-        """An attribute of the source, on the target; `what` it is called in the progress."""
-        steps = transfer_steps(attribute, self.draped, **options)
+    def carry(
+        self,
+        attribute: Attribute,
+        what: str,
+        source: Surface | None = None,
+        target: Surface | None = None,
+        **options: Any,
+    ) -> Steps[Attribute]:
+        """An attribute of the source, on the target.
+
+        Args:
+            attribute: of the source.
+            what: it is called in the progress.
+            source: the source in another pose or space than it was matched in, and
+            target: the target, where that matters to the attribute.
+            options: of the attribute's kind.
+        """
+        draped = self.draped
+        if source is not None or target is not None:
+            draped = replace(draped, source=source or draped.source, target=target or draped.target)
+        steps = transfer_steps(attribute, draped, **options)
         carried = yield from spread(steps, 0, 1, f"Transferring {what}")
         self.remarks.add(carried.notes)
         return carried

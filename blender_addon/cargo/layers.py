@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from bpy.types import Object
 
 import zoomout_core as zo
 from zoomout_core.progress import Steps
-from zoomout_core.transfer import Attribute
+from zoomout_core.transfer import Attribute, Kind
 
 from .. import mesh_data
 from ..mesh_data import ActiveLayers, Layer, Role
@@ -23,11 +24,13 @@ class LayerCargo:
         layer: its values, and how Blender keeps them.
         active: what the source shows and renders, of this layer.
         present: what the target has already under its name, if that can be blended with it.
+        at_rest: the source's and the target's own mesh, for what turns from one to the other.
     """
 
     layer: Layer
     active: ActiveLayers
     present: Attribute | None
+    at_rest: tuple[zo.Surface, zo.Surface] | None = None
 
     @property
     def kind(self) -> str:
@@ -38,7 +41,12 @@ class LayerCargo:
         return [self.layer.attribute.name]
 
     def carry(self, way: Way) -> Steps[None]:
-        attribute = yield from way.carry(self.layer.attribute, f"'{self.layer.attribute.name}'")
+        attribute, options = self.layer.attribute, dict[str, Any]()
+        if self.at_rest is not None:
+            options = dict(zip(("source", "target"), self.at_rest, strict=True))
+            if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
+                options["turned"] = True
+        attribute = yield from way.carry(attribute, f"'{attribute.name}'", **options)
         self.layer = replace(self.layer, attribute=way.blended(attribute, self.present))
 
     def write(self, target: Object) -> None:
@@ -60,7 +68,21 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     _check_uv_maps(layers, origin.target)
     _check_names(layers, origin.target, remarks)
     active = mesh_data.read_active_layers(origin.mesh)
-    return [LayerCargo(layer, active.among({layer.attribute.name}), _present(layer, origin)) for layer in layers]
+    at_rest = None
+    if any(layer.turning for layer in layers):
+        at_rest = (
+            mesh_data.read_surface_at_rest(origin.source, origin.mesh),
+            mesh_data.read_surface_at_rest(origin.target),
+        )
+    return [
+        LayerCargo(
+            layer,
+            active.among({layer.attribute.name}),
+            _present(layer, origin),
+            at_rest if layer.turning else None,
+        )
+        for layer in layers
+    ]
 
 
 def _present(layer: Layer, origin: Origin) -> Attribute | None:

@@ -17,17 +17,21 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
+from .marks import MARKS, read_marks, write_marks
 from .materials import read_materials, write_materials
+from .normals import read_custom_normals, write_custom_normals
 from .surfaces import (
     evaluated_mesh,
     is_mirrored,
     read_positions,
     read_source_surface,
+    read_surface_at_rest,
     read_target_surface,
 )
 from .vertex_groups import deforming_bones, locked_groups, read_weights, write_weights
 
 __all__ = [
+    "MARKS",
     "MATCH_ATTRIBUTES",
     "MOST_UV_MAPS",
     "ActiveLayers",
@@ -40,15 +44,20 @@ __all__ = [
     "is_mirrored",
     "locked_groups",
     "read_active_layers",
+    "read_custom_normals",
     "read_layer",
     "read_layers",
+    "read_marks",
     "read_materials",
     "read_positions",
     "read_source_surface",
+    "read_surface_at_rest",
     "read_target_surface",
     "read_weights",
     "write_active_layers",
+    "write_custom_normals",
     "write_layer",
+    "write_marks",
     "write_materials",
     "write_weights",
 ]

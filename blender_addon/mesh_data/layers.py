@@ -14,14 +14,18 @@ from numpy.typing import DTypeLike
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind
 
 from .arrays import read_array
+from .marks import MARK_ATTRIBUTES
+from .normals import CUSTOM_NORMAL
 
 # Blender refuses more UV maps in its panels, and draws no more than these.
 MOST_UV_MAPS = 8
 # What a match that is kept on a mesh consists of: for each vertex a triangle of the source, a point in it, and trust.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
-# Attributes that Blender itself gives a meaning which is bound to the edges and corners of one mesh.
-CUSTOM_NORMAL = "custom_normal"
-BOUND_TO_MESH = frozenset({"crease_vert", "bevel_weight_vert", CUSTOM_NORMAL, "freestyle_face"})
+# Attributes that are read and written elsewhere: faces' materials, marks of edges and vertices, and custom normals.
+READ_ELSEWHERE = MARK_ATTRIBUTES | {"material_index", CUSTOM_NORMAL}
+# A custom property of meshes: names of vectors, quaternions and matrices that turn with the surface, between commas.
+TURNING = "zoomout_turning"
+MAY_TURN = frozenset({"FLOAT_VECTOR", "QUATERNION", "FLOAT4X4"})
 # Internal attributes that hold what was made on a mesh, and those that hold how it was being edited.
 SCULPTED = frozenset({".sculpt_mask", ".sculpt_face_set"})
 EDITING_STATES = (".select_", ".hide_", ".uv_select_", ".vs.", ".es.")
@@ -57,6 +61,7 @@ STORAGE = {
     "INT16_2D": Storage(Kind.LABEL, "value", 2, np.int32),
     "INT32_2D": Storage(Kind.LABEL, "value", 2, np.int32),
     "BOOLEAN": Storage(Kind.BOOLEAN, "value", 1, np.bool_),
+    "STRING": Storage(Kind.LABEL, "value", 1, np.bytes_),
     "QUATERNION": Storage(Kind.QUATERNION, "value", 4, np.float32),
     "FLOAT4X4": Storage(Kind.MATRIX, "value", 16, np.float32),
 }
@@ -78,11 +83,13 @@ class Layer:
         attribute: its values.
         role: what Blender uses it as.
         data_type: a key of `STORAGE`.
+        turning: whether it is a direction or a rotation, in the mesh's own space, that turns with the surface.
     """
 
     attribute: Attribute
     role: Role
     data_type: str
+    turning: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,8 +117,8 @@ def read_layers(mesh: Mesh) -> tuple[list[Layer], dict[str, str]]:
     layers, skipped = [], {}
     for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
         attribute = mesh.attributes[name]
-        if attribute.is_required or name == "material_index":
-            continue  # the mesh itself, and what goes with its materials
+        if attribute.is_required or name in READ_ELSEWHERE:
+            continue
         role = roles.get(name, Role.GENERIC)
         reason = _obstacle(attribute, role)
         if reason is None:
@@ -133,11 +140,6 @@ def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
     keys = [] if obj.data.shape_keys is None else obj.data.shape_keys.key_blocks[1:]
     found = (
         ("shape keys", bool(keys), f"{len(keys)} of them, which cannot be transferred yet"),
-        (
-            "custom normals",
-            mesh.has_custom_normals and CUSTOM_NORMAL not in mesh.attributes,
-            "they are bound to the shape of the source's own mesh",
-        ),
         ("skin radii", bool(mesh.skin_vertices), "they belong to the edges that the Skin modifier grows a mesh from"),
         (
             "multires displacement",
@@ -148,8 +150,11 @@ def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
     return {name: reason for name, present, reason in found if present}
 
 
-def _kind(attribute: bpy.types.Attribute, role: Role) -> Kind:
-    return Kind.UV if role is Role.UV_MAP else STORAGE[attribute.data_type].kind
+def _kind(attribute: bpy.types.Attribute, role: Role, turning: bool) -> Kind:
+    if role is Role.UV_MAP:
+        return Kind.UV
+    kind = STORAGE[attribute.data_type].kind
+    return Kind.DIRECTION if turning and kind is Kind.VECTOR else kind
 
 
 def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
@@ -162,24 +167,36 @@ def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
         return "pins of UVs are set for one unwrapping of one mesh"
     if attribute.is_internal and name not in SCULPTED:
         return "it is internal to Blender"
-    if attribute.domain == "EDGE":
-        return "values of edges have no counterpart on another mesh"
-    if name in BOUND_TO_MESH:
-        return "it is bound to the shape of the source's own mesh"
     if attribute.data_type not in STORAGE:
         return f"values of the type {attribute.data_type} cannot be transferred"
-    rule = RULES.get(_kind(attribute, role))
+    rule = RULES.get(_kind(attribute, role, turning=False))
     if rule is None or Domain[attribute.domain] not in rule.domains:
         return f"values of the type {attribute.data_type} cannot be transferred"
     return None
 
 
 def read_layer(mesh: Mesh, name: str, role: Role = Role.GENERIC) -> Layer:
-    """One attribute of a mesh: values (count,) or (count, width), colours scene-linear."""
+    """One attribute of a mesh: values (count,) or (count, width), colours scene-linear, matrices row by row."""
     attribute = mesh.attributes[name]
+    turning = attribute.data_type in MAY_TURN and name in (
+        word.strip() for word in str(mesh.get(TURNING, "")).split(",")
+    )
+    kind = _kind(attribute, role, turning)
+    values = Attribute(name, Domain[attribute.domain], kind, _read_values(attribute))
+    return Layer(values, role, attribute.data_type, turning)
+
+
+def _read_values(attribute: bpy.types.Attribute) -> np.ndarray:
     storage = STORAGE[attribute.data_type]
+    if attribute.data_type == "STRING":  # Blender hands out no arrays of these
+        return np.array([element.value for element in attribute.data])
     values = read_array(attribute.data, storage.element, storage.dtype, storage.width)
-    return Layer(Attribute(name, Domain[attribute.domain], _kind(attribute, role), values), role, attribute.data_type)
+    return _transposed(values) if storage.kind is Kind.MATRIX else values
+
+
+def _transposed(matrices: np.ndarray) -> np.ndarray:
+    """Matrices (count, 16), column by column, row by row; or the other way round."""
+    return matrices.reshape(-1, 4, 4).transpose(0, 2, 1).reshape(-1, 16)
 
 
 def fits(attribute: bpy.types.Attribute, layer: Layer) -> bool:
@@ -197,7 +214,13 @@ def write_layer(mesh: Mesh, layer: Layer) -> None:
         present = None
     if present is None:
         present = mesh.attributes.new(name, layer.data_type, domain)
-    present.data.foreach_set(storage.element, np.ascontiguousarray(layer.attribute.values, storage.dtype).ravel())
+    values = layer.attribute.values
+    if layer.data_type == "STRING":
+        for element, value in zip(present.data, values.tolist(), strict=True):
+            element.value = value
+        return
+    values = _transposed(values) if storage.kind is Kind.MATRIX else values
+    present.data.foreach_set(storage.element, np.ascontiguousarray(values, storage.dtype).ravel())
 
 
 def read_active_layers(mesh: Mesh) -> ActiveLayers:

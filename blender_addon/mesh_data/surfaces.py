@@ -52,7 +52,7 @@ def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
         MeshError: there is no surface, or it is not evaluated.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        return _surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh), mesh)
+        return _world_surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh), mesh)
 
 
 def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
@@ -64,7 +64,21 @@ def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         if len(mesh.vertices) != len(obj.data.vertices):
             raise zo.MeshError(_change_of_vertices(obj))
-        return _surface(evaluated, obj.data, read_positions(mesh), obj.data)
+        return _world_surface(evaluated, obj.data, read_positions(mesh), obj.data)
+
+
+def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None) -> zo.Surface:
+    """The surface of an object's own mesh, as it is there: in the mesh's own space.
+
+    Args:
+        obj: the object.
+        evaluated: the mesh that modifiers leave; if they change its faces, it is taken instead.
+
+    Raises:
+        MeshError: there is no surface.
+    """
+    mesh = obj.data if evaluated is None or _same_faces(evaluated, obj.data) else evaluated
+    return _surface(obj, mesh, read_positions(mesh), mesh if evaluated is None else evaluated)
 
 
 def read_positions(mesh: Mesh) -> np.ndarray:
@@ -72,20 +86,25 @@ def read_positions(mesh: Mesh) -> np.ndarray:
     return read_array(mesh.vertices, "co", np.float32, 3)
 
 
-def _surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
+def _world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
     """A mesh in world space: corners and triangles are numbered as Blender does, edges as in `with_edges`.
 
     A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
     """
     matrix = np.array(obj.matrix_world)
+    points = positions @ matrix[:3, :3].T + matrix[:3, 3]
+    return _surface(obj, mesh, points, with_edges, is_mirrored(obj))
+
+
+def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirrored: bool = False) -> zo.Surface:
     mesh.calc_loop_triangles()
     triangle_corners = read_array(mesh.loop_triangles, "loops", np.int32, 3)
-    if is_mirrored(obj):
+    if mirrored:
         triangle_corners = triangle_corners[:, ::-1]
     face_start = np.append(read_array(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
     try:
         return zo.Surface.from_corners(
-            positions @ matrix[:3, :3].T + matrix[:3, 3],
+            points,
             read_array(mesh.loops, "vertex_index", np.int32),
             face_start,
             triangle_corners,

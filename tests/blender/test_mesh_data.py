@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
 from scenes import (
     ELEMENTS,
     activate,
@@ -48,13 +49,18 @@ def random_values(data_type, count, seed=0):
     return array.astype(dtype).reshape((count, width) if width > 1 else count)
 
 
-@pytest.mark.parametrize("domain", ["POINT", "FACE", "CORNER"])
+@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
 @pytest.mark.parametrize("data_type", list(ELEMENTS))
 def test_every_type_of_attribute_survives_the_round_trip(data_type, domain):
     if data_type not in {item.identifier for item in bpy.types.Attribute.bl_rna.properties["data_type"].enum_items}:
         pytest.skip(f"this version has no {data_type}")
     source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
-    count = {"POINT": len(source.data.vertices), "FACE": len(source.data.polygons), "CORNER": len(source.data.loops)}
+    count = {
+        "POINT": len(source.data.vertices),
+        "EDGE": len(source.data.edges),
+        "FACE": len(source.data.polygons),
+        "CORNER": len(source.data.loops),
+    }
     expected = random_values(data_type, count[domain])
     add_attribute(source.data, "data", data_type, domain, expected)
 
@@ -66,6 +72,26 @@ def test_every_type_of_attribute_survives_the_round_trip(data_type, domain):
     written = target.data.attributes["data"]
     assert (written.data_type, written.domain) == (data_type, domain)
     np.testing.assert_allclose(values(target.data, "data"), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
+def test_strings_survive_the_round_trip(domain):
+    source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
+    words = [b"", b"boot", "façade".encode()]
+    for element, i in zip(source.data.attributes.new("word", "STRING", domain).data, range(10**6), strict=False):
+        element.value = words[i % 3]
+    mesh_data.write_layer(target.data, mesh_data.read_layer(source.data, "word"))
+    written = [element.value for element in target.data.attributes["word"].data]
+    assert written == [words[i % 3] for i in range(len(written))]
+
+
+def test_matrices_are_read_row_by_row():
+    source = ellipsoid("Source", 1)
+    rows = np.arange(16.0).reshape(4, 4)
+    attribute = source.data.attributes.new("frame", "FLOAT4X4", "POINT")
+    attribute.data[3].value = Matrix(rows)
+    values_read = mesh_data.read_layer(source.data, "frame").attribute.values
+    np.testing.assert_array_equal(values_read[3], rows.ravel())
 
 
 def test_values_overwrite_a_layer_of_the_same_type_and_replace_one_of_another():
@@ -138,12 +164,13 @@ def test_what_a_mesh_has_is_read_or_has_a_reason_why_not():
     bpy.ops.object.mode_set(mode="OBJECT")
     layers, skipped = mesh_data.read_layers(mesh)
     read = {layer.attribute.name for layer in layers}
-    assert read == {"UVMap", "sharp_face", "zoomout_speed", ".sculpt_mask", ".sculpt_face_set"}
-    assert {"crease_edge", "label", "zoomout_confidence", ".pn.UVMap", "selection and hiding"} <= set(skipped)
-    skipped |= mesh_data.data_without_a_way(source, mesh)
-    assert {"custom_normal", "custom normals"} & set(skipped)
+    assert read == {"UVMap", "sharp_face", "zoomout_speed", ".sculpt_mask", ".sculpt_face_set", "label"}
+    assert {"zoomout_confidence", ".pn.UVMap", "selection and hiding"} <= set(skipped)
+    assert [marks.name for marks in mesh_data.read_marks(mesh)] == ["seams"]
+    assert mesh_data.read_custom_normals(source, mesh) is not None
+    elsewhere = {"material_index", "uv_seam", ".uv_seam", "sharp_edge", "crease_edge", "custom_normal"}
     left = {attribute.name for attribute in mesh.attributes if not attribute.is_required}.difference(read, skipped)
-    assert {name for name in left if not name.startswith((".select_", ".hide_", ".uv_select_"))} <= {"material_index"}
+    assert {name for name in left if not name.startswith((".select_", ".hide_", ".uv_select_"))} <= elsewhere
 
 
 def test_shape_keys_and_what_else_is_no_attribute_have_a_reason():

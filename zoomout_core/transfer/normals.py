@@ -9,8 +9,8 @@ import numpy as np
 from zoomout_core.surface import Floats, Surface, triangle_areas, triangle_normals, vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.draped import Draped
-from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
+from zoomout_core.transfer.turning import rotations
 
 # Sine of the angle above the surface that a normal is lifted to where only the transfer pushed it below.
 LIFTED = 0.05
@@ -43,15 +43,14 @@ def _turned(attribute: Attribute, number: Floats, draped: Draped) -> tuple[Float
 
 
 def _outward(surface: Surface, domain: Domain) -> Floats:
-    """(count, 3) unit normals of the surface itself: of its vertices, or of the faces, for each corner its face's."""
+    """(count, 3) unit normals of the surface itself: of the vertices, also for corners, or of the faces."""
     vertices, triangles = surface.vertices, surface.triangles
-    if domain is Domain.POINT:
-        return vertex_normals(vertices, triangles)
+    if domain is not Domain.FACE:
+        normals = vertex_normals(vertices, triangles)
+        return normals if domain is Domain.POINT else normals[surface.corner_vertex]
     weighted = triangle_normals(vertices, triangles) * triangle_areas(vertices, triangles)[:, None]
     count = len(surface.face_start) - 1
-    sums = np.stack([np.bincount(surface.triangle_face, axis, minlength=count) for axis in weighted.T], axis=1)
-    normals = _unit(sums)
-    return normals if domain is Domain.FACE else normals[surface.corner_face]
+    return _unit(np.stack([np.bincount(surface.triangle_face, axis, minlength=count) for axis in weighted.T], axis=1))
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -1,0 +1,75 @@
+"""Marks of single edges and vertices: seams, sharp edges, creases, bevel weights, and lines of Freestyle."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from bpy.types import Mesh, MeshEdge
+
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .arrays import read_array
+
+
+class MarkRow(NamedTuple):
+    """How Blender keeps one kind of mark.
+
+    Attributes:
+        attribute: the attribute's name since Blender 5.0.
+        label: what the user knows it as.
+        domain: what is marked.
+        kind: a mark is there or not, or has a strength.
+        element: a property of each edge that holds it, in some or all versions; then the attribute, if there is one,
+            may have other names.
+    """
+
+    attribute: str
+    label: str
+    domain: Domain
+    kind: Kind
+    element: str = ""
+
+
+MARKS = (
+    MarkRow("uv_seam", "seams", Domain.EDGE, Kind.BOOLEAN, "use_seam"),
+    MarkRow("sharp_edge", "sharp edges", Domain.EDGE, Kind.BOOLEAN, "use_edge_sharp"),
+    MarkRow("freestyle_edge", "Freestyle edges", Domain.EDGE, Kind.BOOLEAN, "use_freestyle_mark"),
+    MarkRow("crease_edge", "creases", Domain.EDGE, Kind.MARK),
+    MarkRow("bevel_weight_edge", "bevel weights", Domain.EDGE, Kind.MARK),
+    MarkRow("crease_vert", "vertex creases", Domain.POINT, Kind.MARK),
+    MarkRow("bevel_weight_vert", "vertex bevel weights", Domain.POINT, Kind.MARK),
+)
+# Attributes that hold marks, as they are called in any version.
+MARK_ATTRIBUTES = frozenset({row.attribute for row in MARKS} | {".uv_seam"})
+
+
+def read_marks(mesh: Mesh) -> list[Attribute]:
+    """The marks that a mesh has, by their labels."""
+    found = ((row, _read(mesh, row)) for row in MARKS)
+    return [Attribute(row.label, row.domain, row.kind, values) for row, values in found if values.any()]
+
+
+def write_marks(mesh: Mesh, marks: Attribute) -> None:
+    """Give a mesh the marks of one label, in place of those that it has."""
+    (row,) = (row for row in MARKS if row.label == marks.name)
+    if _is_property(row):
+        mesh.edges.foreach_set(row.element, np.ascontiguousarray(marks.values, dtype=np.bool_))
+        return
+    data_type, dtype = ("BOOLEAN", np.bool_) if row.kind is Kind.BOOLEAN else ("FLOAT", np.float32)
+    present = mesh.attributes.get(row.attribute) or mesh.attributes.new(row.attribute, data_type, row.domain.name)
+    present.data.foreach_set("value", np.ascontiguousarray(marks.values, dtype=dtype))
+
+
+def _read(mesh: Mesh, row: MarkRow) -> np.ndarray:
+    dtype = np.bool_ if row.kind is Kind.BOOLEAN else np.float32
+    if _is_property(row):
+        return read_array(mesh.edges, row.element, dtype)
+    attribute = mesh.attributes.get(row.attribute)
+    if attribute is None or attribute.domain != row.domain.name:
+        return np.zeros(len(mesh.edges if row.domain is Domain.EDGE else mesh.vertices), dtype)
+    return read_array(attribute.data, "value", dtype)
+
+
+def _is_property(row: MarkRow) -> bool:
+    return row.element in MeshEdge.bl_rna.properties

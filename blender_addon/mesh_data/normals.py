@@ -1,0 +1,33 @@
+"""Custom normals of face corners."""
+
+from __future__ import annotations
+
+import numpy as np
+from bpy.types import Mesh, Object
+
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .arrays import read_array
+
+CUSTOM_NORMAL = "custom_normal"
+# Since Blender 4.5 normals may also be kept as they are; these are what the others are stored as.
+ENCODED = "INT16_2D"
+
+
+def read_custom_normals(obj: Object, mesh: Mesh) -> Attribute | None:
+    """The normals of a mesh's corners in world space, if it has custom ones."""
+    if not mesh.has_custom_normals:
+        return None
+    normals = read_array(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)
+    # Normals stand on tangents, so they go the other way; they keep pointing out of what is mirrored.
+    normals = normals @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Attribute(CUSTOM_NORMAL, Domain.CORNER, Kind.NORMAL, normals)
+
+
+def write_custom_normals(mesh: Mesh, normals: Attribute) -> None:
+    """Give corners their normals, in the mesh's own space; Blender marks edges as sharp where these jump."""
+    present = mesh.attributes.get(CUSTOM_NORMAL)
+    if present is not None and present.data_type != ENCODED:
+        mesh.attributes.remove(present)  # Blender would write to another attribute, and show this one
+    mesh.normals_split_custom_set(normals.values.astype(np.float32))

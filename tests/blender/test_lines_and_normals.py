@@ -1,0 +1,399 @@
+"""Marks of edges, custom normals and attributes of every type, transferred and then used by Blender."""
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, add_attribute, ellipsoid, linked, positions, values
+
+import zoomout_core as zo
+from blender_addon import mesh_data, stored_match
+from blender_addon.operators.transfer import transfer_objects
+from blender_addon.pair import read_pair
+from zoomout_core.projection import closest_points
+from zoomout_core.transfer.cut import cut_open
+
+
+@pytest.fixture
+def source():
+    return ellipsoid("Source")
+
+
+@pytest.fixture
+def target(source):
+    """The source's shape with fewer triangles, turned and moved in its own mesh, and the true match."""
+    obj = ellipsoid("Target")
+    activate(obj)
+    obj.modifiers.new("Decimate", "DECIMATE").ratio = 0.7
+    bpy.ops.object.modifier_apply(modifier="Decimate")
+    keep_true_match(obj)
+    return obj
+
+
+def keep_true_match(target, still=None):
+    """Keep the map by closest points, of the target's vertices where they are or were before it was moved."""
+    pair = read_pair(bpy.context, "Source", target.name)
+    points = pair.target.vertices if still is None else still
+    surface_map = zo.SurfaceMap(
+        *closest_points(points, pair.source.vertices, pair.source.triangles), pair.source.triangles
+    )
+    stored_match.write(target.data, stored_match.StoredMatch(surface_map, np.ones(len(points)), ()), pair, {})
+
+
+def transfer(source, target, *data):
+    return transfer_objects(bpy.context, source, target, data)
+
+
+def edge_array(mesh, name, dtype=bool):
+    array = np.empty(len(mesh.edges), dtype)
+    mesh.edges.foreach_get(name, array)
+    return array
+
+
+def ends(mesh):
+    array = np.empty(2 * len(mesh.edges), np.int32)
+    mesh.edges.foreach_get("vertices", array)
+    return array.reshape(-1, 2)
+
+
+def mark_equator(mesh, plane=0.1):
+    """(e,) the edges between faces on both sides of a plane: one loop."""
+    working = bmesh.new()
+    working.from_mesh(mesh)
+    above = [[face.calc_center_median()[2] > plane for face in edge.link_faces] for edge in working.edges]
+    working.free()
+    return np.array([len(set(sides)) == 2 for sides in above])
+
+
+def unwrapped_islands(obj):
+    """How many parts Blender's unwrapping cuts a mesh into along its seams."""
+    activate(obj)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.uv.unwrap()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    surface = mesh_data.read_surface_at_rest(obj)
+    uv = values(obj.data, obj.data.uv_layers.active.name)
+    return cut_open(surface, uv).island.max() + 1
+
+
+def test_a_seam_around_arrives_as_one_that_blender_unwraps_along(source, target):
+    seams = mark_equator(source.data)
+    source.data.edges.foreach_set("use_seam", seams)
+    assert unwrapped_islands(source) == 2
+    target.data.edges[5].use_seam = True  # replaced
+    report = transfer(source, target, "edges")
+    assert report["written"]["edges"] == ["seams"]
+    heights = positions(target.data)[ends(target.data)[edge_array(target.data, "use_seam")], 2]
+    assert np.abs(heights - 0.1).max() < 0.08
+    assert unwrapped_islands(target) == 2
+
+
+def test_each_kind_of_mark_arrives_and_kinds_that_the_source_lacks_stay(source, target):
+    loop = mark_equator(source.data)
+    source.data.edges.foreach_set("use_edge_sharp", loop)
+    for name in ("crease_edge", "bevel_weight_edge"):
+        add_attribute(source.data, name, "FLOAT", "EDGE", np.where(loop, 0.75, 0))
+    activate(source)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_mode(type="EDGE")
+    bpy.ops.mesh.select_all(action="DESELECT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    source.data.edges.foreach_set("select", loop)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.mark_freestyle_edge()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    crease = np.zeros(len(source.data.vertices))
+    crease[[5, 100]] = 0.5, 1.0
+    add_attribute(source.data, "crease_vert", "FLOAT", "POINT", crease)
+    target.data.edges[5].use_seam = True
+    before = edge_array(target.data, "use_seam")
+
+    report = transfer(source, target, "edges")
+    assert report["written"]["edges"] == [
+        "sharp edges",
+        "Freestyle edges",
+        "creases",
+        "bevel weights",
+        "vertex creases",
+    ]
+    line = edge_array(target.data, "use_edge_sharp")
+    assert 30 < line.sum() < 200
+    for name in ("crease_edge", "bevel_weight_edge"):
+        np.testing.assert_allclose(values(target.data, name), np.where(line, 0.75, 0), atol=1e-6)
+    freestyle = {marks.name: marks.values for marks in mesh_data.read_marks(target.data)}["Freestyle edges"]
+    np.testing.assert_array_equal(freestyle, line)
+    vertices = np.flatnonzero(values(target.data, "crease_vert"))
+    np.testing.assert_allclose(values(target.data, "crease_vert")[vertices].max(), 1)
+    assert len(vertices) == 2
+    distance = np.linalg.norm(positions(target.data)[vertices][:, None] - positions(source.data)[[5, 100]], axis=2)
+    assert distance.min(axis=1).max() < 0.1
+    np.testing.assert_array_equal(edge_array(target.data, "use_seam"), before)
+
+
+def cube(name, cuts, triangles=False):
+    """A cube of faces divided into grids."""
+    mesh = bpy.data.meshes.new(name)
+    working = bmesh.new()
+    bmesh.ops.create_cube(working, size=2)
+    bmesh.ops.subdivide_edges(working, edges=working.edges, cuts=cuts, use_grid_fill=True)
+    if triangles:
+        bmesh.ops.triangulate(working, faces=working.faces)
+    working.to_mesh(mesh)
+    working.free()
+    return linked(name, mesh)
+
+
+def subdivided_volume(obj):
+    obj.modifiers.new("Finer", "SUBSURF").levels = 2
+    working = bmesh.new()
+    working.from_mesh(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh())
+    volume = working.calc_volume()
+    working.free()
+    obj.modifiers.clear()
+    return volume
+
+
+@pytest.mark.parametrize("cuts", [5, 17])
+def test_creases_keep_the_edges_of_a_subdivided_cube(cuts):
+    source, target = cube("Source", 11), cube("Target", cuts, triangles=True)
+    keep_true_match(target)
+    on_sides = (np.abs(positions(source.data)[ends(source.data)]) > 0.999).all(axis=1).sum(axis=1) == 2
+    assert on_sides.sum() == 12 * 12
+    add_attribute(source.data, "crease_edge", "FLOAT", "EDGE", on_sides)
+    rounded = 8 - subdivided_volume(target)
+    transfer(source, target, "edges")
+    assert values(target.data, "crease_edge").astype(bool).sum() == 12 * (cuts + 1)
+    assert 8 - subdivided_volume(target) < 0.05 * rounded
+
+
+# --- custom normals -----------------------------------------------------------------------------------------
+
+
+def corner_normals(obj):
+    """(c, 3) as Blender shows them, in world space."""
+    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    array = np.empty(3 * len(mesh.loops), np.float32)
+    mesh.corner_normals.foreach_get("vector", array)
+    normals = array.reshape(-1, 3) @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def corner_vertices(mesh):
+    array = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", array)
+    return array
+
+
+def degrees(first, second):
+    return np.degrees(np.arccos(np.clip(np.einsum("cx,cx->c", first, second), -1, 1)))
+
+
+def bulging(points):
+    """Normals of a rounder shape than these points are on."""
+    normals = points / np.array([1.0, 0.9, 0.8])
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def give_normals(obj, normals):
+    obj.data.shade_smooth()
+    obj.data.normals_split_custom_set(normals)
+
+
+@pytest.mark.parametrize("placed", ["still", "turned", "mirrored", "turned mesh"])
+def test_custom_normals_turn_with_the_target(source, target, placed):
+    still = positions(target.data).astype(float)
+    give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
+    assert degrees(corner_normals(source), bulging(positions(source.data))[corner_vertices(source.data)]).max() < 0.5
+    target.data.shade_smooth()
+    turn = np.eye(3)
+    if placed == "turned":
+        target.rotation_euler, target.scale = (0.5, -1, 2), (2, 2, 2)
+        bpy.context.view_layer.update()
+        turn = np.array(target.matrix_world)[:3, :3] / 2
+    elif placed == "mirrored":
+        target.scale = (-1, 1, 1)
+        bpy.context.view_layer.update()
+        turn = np.diag([-1.0, 1, 1])
+    elif placed == "turned mesh":
+        turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        target.data.vertices.foreach_set("co", (still @ turn.T).ravel())
+        target.data.update()
+    keep_true_match(target, still)
+    report = transfer(source, target, "custom_normals")
+    assert report["written"]["custom_normals"] == ["custom_normal"]
+    truth = (bulging(still) @ turn.T)[corner_vertices(target.data)]
+    error = degrees(corner_normals(target), truth)
+    assert np.median(error) < 1
+    assert np.percentile(error, 99) < 4
+    assert not edge_array(target.data, "use_edge_sharp").any()
+
+
+def test_custom_normals_of_a_posed_target_are_stored_for_its_rest(source, target):
+    give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
+    target.data.shade_smooth()
+    truth = bulging(positions(target.data))[corner_vertices(target.data)]
+    still = positions(target.data).astype(float)
+    modifier = target.modifiers.new("Bend", "SIMPLE_DEFORM")
+    modifier.deform_method, modifier.deform_axis, modifier.angle = "BEND", "Z", 1.5
+    keep_true_match(target, still)
+    transfer(source, target, "custom_normals")
+    modifier.show_viewport = False
+    assert np.median(degrees(corner_normals(target), truth)) < 1
+
+
+def test_normals_that_jump_at_sharp_edges_jump_along_the_traced_line(source, target):
+    loop = mark_equator(source.data, 0.0)
+    source.data.shade_smooth()
+    source.data.edges.foreach_set("use_edge_sharp", loop)
+    centres = np.array([polygon.center[2] for polygon in source.data.polygons])
+    per_corner = np.repeat(centres > 0, [polygon.loop_total for polygon in source.data.polygons])
+    tilted = bulging(positions(source.data))[corner_vertices(source.data)] + np.where(per_corner, 0.6, -0.6)[
+        :, None
+    ] * [0, 0, 1]
+    give_normals(source, tilted / np.linalg.norm(tilted, axis=1, keepdims=True))
+    target.data.shade_smooth()
+    transfer(source, target, "edges", "custom_normals")
+    line = edge_array(target.data, "use_edge_sharp")
+    heights = positions(target.data)[ends(target.data)[line], 2]
+    assert np.abs(heights).max() < 0.12
+    centres = np.array([polygon.center[2] for polygon in target.data.polygons])
+    above = np.repeat(centres > 0, [polygon.loop_total for polygon in target.data.polygons])
+    truth = bulging(positions(target.data))[corner_vertices(target.data)] + np.where(above, 0.6, -0.6)[:, None] * [
+        0,
+        0,
+        1,
+    ]
+    truth /= np.linalg.norm(truth, axis=1, keepdims=True)
+    error = degrees(corner_normals(target), truth)
+    assert np.median(error) < 1
+    assert (error < 5).mean() > 0.97
+
+
+def test_normals_that_are_kept_as_they_are_give_way(source, target):
+    if bpy.app.version < (4, 5, 0):
+        pytest.skip("this version keeps no normals as they are")
+    give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
+    target.data.shade_smooth()
+    add_attribute(
+        target.data, "custom_normal", "FLOAT_VECTOR", "POINT", np.tile([0, 0, 1.0], (len(target.data.vertices), 1))
+    )
+    transfer(source, target, "custom_normals")
+    truth = bulging(positions(target.data))[corner_vertices(target.data)]
+    assert np.median(degrees(corner_normals(target), truth)) < 1
+
+
+def test_without_custom_normals_the_target_keeps_its_own(source, target):
+    source.data.edges[3].use_seam = True
+    report = transfer(source, target, "edges", "custom_normals")
+    assert report["written"]["custom_normals"] == []
+    assert not target.data.has_custom_normals
+
+
+# --- attributes of every type -------------------------------------------------------------------------------
+
+
+def count_of(mesh, domain):
+    return len({"POINT": mesh.vertices, "EDGE": mesh.edges, "FACE": mesh.polygons, "CORNER": mesh.loops}[domain])
+
+
+def places_of(mesh, domain):
+    """(count, 3) the middle of each element."""
+    points = positions(mesh)
+    if domain == "POINT":
+        return points
+    if domain == "EDGE":
+        return points[ends(mesh)].mean(axis=1)
+    if domain == "CORNER":
+        return points[corner_vertices(mesh)]
+    return np.array([polygon.center for polygon in mesh.polygons])
+
+
+SMOOTH = {
+    "FLOAT": lambda p: p[:, 0],
+    "FLOAT2": lambda p: p[:, :2],
+    "FLOAT_VECTOR": lambda p: p,
+    "FLOAT_COLOR": lambda p: np.column_stack([p / 3 + 0.5, np.ones(len(p))]),
+    "BYTE_COLOR": lambda p: np.column_stack([p / 3 + 0.5, np.ones(len(p))]),
+    "QUATERNION": lambda p: np.column_stack([np.cos(p[:, 0]), np.sin(p[:, 0]), 0 * p[:, 0], 0 * p[:, 0]]),
+    "FLOAT4X4": lambda p: np.column_stack(
+        [np.tile([2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0], (len(p), 1)), p, np.ones(len(p))]
+    ),
+}
+STEPPED = {
+    "INT": lambda east: np.where(east, 70000, -3),
+    "INT8": lambda east: np.where(east, 5, -5),
+    "INT16_2D": lambda east: np.where(east[:, None], [300, 2], [1, -2]),
+    "INT32_2D": lambda east: np.where(east[:, None], [70000, 2], [1, -2]),
+    "BOOLEAN": lambda east: east,
+}
+
+
+def lacks(data_type):
+    return data_type not in {item.identifier for item in bpy.types.Attribute.bl_rna.properties["data_type"].enum_items}
+
+
+@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
+@pytest.mark.parametrize("data_type", list(SMOOTH))
+def test_numbers_of_every_type_are_mixed(source, target, data_type, domain):
+    if lacks(data_type):
+        pytest.skip(f"this version has no {data_type}")
+    add_attribute(source.data, "data", data_type, domain, SMOOTH[data_type](places_of(source.data, domain)))
+    kinds = ("attributes", "color_attributes", "uv_maps")
+    if domain == "EDGE" and data_type in ("QUATERNION", "FLOAT4X4"):
+        report = transfer(source, target, *kinds)
+        assert "cannot be transferred" in report["skipped"]["data"]
+        return
+    transfer(source, target, *kinds)
+    assert (target.data.attributes["data"].data_type, target.data.attributes["data"].domain) == (data_type, domain)
+    error = np.abs(values(target.data, "data") - SMOOTH[data_type](places_of(target.data, domain)))
+    assert error.mean() < 0.01
+    assert error.max() < 0.12
+
+
+@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
+@pytest.mark.parametrize("data_type", list(STEPPED))
+def test_whole_numbers_of_every_type_are_voted_on(source, target, data_type, domain):
+    if lacks(data_type):
+        pytest.skip(f"this version has no {data_type}")
+    add_attribute(source.data, "data", data_type, domain, STEPPED[data_type](places_of(source.data, domain)[:, 0] > 0))
+    transfer(source, target, "attributes")
+    assert (target.data.attributes["data"].data_type, target.data.attributes["data"].domain) == (data_type, domain)
+    expected = STEPPED[data_type](places_of(target.data, domain)[:, 0] > 0)
+    right = (values(target.data, "data") == expected).reshape(len(expected), -1).all(axis=1)
+    assert right.mean() > 0.97
+
+
+@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
+def test_strings_are_voted_on(source, target, domain):
+    words = np.where(places_of(source.data, domain)[:, 0] > 0, b"boot", b"glove")
+    for element, word in zip(source.data.attributes.new("word", "STRING", domain).data, words.tolist(), strict=True):
+        element.value = word
+    source.data.update()
+    transfer(source, target, "attributes")
+    written = np.array([element.value for element in target.data.attributes["word"].data])
+    expected = np.where(places_of(target.data, domain)[:, 0] > 0, b"boot", b"glove")
+    assert (written == expected).mean() > 0.97
+
+
+def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, target):
+    still = positions(target.data).astype(float)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    target.data.vertices.foreach_set("co", (still @ turn.T).ravel())
+    target.data.update()
+    keep_true_match(target, still)
+    for name in ("flow", "plain"):
+        add_attribute(source.data, name, "FLOAT_VECTOR", "POINT", bulging(positions(source.data)))
+    if not lacks("FLOAT4X4"):
+        frames = np.tile(np.eye(4), (len(source.data.vertices), 1, 1))
+        add_attribute(source.data, "frame", "FLOAT4X4", "POINT", frames.reshape(-1, 16))
+    add_attribute(source.data, "spin", "QUATERNION", "POINT", np.tile([1.0, 0, 0, 0], (len(source.data.vertices), 1)))
+    source.data["zoomout_turning"] = "flow, frame, spin"
+    transfer(source, target, "attributes")
+    assert np.median(degrees(values(target.data, "plain"), bulging(still))) < 1
+    assert np.median(degrees(values(target.data, "flow"), bulging(still) @ turn.T)) < 1
+    quarter = np.tile([np.sqrt(0.5), 0, 0, np.sqrt(0.5)], (len(still), 1))
+    assert np.abs(np.einsum("nx,nx->n", values(target.data, "spin"), quarter)).min() > 0.99
+    if not lacks("FLOAT4X4"):
+        frame = np.array(target.data.attributes["frame"].data[7].value)
+        np.testing.assert_allclose(frame[:3, :3], turn, atol=0.05)
