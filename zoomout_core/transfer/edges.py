@@ -41,6 +41,8 @@ RINGS = 2
 STRAYING = 2.0
 # A path that takes so many times the length of its line goes around a tear of the map.
 DETOUR = 3.0
+# A part of a length that is as good as nothing.
+ROUNDING = 1e-6
 # Points of lines that are traced together: bounds the memory.
 BLOCK = 1 << 16
 
@@ -156,7 +158,9 @@ def _traced(attribute: Attribute, marked: Booleans, source: Web, laid: Laid) -> 
     kept = _without_spurs(steps, pieces, place, laid.web)
     result = _nothing(values, len(laid.web.ends) + 1)  # the last for loose edges, whose strand is -1
     result[steps.strand[kept]] = values[edge[samples.edge[steps.sample[kept]]]]
-    notes = _notes(attribute.name, int((~on_faces).sum()), samples, pieces, steps)
+    arrived = np.unique(steps.piece[np.isin(steps.strand, steps.strand[kept])])
+    lost = np.setdiff1d(np.arange(len(pieces.first)), arrived)
+    notes = _notes(attribute.name, int((~on_faces).sum()), samples, pieces, lost, laid.edge_length)
     return replace(attribute, values=result[laid.web.of_edge], notes=attribute.notes + notes)
 
 
@@ -328,23 +332,26 @@ def _without_spurs(steps: _Steps, pieces: _Pieces, place: Place, web: Web) -> In
         kept = kept[leads_on]
 
 
-def _notes(name: str, loose: int, samples: Samples, pieces: _Pieces, steps: _Steps) -> tuple[str, ...]:
-    """What did not arrive."""
+def _notes(
+    name: str, loose: int, samples: Samples, pieces: _Pieces, lost: Integers, edge_length: float
+) -> tuple[str, ...]:
+    """What did not arrive: of loose edges, of parts that the target lacks, and of pieces that have no path."""
     notes = []
     if loose:
         notes.append(f"{name}: {loose} edges of the source belong to no face and were left out.")
     last = np.flatnonzero(np.diff(samples.chain, append=-1))
     total = float(samples.along[last].sum())
-    drawn = np.zeros(len(pieces.first), dtype=bool)
-    drawn[steps.piece] = True
     length = samples.along[pieces.last] - samples.along[pieces.first]
     missing = 1 - float(length.sum()) / total if total else 0.0
-    if missing > 1e-6:
+    if missing > ROUNDING:
         notes.append(
             f"{name}: {missing:.1%} of the length of its lines was left out, where the target has no counterpart "
             "of the source that can be trusted."
         )
-    short = int((~drawn).sum())
-    if short:
-        notes.append(f"{name}: {short} pieces of its lines are too short for the target's edges, or torn by the map.")
+    torn = float(length[lost][length[lost] > edge_length].sum())
+    if torn:
+        notes.append(
+            f"{name}: {torn / total:.1%} of the length of its lines was left out, where the map is torn or the "
+            "target's edges are too long."
+        )
     return tuple(notes)

@@ -15,6 +15,7 @@ from zoomout_core.surface import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.cut import adjacent_edges, cut_open, edge_lengths
 from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
 from zoomout_core.transfer.voting import LOYALTY, circumference, elect, tally
 
 
@@ -73,11 +74,17 @@ def vote_corners(attribute: Attribute, draped: Draped) -> Attribute:
 
 
 def vote_faces(attribute: Attribute, draped: Draped) -> Attribute:
-    """Labels of faces: a vote of samples, by area and confidence; in doubt borders are kept short."""
+    """Labels of faces: a vote of samples, by area and confidence; in doubt borders are kept short.
+
+    Small islands of the source survive, and single faces beyond a border take the label around them.
+    """
     code, distinct = _coded(attribute)
-    target = draped.target
+    target, island = draped.target, islands_of(draped.source, code)
+    label_of = np.empty(island.max() + 1, dtype=np.int64)
+    label_of[island] = code
     samples = draped.samples(np.arange(len(target.face_start) - 1))
-    candidates, label = tally(samples.face, code[draped.source.triangle_face[samples.triangle]], samples.weight)
+    candidates, island = tally(samples.face, island[draped.source.triangle_face[samples.triangle]], samples.weight)
+    label = label_of[island]
     edges, opposite = candidates.contested(*adjacent_edges(target), target.corner_face)
     edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
     chosen = elect(
@@ -88,7 +95,8 @@ def vote_faces(attribute: Attribute, draped: Draped) -> Attribute:
         edge_lengths(target.vertices[target.corner_vertex], edges)[edge],
         label[first] == label[second],
     )
-    return replace(attribute, values=distinct[label[chosen]])
+    chosen = with_lost_islands(chosen, candidates, island, target)
+    return replace(attribute, values=distinct[without_specks(label[chosen], island[chosen], target)])
 
 
 VOTE = {Domain.POINT: vote_points, Domain.FACE: vote_faces, Domain.CORNER: vote_corners}

@@ -1,0 +1,78 @@
+"""Islands of faces with one label: small ones of the source survive a vote, and specks that it does not have go.
+
+An election keeps borders short, and so it drops islands of about a face's size, which an artist may have made on
+purpose; and the noise of a map leaves single faces beyond a border. Faces belong together that share a vertex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from zoomout_core.surface import Integers, Surface, triangle_areas
+from zoomout_core.transfer.cut import adjacent_edges, edge_lengths, joined_groups
+from zoomout_core.transfer.voting import Candidates
+
+# An island that covers this part of a face of the target receives it, if no face elects it.
+LEAST_COVER = 0.5
+
+
+def islands_of(surface: Surface, label: Integers) -> Integers:
+    """(f,) number of the island that each face is part of, with its neighbours of the same label (f,)."""
+    knot = surface.working.vertex_of[surface.corner_vertex]
+    knot = np.where(knot >= 0, knot, len(surface.vertices) + surface.corner_vertex)
+    _, meeting = np.unique(knot * (label.max() + 1) + label[surface.corner_face], return_inverse=True)
+    meeting = meeting.reshape(-1) + len(label)
+    group = joined_groups(int(meeting.max()) + 1, surface.corner_face, meeting)
+    return np.unique(group[: len(label)], return_inverse=True)[1].reshape(-1)
+
+
+def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers, target: Surface) -> Integers:
+    """The chosen candidates (f,), but islands that none of them is of receive the face that is most theirs.
+
+    Args:
+        chosen: the elected candidate of each face.
+        candidates: k of them.
+        island: (k,) the island of the source that each stands for.
+        target: the surface whose faces choose.
+    """
+    area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
+    covered = np.bincount(island, candidates.share * area[candidates.face])
+    faces_of = np.bincount(island[chosen], minlength=len(covered))
+    lost = np.flatnonzero(faces_of[island] == 0)
+    best = lost[np.lexsort((-candidates.share[lost], island[lost]))]
+    best = best[np.flatnonzero(np.diff(island[best], prepend=-1))]
+    face = candidates.face[best]
+    # No island loses its only face for another.
+    fit = (covered[island[best]] >= LEAST_COVER * area[face]) & (faces_of[island[chosen[face]]] > 1)
+    best = best[fit]
+    result = chosen.copy()
+    result[candidates.face[best]] = best
+    return result
+
+
+def without_specks(label: Integers, island: Integers, surface: Surface) -> Integers:
+    """The labels (f,) of faces, but single ones take that of their neighbours if their island is elsewhere.
+
+    Args:
+        label: of the faces of the target.
+        island: (f,) the island of the source that each face took it from.
+        surface: the target.
+    """
+    own = islands_of(surface, label)
+    speck = (np.bincount(own)[own] == 1) & (np.bincount(island)[island] > 1)
+    if not speck.any():
+        return label
+    first, second = adjacent_edges(surface)
+    length = edge_lengths(surface.vertices[surface.corner_vertex], first)
+    face, other = surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
+    face, other, length = np.concatenate([face, other]), np.concatenate([other, face]), np.tile(length, 2)
+    mine = speck[face] & ~speck[other]
+    # The neighbours' labels by the length of the edges, the longest first.
+    votes = coo_array((length[mine], (face[mine], label[other[mine]])), shape=(len(label), label.max() + 1))
+    votes = votes.tocsr().tocoo()
+    order = np.lexsort((-votes.data, votes.row))
+    order = order[np.flatnonzero(np.diff(votes.row[order], prepend=-1))]
+    result = label.copy()
+    result[votes.row[order]] = votes.col[order]
+    return result
