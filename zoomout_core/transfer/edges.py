@@ -7,7 +7,8 @@ distances from a line are measured there. A step of a path costs its length, or 
 where this is larger, and what it cuts short once more, so that no path skips from one reach of a line to another; and
 the more, the farther from the line it goes. Values are taken along the line.
 
-Values that most edges have are no lines, but a field: they are read around the middle of each edge.
+Values that most edges have are no lines, but a field: they are read around the middle of each edge. Where all edges of
+neighbouring faces have one, they fill an area, whose outline alone is a line.
 """
 
 from __future__ import annotations
@@ -55,10 +56,18 @@ def transfer_edges(attribute: Attribute, draped: Draped) -> Attribute:
     if not (marked.any() and len(target.ends)):
         return replace(attribute, values=_nothing(values, len(draped.target.edges)))
     laid = Laid(draped, target)
-    coarse = np.median(source.lengths) > COARSE * laid.edge_length
-    if marked.mean() > MOST_MARKED and not coarse:
+    if np.median(source.lengths) > COARSE * laid.edge_length:
+        return _traced(attribute, marked, source, laid)
+    if marked.mean() > MOST_MARKED:
         return _spread(attribute, draped)
-    return _traced(attribute, marked, source, laid)
+    filling = _filling(marked, source)
+    traced = _traced(attribute, marked & ~filling, source, laid)
+    if not filling.any():
+        return traced
+    nearest = _nearest_edges(draped, np.flatnonzero(filling | ~marked))
+    inside = filling[nearest] & ~_marked(traced.values)
+    traced.values[inside] = values[nearest[inside]]
+    return traced
 
 
 def _marked(values: np.ndarray) -> Booleans:
@@ -103,9 +112,25 @@ def _spread(attribute: Attribute, draped: Draped) -> Attribute:
         sums = (table @ values.reshape(len(values), -1)) / np.maximum(table.sum(axis=1), 1).reshape(-1, 1)
         mixed = draped.surface_map.interpolate(sums)[target.edges].mean(axis=1)
         return replace(attribute, values=mixed.reshape(-1, *values.shape[1:]).astype(values.dtype))
-    middles = source.vertices[source.edges].mean(axis=1)
-    _, nearest = cKDTree(middles).query(draped.points[target.edges].mean(axis=1), workers=2)
-    return replace(attribute, values=values[nearest])
+    return replace(attribute, values=values[_nearest_edges(draped, np.arange(len(values)))])
+
+
+def _nearest_edges(draped: Draped, chosen: Integers) -> Integers:
+    """(e_t,) which of chosen edges of the source has its middle nearest to that of each of the target's."""
+    middles = draped.source.vertices[draped.source.edges[chosen]].mean(axis=1)
+    found = cKDTree(middles).query(draped.points[draped.target.edges].mean(axis=1), workers=2)[1]
+    return chosen[found]
+
+
+def _filling(marked: Booleans, source: Web) -> Booleans:
+    """(e_s,) which marked edges are between faces all of whose edges are marked."""
+    strands = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for what is no strand
+    strands[source.of_edge[marked]] = True
+    strands[-1] = False
+    full = np.logical_and.reduceat(strands[source.of_side], source.surface.face_start[:-1])
+    strands[source.of_side[~full[source.surface.corner_face]]] = False
+    strands[-1] = False
+    return marked & strands[source.of_edge]
 
 
 # --- lines --------------------------------------------------------------------------------------------------

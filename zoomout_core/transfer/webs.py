@@ -23,6 +23,7 @@ class Web:
 
     Attributes:
         of_edge: (e,) the strand that each edge of the surface is part of, -1 for loose edges.
+        of_side: (c,) the strand that runs from each corner to the next of its face, -1 for none.
         ends: (s, 2) the knots that each strand connects, the smaller number first, in rising order.
         vertex: (k,) a vertex of the surface at each knot.
         points: (k, 3) where the knots are.
@@ -41,6 +42,7 @@ class Web:
         keys = keys[keys >= 0]
         self.ends = np.stack(np.divmod(keys, len(self.vertex)), axis=1)
         self.of_edge = self._among(keys, of_edges)
+        self.of_side = self._among(keys, of_faces)
         self.lengths = edge_lengths(self.points, self.ends)
 
     def _keys(self, ends: Integers) -> Integers:

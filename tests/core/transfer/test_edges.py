@@ -319,3 +319,32 @@ def test_of_marks_that_meet_the_largest_stays_and_the_others_are_not_smeared() -
     attribute = Attribute("crease_vert", Domain.POINT, Kind.MARK, crease)
     values = transfer(attribute, surface_map, source.surface, target.surface).values
     assert values[values > 0].tolist() == [0.8]
+
+
+def test_edges_that_fill_an_area_fill_it_again() -> None:
+    source, target = sheet(torus, 120, 80), sheet(torus, 131, 89, jitter=0.2, sides=3, seed=1)
+    surface_map = true_map(source, 120, 80, target.parameters)
+    ends = source.parameters[source.surface.edges]
+    patch = ((ends > 0.2) & (ends < 0.5)).all(axis=(1, 2))
+    line = (np.ptp(ends[:, :, 1], axis=1) == 0) & (ends[:, 0, 1] == 0.75)
+    crease = np.where(patch, 0.5, np.where(line, 1.0, 0.0))
+    result = carried(crease, surface_map, source.surface, target.surface).values
+    places = target.parameters[target.surface.edges]
+    inside = ((places > 0.215) & (places < 0.485)).all(axis=(1, 2))
+    outside = ((places < 0.195) | (places > 0.505)).any(axis=(1, 2))
+    assert (result[inside] == 0.5).all()
+    assert not (result == 0.5)[outside].any()
+    assert shape_of(target.surface, result == 1) == (1, 1, 0)
+
+
+def test_a_triangle_that_is_outlined_is_a_line() -> None:
+    mesh = creature(2000).surface
+    outline = np.sort(mesh.triangles[7][[[0, 1], [1, 2], [2, 0]]], axis=1) @ [2000, 1]
+    marked = np.isin(np.sort(mesh.edges, axis=1) @ [2000, 1], outline)
+    assert (carried(marked, identity(mesh), mesh, mesh).values == marked).all()
+
+
+def test_no_mark_is_no_mark() -> None:
+    mesh = creature(1000).surface
+    attribute = Attribute("crease_vert", Domain.POINT, Kind.MARK, np.zeros(1000))
+    assert not transfer(attribute, identity(mesh), mesh, mesh).values.any()
