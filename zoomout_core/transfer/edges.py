@@ -26,7 +26,7 @@ from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut import ragged
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.lines import Chains, Samples, runs, sample, string_together
-from zoomout_core.transfer.webs import Laid, Place, Web, placed
+from zoomout_core.transfer.webs import REACH, Laid, Place, Web, placed
 
 # Where more than this part of the edges have a value, these are no lines,
 MOST_MARKED = 0.5
@@ -177,7 +177,7 @@ def _traced(attribute: Attribute, marked: Booleans, source: Web, laid: Laid) -> 
     edge = edge[on_faces][index]
     chains = string_together(source.ends[strand])
     samples = sample(chains, source.points, SPACING * laid.edge_length)
-    place = placed(samples.point, laid)
+    place = _at_borders(placed(samples.point, laid), samples, source, laid)
     pieces = _pieces(chains, samples, place, laid)
     steps = _paths(pieces, samples, place, laid)
     kept = _without_spurs(steps, pieces, place, laid.web)
@@ -187,6 +187,19 @@ def _traced(attribute: Attribute, marked: Booleans, source: Web, laid: Laid) -> 
     lost = np.setdiff1d(np.arange(len(pieces.first)), arrived)
     notes = _notes(attribute.name, int((~on_faces).sum()), samples, pieces, lost, laid.edge_length)
     return replace(attribute, values=result[laid.web.of_edge], notes=attribute.notes + notes)
+
+
+def _at_borders(place: Place, samples: Samples, source: Web, laid: Laid) -> Place:
+    """The places, where those of the source's border are at the target's, if one is about there."""
+    at_border = np.flatnonzero(source.on_border[samples.vertex] & (samples.vertex >= 0))
+    knots = np.flatnonzero(laid.web.on_border)
+    if len(at_border) == 0 or len(knots) == 0:
+        return place
+    distance, found = cKDTree(laid.points[knots]).query(samples.point[at_border])
+    near = np.asarray(distance) <= REACH * laid.edge_length
+    nearest = place.nearest.copy()
+    nearest[at_border[near]] = knots[np.asarray(found)[near]]
+    return place._replace(nearest=nearest)
 
 
 def _pieces(chains: Chains, samples: Samples, place: Place, laid: Laid) -> _Pieces:
@@ -253,7 +266,8 @@ def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: Place,
     web, count = laid.web, len(laid.web.vertex)
     every = np.arange(len(samples.chain))
     piece, index = ragged(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
-    nodes = _band(np.unique(piece[:, None] * count + place.knots[index]), web)
+    met = np.column_stack([place.knots[index], place.nearest[index]])
+    nodes = _band(np.unique(piece[:, None] * count + met), web)
     owner, knot = np.divmod(nodes, count)
     nearest, along, stray = _beside(owner, laid.points[knot], piece, index, samples)
 

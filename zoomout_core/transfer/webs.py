@@ -60,6 +60,14 @@ class Web:
         return self._among(self._keys(self.ends), self._keys(knots))
 
     @cached_property
+    def on_border(self) -> Booleans:
+        """(k,) which knots are on an open border."""
+        sides = np.bincount(self.of_side[self.of_side >= 0], minlength=len(self.ends))
+        found = np.zeros(len(self.vertex), dtype=bool)
+        found[self.ends[sides == 1]] = True
+        return found
+
+    @cached_property
     def around(self) -> tuple[Integers, Integers, Integers]:
         """Strands around knots: (k + 1,) where each knot's begin, the strands, and the knots at their other ends."""
         count = len(self.ends)

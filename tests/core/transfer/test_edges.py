@@ -11,7 +11,7 @@ from creatures import Creature, creature
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
-from transfer_meshes import identity, sheet, split_at_faces, torus, true_map
+from transfer_meshes import identity, sheet, split_at_faces, torus, true_map, tube
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
@@ -348,3 +348,23 @@ def test_no_mark_is_no_mark() -> None:
     mesh = creature(1000).surface
     attribute = Attribute("crease_vert", Domain.POINT, Kind.MARK, np.zeros(1000))
     assert not transfer(attribute, identity(mesh), mesh, mesh).values.any()
+
+
+def test_lines_that_end_at_a_border_end_at_the_target_s() -> None:
+    source, target = sheet(tube, 120, 40), sheet(tube, 97, 31, jitter=0.2, sides=3, seed=1)
+    # The map puts the second last vertices onto the border as well.
+    stretched = np.clip((target.parameters - [0, 0.5]) * [1, 1.08] + [0, 0.5], 0, 1)
+    surface_map = true_map(source, 120, 40, stretched)
+    ends = source.parameters[source.surface.edges]
+    columns = np.round(ends[:, :, 0] * 120)
+    marked = (columns[:, 0] == columns[:, 1]) & (columns[:, 0] % 10 == 0)
+    result = carried(marked, surface_map, source.surface, target.surface)
+    assert shape_of(target.surface, result.values) == (12, 0, 24)
+    knots, count = np.unique(target.surface.edges[result.values], return_counts=True)
+    assert np.isin(target.parameters[knots[count == 1], 1], [0, 1]).all()
+    assert np.isin(target.parameters[knots[count == 2], 1], [0, 1]).sum() == 0
+
+    rims = (ends[:, :, 1] % 1 == 0).all(axis=1)
+    result = carried(rims, true_map(source, 120, 40, target.parameters), source.surface, target.surface)
+    at_rim = np.isin(target.parameters[target.surface.edges][:, :, 1], [0, 1]).all(axis=1)
+    assert (result.values == at_rim).all()
