@@ -146,8 +146,10 @@ def cube(name, cuts, triangles=False):
 
 def subdivided_volume(obj):
     obj.modifiers.new("Finer", "SUBSURF").levels = 2
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     working = bmesh.new()
-    working.from_mesh(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh())
+    working.from_mesh(evaluated.to_mesh())
+    evaluated.to_mesh_clear()
     volume = working.calc_volume()
     working.free()
     obj.modifiers.clear()
@@ -172,9 +174,11 @@ def test_creases_keep_the_edges_of_a_subdivided_cube(cuts):
 
 def corner_normals(obj):
     """(c, 3) as Blender shows them, in world space."""
-    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
     array = np.empty(3 * len(mesh.loops), np.float32)
     mesh.corner_normals.foreach_get("vector", array)
+    evaluated.to_mesh_clear()
     normals = array.reshape(-1, 3) @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 

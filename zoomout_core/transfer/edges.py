@@ -36,8 +36,9 @@ COARSE = 2.0
 SPACING = 1 / 3
 # A gap of a line in the target is bridged, and a piece between two gaps dropped, if shorter than so many edges.
 GAP = 4.0
-# A path keeps to vertices that are at most so many edges away from the faces that its line crosses.
-RINGS = 2
+# A path keeps to vertices that are at most so many edges away from the faces that its line crosses: where the map
+# tears these apart, to more.
+RINGS = 2, 4, 8
 # So much the cost of a step grows for each edge's length that it is away from its line.
 STRAYING = 2.0
 # A path that takes so many times the length of its line goes around a tear of the map.
@@ -253,21 +254,25 @@ def _anchors(first: Integers, last: Integers, samples: Samples, place: Place, sh
 
 
 def _paths(pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
-    """The steps of the paths of all pieces, traced in blocks."""
-    size = pieces.last - pieces.first + 1
-    block_of = np.cumsum(size) // BLOCK
-    parts = [_paths_of(np.flatnonzero(block_of == b), pieces, samples, place, laid) for b in np.unique(block_of)]
-    empty = _Steps(*(np.zeros(0, dtype=t) for t in (np.int64, np.int64, np.int64, np.float64)))
-    return _Steps(*(np.concatenate(columns) for columns in zip(empty, *parts, strict=True)))
+    """The steps of the paths of all pieces, traced in blocks; those without a path again with more room."""
+    parts = [_Steps(*(np.zeros(0, dtype=t) for t in (np.int64, np.int64, np.int64, np.float64)))]
+    left = np.arange(len(pieces.first))
+    for rings in RINGS:
+        block_of = np.cumsum((pieces.last - pieces.first + 1)[left]) // BLOCK
+        blocks = [left[block_of == block] for block in np.unique(block_of)]
+        parts += [_paths_of(block, rings, pieces, samples, place, laid) for block in blocks]
+        moving = place.nearest[pieces.first[left]] != place.nearest[pieces.last[left]]
+        left = np.setdiff1d(left[moving], np.concatenate([part.piece for part in parts]))
+    return _Steps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
+def _paths_of(chosen: Integers, rings: int, pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
     """The steps of the paths of some pieces: each has a graph of its own, of the knots around its line."""
     web, count = laid.web, len(laid.web.vertex)
     every = np.arange(len(samples.chain))
     piece, index = ragged(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
     met = np.column_stack([place.knots[index], place.nearest[index]])
-    nodes = _band(np.unique(piece[:, None] * count + met), web)
+    nodes = _band(np.unique(piece[:, None] * count + met), rings, web)
     owner, knot = np.divmod(nodes, count)
     nearest, along, stray = _beside(owner, laid.points[knot], piece, index, samples)
 
@@ -309,11 +314,11 @@ def _paths_of(chosen: Integers, pieces: _Pieces, samples: Samples, place: Place,
     )
 
 
-def _band(nodes: Integers, web: Web) -> Integers:
+def _band(nodes: Integers, rings: int, web: Web) -> Integers:
     """Numbers piece * k + knot, in rising order, with those of knots a few strands away."""
     start, _, other = web.around
     count = len(web.vertex)
-    for _ in range(RINGS):
+    for _ in range(rings):
         owner, knot = np.divmod(nodes, count)
         owner, knot = ragged(owner, start[knot], start[knot + 1], other)
         nodes = np.unique(np.concatenate([nodes, owner * count + knot]))
