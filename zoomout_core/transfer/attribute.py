@@ -42,8 +42,8 @@ class Attribute:
         name: as the user knows it.
         domain: what has a value each.
         kind: what the values mean, and so how they may be mixed.
-        values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array.
-        labels: names of the columns, where they have names (vertex groups).
+        values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array, for OFFSET (n, keys, 3).
+        labels: names of the columns, where they have names (vertex groups, shape keys).
         notes: what the user should know about how the values came about, a sentence each.
     """
 

@@ -19,6 +19,7 @@ from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
+from zoomout_core.transfer.shape_keys import carry_offsets
 from zoomout_core.transfer.uv import transfer_uv
 from zoomout_core.transfer.weights import mix_weights
 
@@ -44,6 +45,7 @@ class Rule:
         meaning: the same in words, for the user.
         finite: whether values must be finite.
         sparse: whether values must be a sparse array.
+        column: the shape of each column; () for numbers.
     """
 
     domains: Mapping[Domain, Callable[..., Attribute]]
@@ -52,6 +54,7 @@ class Rule:
     meaning: str
     finite: bool = False
     sparse: bool = False
+    column: tuple[int, ...] = ()
 
 
 ON_FACES = Domain.POINT, Domain.FACE, Domain.CORNER
@@ -92,6 +95,9 @@ RULES: dict[Kind, Rule] = {
         "a scipy.sparse array of floats",
         finite=True,
         sparse=True,
+    ),
+    Kind.OFFSET: Rule(
+        {Domain.POINT: carry_offsets}, range(1, ANY), "f", "three floats for each key", finite=True, column=(3,)
     ),
 }
 
@@ -186,7 +192,7 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
     if given != count:
         unit = domain.name.lower()
         raise MeshError(f"'{name}' has {given} values for {count} {unit}s of the source: give one for each.")
-    if len(columns) > 1 or sum(columns) not in rule.widths or values.dtype.kind not in rule.dtypes:
+    if tuple(columns[1:]) != rule.column or sum(columns[:1]) not in rule.widths or values.dtype.kind not in rule.dtypes:
         raise MeshError(f"'{name}' has values of type {values.dtype} and shape {values.shape}, but {needs}.")
     if rule.finite and not np.isfinite(values.data if rule.sparse else values).all():
         raise MeshError(f"'{name}' has values that are not finite: correct them.")

@@ -29,6 +29,7 @@ VALUES = {
     Kind.LABEL: lambda count: np.arange(count),
     Kind.BOOLEAN: lambda count: np.arange(count) % 2 == 0,
     Kind.WEIGHT: lambda count: csr_array(np.full((count, 2), 0.5)),
+    Kind.OFFSET: lambda count: np.full((count, 2, 3), 0.1),
 }
 
 

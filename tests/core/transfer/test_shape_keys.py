@@ -1,0 +1,274 @@
+"""Shape keys: they turn and grow with the target, and leave alone what the source's leave alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from transfer_meshes import Sheet, globe, identity, sheet, split_at_faces, torus, true_map, tube
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Surface
+from zoomout_core.transfer import Attribute, Domain, Kind, shape_keys, transfer
+from zoomout_core.transfer.draped import Draped
+
+GRID = (120, 80)
+TURN = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+
+
+class Match:
+    """A map that is trusted to some degree."""
+
+    def __init__(self, surface_map: SurfaceMap, confidence: np.ndarray) -> None:
+        self.surface_map, self.confidence = surface_map, confidence
+
+
+@pytest.fixture(scope="module")
+def source() -> Sheet:
+    return sheet(tube, *GRID)
+
+
+@pytest.fixture(scope="module")
+def straight() -> Sheet:
+    """The same surface as another mesh."""
+    return sheet(tube, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
+
+
+def bent(points: np.ndarray, angle: float = 1.2) -> np.ndarray:
+    """Points (..., 3) around the z axis bent around an arc."""
+    radius = 4 / angle
+    turn = points[..., 2] / radius
+    reach = radius - points[..., 0]
+    return np.stack([radius - reach * np.cos(turn), points[..., 1], reach * np.sin(turn)], axis=-1)
+
+
+def moved(surface: Surface, vertices: np.ndarray) -> Surface:
+    """The same mesh with its vertices elsewhere."""
+    return Surface.from_corners(vertices, surface.corner_vertex, surface.face_start, surface.triangle_corners)
+
+
+def bump(points: np.ndarray, centre: tuple[float, float, float], radius: float) -> np.ndarray:
+    """(n,) one at a centre, falling smoothly to zero at a distance."""
+    distance = np.linalg.norm(points - centre, axis=1) / radius
+    return np.where(distance < 1, (1 - distance**2) ** 2, 0)
+
+
+def turned(points: np.ndarray, share: np.ndarray, axis: tuple[float, float, float], angle: float) -> np.ndarray:
+    """(n, 3) how points move when each takes its share of a turn around the middle of the tube."""
+    around = points - (0, 0, 2)
+    return Rotation.from_rotvec(share[:, None] * angle * np.array(axis)).apply(around) - around
+
+
+def keys(points: np.ndarray) -> dict[str, np.ndarray]:
+    """Offsets (n, 3) of points on the tube, as sculptors make them."""
+    outward = points * (1, 1, 0)
+    upper = np.clip((points[:, 2] - 1.5) / 1, 0, 1)
+    upper = upper * upper * (3 - 2 * upper)
+    here = bump(points, (1, 0, 2), 1.2)[:, None]
+    return {
+        "bulge": 0.3 * here * outward,
+        "slide": here * (0, 0.3, 0.2),
+        "inflate": 0.1 * outward,
+        "twist": turned(points, bump(points * (0, 0, 1), (0, 0, 2), 1.5), (0, 0, 1), 1.0),
+        "nod": turned(points, upper, (0, 1, 0), 0.7),
+    }
+
+
+def offsets(points: np.ndarray) -> np.ndarray:
+    """(n, keys, 3) of all keys."""
+    return np.stack(list(keys(points).values()), axis=1)
+
+
+def dents(points: np.ndarray, centre: tuple[float, float, float]) -> np.ndarray:
+    """(n, 2, 3) a dent and a slide around a centre."""
+    here = bump(points, centre, 0.9)[:, None, None]
+    return np.asarray(here * np.array([[-0.2, 0.1, 0], [0.1, 0.1, 0.3]]))
+
+
+def carried(values: np.ndarray, match: object, source: Surface, target: Surface) -> Attribute:
+    return transfer(Attribute("keys", Domain.POINT, Kind.OFFSET, values), match, source, target)
+
+
+def errors(values: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(keys,) errors over the length of the keys."""
+    return np.sqrt(((values - truth) ** 2).sum(axis=(0, 2)) / (truth**2).sum(axis=(0, 2)))
+
+
+def test_keys_turn_and_grow_with_a_target_that_is_turned_and_grown(source: Sheet, straight: Sheet) -> None:
+    target = moved(straight.surface, 2.5 * straight.surface.vertices @ TURN.T + (3, 0, -7))
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = offsets(source.surface.vertices)
+    expected = 2.5 * surface_map.interpolate(values) @ TURN.T
+    assert errors(carried(values, surface_map, source.surface, target).values, expected).max() < 0.02
+
+
+def test_on_the_same_mesh_keys_stay_what_they_are(source: Sheet) -> None:
+    values = offsets(source.surface.vertices)
+    result = carried(values, identity(source.surface), source.surface, source.surface)
+    assert errors(result.values, values).max() < 1e-3
+    assert result.notes == ()
+
+
+def test_keys_follow_a_bent_target_where_plain_offsets_do_not(source: Sheet, straight: Sheet) -> None:
+    points = straight.surface.vertices
+    target = moved(straight.surface, bent(points) @ TURN.T)
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = offsets(source.surface.vertices)
+    # First the key moves the straight tube, then all is bent.
+    truth = (bent(points[:, None] + offsets(points)) - bent(points)[:, None]) @ TURN.T
+    result = errors(carried(values, surface_map, source.surface, target).values, truth)
+    plain = errors(surface_map.interpolate(values), truth)
+    assert result.max() < 0.25
+    assert result.mean() < plain.mean() / 5
+
+
+def test_what_a_key_leaves_alone_stays_exactly_where_it_is(source: Sheet, straight: Sheet) -> None:
+    target = moved(straight.surface, bent(straight.surface.vertices))
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = offsets(source.surface.vertices)
+    noise = np.random.default_rng(0).normal(scale=1e-6, size=values.shape)
+    for given in (values, values + noise):
+        result = carried(given, surface_map, source.surface, target).values
+        still = surface_map.interpolate(np.abs(values).max(axis=2) > 1e-9) == 0
+        assert still[:, :2].mean() > 0.8
+        assert (result[still] == 0).all()
+
+
+def test_the_border_of_what_moves_has_no_step(source: Sheet, straight: Sheet) -> None:
+    target = moved(straight.surface, bent(straight.surface.vertices))
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = keys(source.surface.vertices)["bulge"][:, None]
+    length = np.linalg.norm(carried(values, surface_map, source.surface, target).values, axis=2)[:, 0]
+    triangles = target.triangles
+    border = (length[triangles] > 0).any(axis=1) & (length[triangles] == 0).any(axis=1)
+    assert border.any()
+    assert length[triangles[border]].max() < 0.03 * length.max()
+
+
+def test_parts_without_an_anchor_do_not_drift(source: Sheet, straight: Sheet) -> None:
+    # Two tubes, of which one is moved as a whole, on a target that stands elsewhere.
+    one, other = source.surface, straight.surface
+    aside = np.array([9, 0, 0])
+    both = Surface(np.concatenate([one.vertices, one.vertices + aside]), _twice(one))
+    target = Surface(np.concatenate([other.vertices, other.vertices + aside]) @ TURN.T, _twice(other))
+    first = true_map(source, *GRID, straight.parameters)
+    surface_map = SurfaceMap(
+        np.concatenate([first.triangle, first.triangle + len(one.triangles)]),
+        np.concatenate([first.barycentric, first.barycentric]),
+        both.triangles,
+    )
+    values = np.zeros((2 * len(one.vertices), 1, 3))
+    values[len(one.vertices) :] = 0.2, 0.5, -0.1
+    result = carried(values, surface_map, both, target).values[:, 0]
+    half = len(other.vertices)
+    assert (result[:half] == 0).all()
+    np.testing.assert_allclose(result[half:], np.broadcast_to(TURN @ (0.2, 0.5, -0.1), (half, 3)), atol=0.01)
+
+
+def _twice(surface: Surface) -> list[list[int]]:
+    faces = np.split(surface.corner_vertex, surface.face_start[1:-1])
+    return [face.tolist() for face in [*faces, *(face + len(surface.vertices) for face in faces)]]
+
+
+def test_where_the_match_is_doubtful_keys_follow_their_surroundings(source: Sheet, straight: Sheet) -> None:
+    points = straight.surface.vertices
+    target = moved(straight.surface, points @ TURN.T)
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = offsets(source.surface.vertices)
+    truth = surface_map.interpolate(values) @ TURN.T
+    confidence = np.ones(len(points))
+    wrong = bump(points, (1, 0, 2.3), 0.4) > 0
+    confidence[wrong] = 0
+    triangle = surface_map.triangle.copy()
+    triangle[wrong] = np.random.default_rng(0).permutation(len(source.surface.triangles))[: wrong.sum()]
+    torn = SurfaceMap(triangle, surface_map.barycentric, source.surface.triangles)
+    result = carried(values, Match(torn, confidence), source.surface, target)
+    blind = carried(values, torn, source.surface, target)
+    assert errors(result.values[wrong], truth[wrong]).max() < 0.35
+    assert errors(result.values[wrong], truth[wrong]).mean() < errors(blind.values[wrong], truth[wrong]).mean() / 3
+    assert errors(result.values[~wrong], truth[~wrong]).max() < 0.05
+    (note,) = result.notes
+    assert str(wrong.sum()) in note
+
+
+def test_a_mirrored_target_takes_mirrored_keys() -> None:
+    surface, _ = globe(60, 40)
+    mirrored = Surface(surface.vertices * (-1, 1, 1), [face[::-1].tolist() for face in _faces(surface)])
+    values = dents(surface.vertices, (0.8, 0.6, 0))
+    result = carried(values, identity(surface), surface, mirrored).values
+    assert errors(result, values * (-1, 1, 1)).max() < 0.02
+
+
+def _faces(surface: Surface) -> list[np.ndarray]:
+    return np.split(surface.corner_vertex, surface.face_start[1:-1])
+
+
+def test_polygons_loose_vertices_and_split_edges_do_no_harm(source: Sheet) -> None:
+    hexagons = sheet(tube, 60, 40, sides=6)
+    surface_map = true_map(source, *GRID, hexagons.parameters)
+    values = offsets(source.surface.vertices)
+    whole = carried(values, surface_map, source.surface, hexagons.surface).values
+    assert errors(whole, offsets(hexagons.surface.vertices)).max() < 0.05
+
+    split, was = split_at_faces(hexagons.surface)
+    split_map = true_map(source, *GRID, hexagons.parameters[was])
+    assert np.abs(carried(values, split_map, source.surface, split).values - whole[was]).max() < 1e-9
+
+    beside = np.array([20, 21, 22])
+    more = np.concatenate([hexagons.surface.vertices, hexagons.surface.vertices[beside] + 0.01])
+    loose = Surface.from_corners(more, hexagons.surface.corner_vertex, hexagons.surface.face_start)
+    ids = np.append(np.arange(len(whole)), beside)
+    loose_map = true_map(source, *GRID, hexagons.parameters[ids])
+    result = carried(values, loose_map, source.surface, loose).values
+    assert errors(result[-3:], whole[beside]).max() < 0.1
+
+
+def test_fins_and_faces_without_an_area_do_no_harm(straight: Sheet) -> None:
+    source = sheet(torus, 60, 40)
+    mesh = sheet(torus, 47, 31, jitter=0.2, sides=3, seed=2)
+    points = np.concatenate([mesh.surface.vertices, [[5, 5, 5]]])
+    faces = [*_faces(mesh.surface), np.array([0, 1, len(points) - 1]), np.array([0, 1, 1]), np.array([2, 3, 2])]
+    target = Surface(points, [face.tolist() for face in faces])
+    surface_map = true_map(source, 60, 40, np.concatenate([mesh.parameters, mesh.parameters[:1]]))
+    values = dents(source.surface.vertices, (2, 0, 1))
+    result = carried(values, surface_map, source.surface, target).values
+    assert np.isfinite(result).all()
+    assert errors(result[:-1], dents(mesh.surface.vertices, (2, 0, 1))).max() < 0.3
+
+
+def test_many_keys_are_carried_in_parts_with_the_same_result(
+    source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = offsets(source.surface.vertices).astype(np.float32)
+    together = carried(values, surface_map, source.surface, straight.surface).values
+    monkeypatch.setattr(shape_keys, "BLOCK", 3 * len(together))
+    apart = carried(values, surface_map, source.surface, straight.surface).values
+    assert together.dtype == np.float32
+    np.testing.assert_allclose(apart, together, atol=1e-6)
+
+
+def test_keys_that_move_nothing_arrive_and_move_nothing(source: Sheet, straight: Sheet) -> None:
+    surface_map = true_map(source, *GRID, straight.parameters)
+    values = np.zeros((len(source.parameters), 2, 3))
+    assert not carried(values, surface_map, source.surface, straight.surface).values.any()
+    values[:, 0] = offsets(source.surface.vertices)[:, 0]
+    result = carried(values, surface_map, source.surface, straight.surface).values
+    assert result[:, 0].any()
+    assert not result[:, 1].any()
+
+
+def test_conforming_lays_the_target_onto_the_source(source: Sheet, straight: Sheet) -> None:
+    target = moved(straight.surface, 0.5 * bent(straight.surface.vertices) + (8, 0, 0))
+    surface_map = true_map(source, *GRID, straight.parameters)
+    images = surface_map.interpolate(source.surface.vertices)
+    everywhere = np.ones(len(images))
+    laid = shape_keys.conform(Draped(source.surface, target, surface_map, everywhere))
+    np.testing.assert_allclose(laid, images, atol=1e-9)
+
+    wrong = bump(straight.surface.vertices, (1, 0, 2.3), 0.4) > 0
+    triangle = surface_map.triangle.copy()
+    triangle[wrong] = 0
+    torn = SurfaceMap(triangle, surface_map.barycentric, source.surface.triangles)
+    laid = shape_keys.conform(Draped(source.surface, target, torn, np.where(wrong, 0.0, 1.0)))
+    assert np.linalg.norm(laid - images, axis=1)[wrong].max() < 0.1
