@@ -140,6 +140,15 @@ class TransferOptions:
         default=True,
         options=ONCE,
     )
+    shape_keys: BoolProperty(
+        name="Shape Keys",
+        description=(
+            "Transfer all shape keys with their settings and drivers; they turn and grow with the target, "
+            "and keys of the same name are overwritten"
+        ),
+        default=True,
+        options=ONCE,
+    )
     color_attributes: BoolProperty(
         name="Color Attributes",
         description="Transfer all colour attributes, mixed as scene-linear colours",
@@ -178,6 +187,13 @@ class TransferOptions:
             "Blender marks edges as sharp where they jump"
         ),
         default=True,
+        options=ONCE,
+    )
+
+    shape: BoolProperty(
+        name="Shape as Key",
+        description="Add a shape key, with the name of the source, that gives the target the source's shape",
+        default=False,
         options=ONCE,
     )
 

@@ -169,6 +169,14 @@ class Surface:
         )
         return surface
 
+    def with_vertices(self, vertices: ArrayLike) -> Surface:
+        """The same faces and triangles on other positions (n, 3).
+
+        Raises:
+            MeshError: coordinates that are not finite, or no area.
+        """
+        return Surface.from_corners(vertices, self.corner_vertex, self.face_start, self.triangle_corners)
+
     def _set(
         self,
         vertices: ArrayLike,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import edges, layers, materials, normals, vertex_groups
+from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .cargo import Cargo, Origin, Remarks, Way
 from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names
 
@@ -12,9 +12,10 @@ from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names
 # sharp.
 PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (
     layers.pack,
+    edges.pack,
     vertex_groups.pack,
     materials.pack,
-    edges.pack,
+    shape_keys.pack,
     normals.pack,
 )
 
@@ -24,11 +25,15 @@ NOUNS = {
     "color_attributes": "color attribute",
     "attributes": "attribute",
     "vertex_groups": "vertex group",
+    "shape_keys": "shape key",
     "materials": "material",
     "edges": "kind of edge mark",
     "custom_normals": "layer of custom normals",
+    "shape": "shape",
 }
 DATA = tuple(NOUNS)
+# Those that are transferred unless others are asked for: the source's shape is no data that a target lacks.
+USUAL_DATA = tuple(kind for kind in DATA if kind != "shape")
 
 __all__ = [
     "DATA",
@@ -36,6 +41,7 @@ __all__ = [
     "FILL_BELOW",
     "NOUNS",
     "PACK",
+    "USUAL_DATA",
     "Cargo",
     "Origin",
     "Remarks",

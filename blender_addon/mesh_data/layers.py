@@ -137,9 +137,7 @@ def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
         obj: the object as it is in the file.
         mesh: its mesh as the modifiers leave it.
     """
-    keys = [] if obj.data.shape_keys is None else obj.data.shape_keys.key_blocks[1:]
     found = (
-        ("shape keys", bool(keys), f"{len(keys)} of them, which cannot be transferred yet"),
         ("skin radii", bool(mesh.skin_vertices), "they belong to the edges that the Skin modifier grows a mesh from"),
         (
             "multires displacement",

@@ -9,6 +9,7 @@ import numpy as np
 from bpy.types import Depsgraph, Mesh, Object
 
 import zoomout_core as zo
+from zoomout_core.surface import Floats
 
 from .arrays import read_array
 
@@ -52,7 +53,8 @@ def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
         MeshError: there is no surface, or it is not evaluated.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        return _world_surface(evaluated, obj.data if _same_faces(mesh, obj.data) else mesh, read_positions(mesh), mesh)
+        own = obj.data if same_faces(mesh, obj.data) else mesh
+        return _world_surface(evaluated, own, read_positions(mesh), mesh)
 
 
 def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
@@ -77,7 +79,7 @@ def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None) -> zo.Surfa
     Raises:
         MeshError: there is no surface.
     """
-    mesh = obj.data if evaluated is None or _same_faces(evaluated, obj.data) else evaluated
+    mesh = obj.data if evaluated is None or same_faces(evaluated, obj.data) else evaluated
     return _surface(obj, mesh, read_positions(mesh), mesh if evaluated is None else evaluated)
 
 
@@ -86,14 +88,45 @@ def read_positions(mesh: Mesh) -> np.ndarray:
     return read_array(mesh.vertices, "co", np.float32, 3)
 
 
+def same_faces(mesh: Mesh, other: Mesh) -> bool:
+    """Whether two meshes have the same faces of as many vertices."""
+    return (
+        len(mesh.vertices) == len(other.vertices)
+        and np.array_equal(
+            read_array(mesh.polygons, "loop_start", np.int32), read_array(other.polygons, "loop_start", np.int32)
+        )
+        and np.array_equal(
+            read_array(mesh.loops, "vertex_index", np.int32), read_array(other.loops, "vertex_index", np.int32)
+        )
+    )
+
+
+def positions_in_world(obj: Object, positions: Floats) -> Floats:
+    """Positions (..., 3) in the object's space, in world space."""
+    return directions_in_world(obj, positions) + np.array(obj.matrix_world.translation)
+
+
+def directions_in_world(obj: Object, directions: Floats) -> Floats:
+    """Differences of positions (..., 3) in the object's space, in world space."""
+    return directions @ np.array(obj.matrix_world)[:3, :3].T
+
+
+def to_object(obj: Object, directions: Floats) -> Floats:
+    """Differences of positions (..., 3) in world space, in the space of an object that is not flat."""
+    return directions @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3]).T
+
+
+def is_flat(obj: Object) -> bool:
+    """Whether an object's matrix leaves nothing of some direction."""
+    return bool(np.linalg.matrix_rank(np.array(obj.matrix_world)[:3, :3]) < 3)
+
+
 def _world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
     """A mesh in world space: corners and triangles are numbered as Blender does, edges as in `with_edges`.
 
     A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
     """
-    matrix = np.array(obj.matrix_world)
-    points = positions @ matrix[:3, :3].T + matrix[:3, 3]
-    return _surface(obj, mesh, points, with_edges, is_mirrored(obj))
+    return _surface(obj, mesh, positions_in_world(obj, positions), with_edges, is_mirrored(obj))
 
 
 def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirrored: bool = False) -> zo.Surface:
@@ -117,18 +150,6 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
 def is_mirrored(obj: Object) -> bool:
     """Whether an object's matrix turns its mesh into its mirror image."""
     return obj.matrix_world.is_negative
-
-
-def _same_faces(mesh: Mesh, other: Mesh) -> bool:
-    return (
-        len(mesh.vertices) == len(other.vertices)
-        and np.array_equal(
-            read_array(mesh.polygons, "loop_start", np.int32), read_array(other.polygons, "loop_start", np.int32)
-        )
-        and np.array_equal(
-            read_array(mesh.loops, "vertex_index", np.int32), read_array(other.loops, "vertex_index", np.int32)
-        )
-    )
 
 
 def _change_of_vertices(obj: Object) -> str:

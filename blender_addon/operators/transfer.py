@@ -12,7 +12,7 @@ from zoomout_core.progress import Steps, drain, within
 from zoomout_core.transfer import Blend
 
 from .. import stored_match, stored_report
-from ..cargo import DATA, DEFAULT, NOUNS, PACK, Cargo, Origin, Remarks, Settings, Way
+from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way
 from ..evidence import matching_steps
 from ..mesh_data import evaluated_mesh
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
@@ -49,7 +49,7 @@ def transfer_objects(
     context: Context,
     source: Object,
     target: Object,
-    data: Collection[str] = DATA,
+    data: Collection[str] = USUAL_DATA,
     settings: Settings = DEFAULT,
     **match_options: Any,
 ) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def transfer_objects(
         context: Blender's; both objects are in its scene.
         source: has the data; read as its modifiers leave it.
         target: receives it.
-        data: which kinds of it, of `DATA`.
+        data: which kinds of it, of `DATA`; all but the source's own shape, when not given.
         settings: how it is transferred.
         match_options: of `match_objects`, where no match of these two is kept.
 

@@ -111,6 +111,37 @@ def weight_array(obj, name):
     return array
 
 
+def key_shape(mesh, name):
+    """(n, 3) positions that a shape key stores."""
+    points = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.shape_keys.key_blocks[name].points.foreach_get("co", points)
+    return points.reshape(-1, 3)
+
+
+def shape_keys(mesh):
+    """Everything about the shape keys of a mesh."""
+    if mesh.shape_keys is None:
+        return None
+    settings = ("name", "value", "slider_min", "slider_max", "mute", "interpolation", "vertex_group", "lock_shape")
+    keys = [
+        ([getattr(key, name) for name in settings], key.relative_key.name, key_shape(mesh, key.name).tobytes())
+        for key in mesh.shape_keys.key_blocks
+    ]
+    animation = mesh.shape_keys.animation_data
+    drivers = [] if animation is None else [driver.data_path for driver in animation.drivers]
+    return keys, drivers, animation and animation.action and animation.action.name
+
+
+def seen_positions(obj):
+    """(n, 3) positions in world space as the modifiers and shape keys leave them."""
+    bpy.context.view_layer.update()
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    points = positions(mesh) @ np.array(obj.matrix_world)[:3, :3].T + np.array(obj.matrix_world.translation)
+    evaluated.to_mesh_clear()
+    return points
+
+
 def new_material(name):
     return bpy.data.materials.new(name)
 
@@ -131,6 +162,7 @@ def snapshot(obj):
         "groups": [(group.name, group.index, group.lock_weight) for group in obj.vertex_groups],
         "active group": obj.vertex_groups.active_index,
         "materials": [material and material.name for material in mesh.materials],
+        "shape keys": shape_keys(mesh),
         "properties": dict(mesh.items()) | dict(obj.items()),
         "matrix": [list(row) for row in obj.matrix_world],
         "modifiers": [(modifier.name, modifier.show_viewport) for modifier in obj.modifiers],
@@ -141,6 +173,16 @@ def snapshot_file():
     """The same for all objects, and the names of all data-blocks."""
     blocks = {
         kind: sorted(block.name for block in getattr(bpy.data, kind))
-        for kind in ("objects", "meshes", "materials", "images", "collections", "texts", "node_groups")
+        for kind in (
+            "objects",
+            "meshes",
+            "shape_keys",
+            "actions",
+            "materials",
+            "images",
+            "collections",
+            "texts",
+            "node_groups",
+        )
     }
     return blocks, {obj.name: snapshot(obj) for obj in bpy.data.objects if obj.type == "MESH"}

@@ -1,0 +1,168 @@
+"""Shape keys, and the source's own shape as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps, spread
+from zoomout_core.surface import Floats
+from zoomout_core.threads import in_background
+from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.shape_keys import conform
+
+from .. import mesh_data
+from ..mesh_data import ShapeKey
+from .cargo import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class ShapeKeyCargo:
+    """Shape keys.
+
+    Keys move a mesh before it is posed, so they are carried between the two at rest, along the match of what is seen.
+
+    Attributes:
+        source_name: the object that has them, for their drivers.
+        keys: what they are.
+        offsets: how far they move each vertex, in world space.
+        source_rest: (n_s, 3) where they start from, in world space.
+        target_rest: (n_t, 3) where they start from on the target, in world space.
+    """
+
+    source_name: str
+    keys: Sequence[ShapeKey]
+    offsets: Attribute
+    source_rest: Floats
+    target_rest: Floats
+    kind: str = "shape_keys"
+
+    @property
+    def names(self) -> list[str]:
+        return [key.name for key in self.keys]
+
+    def carry(self, way: Way) -> Steps[None]:
+        source = way.pair.source.with_vertices(self.source_rest)
+        target = way.pair.target.with_vertices(self.target_rest)
+        self.offsets = yield from way.carry(self.offsets, "shape keys", source, target)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
+        source = bpy.data.objects[self.source_name]
+        mesh_data.write_animation(source.data.shape_keys, target.data.shape_keys, self.names)
+
+
+@dataclass
+class ShapeCargo:
+    """The source's shape, as the modifiers leave it, on the vertices of the target.
+
+    It stands in the target's place: the origins of both objects lie on each other.
+
+    Attributes:
+        name: of the key.
+        origin: (3,) the source's, in world space.
+        shape: (n_t, 3) positions in world space, from the origin; none before it is carried.
+    """
+
+    name: str
+    origin: Floats
+    shape: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    kind: str = "shape"
+
+    @property
+    def names(self) -> list[str]:
+        return [self.name]
+
+    def carry(self, way: Way) -> Steps[None]:
+        positions = yield from spread(in_background(partial(conform, way.draped)), 0, 1, "Transferring the shape")
+        self.shape = positions - self.origin
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_shape(target, self.name, mesh_data.to_object(target, self.shape))
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The shape keys that the source has, and its shape if that is asked for.
+
+    Raises:
+        MeshError: the target cannot take them.
+    """
+    cargo: list[Cargo] = []
+    if "shape_keys" in origin.data:
+        cargo += _packed_keys(origin, remarks)
+    if "shape" in origin.data:
+        _check_target(origin.target, [origin.source.name])
+        if any(modifier.show_viewport for modifier in origin.target.modifiers):
+            remarks.notes.append(
+                f"The key '{origin.source.name}' has the shape that is seen of the source, and the modifiers of "
+                f"'{origin.target.name}' act on it as well."
+            )
+        cargo.append(ShapeCargo(origin.source.name, np.array(origin.source.matrix_world.translation)))
+    return cargo
+
+
+def _packed_keys(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    source, target = origin.source, origin.target
+    present = source.data.shape_keys
+    if present is None or len(present.key_blocks) < 2:
+        return []
+    if not present.use_relative:
+        remarks.skipped["shape keys"] = "they are absolute: turn on Relative in the source's shape keys"
+        return []
+    found = mesh_data.read_shape_keys(source, origin.mesh)
+    if found is None:
+        remarks.skipped["shape keys"] = (
+            "modifiers of the source make other faces where a key moves it, or where it is not posed: disable those "
+            "that add or remove vertices"
+        )
+        return []
+    _check_target(target, found.offsets.labels)
+    _note_masks(found.keys, origin, remarks)
+    _note_animation(origin, remarks)
+    offsets = replace(found.offsets, values=mesh_data.directions_in_world(source, found.offsets.values))
+    rest = mesh_data.positions_in_world(source, found.rest)
+    target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
+    return [ShapeKeyCargo(source.name, found.keys, offsets, rest, target_rest)]
+
+
+def _check_target(target: Object, names: Sequence[str]) -> None:
+    if mesh_data.is_flat(target):
+        raise zo.MeshError(f"'{target.name}' has a scale of zero, so that it takes no shape keys: give it another.")
+    keys = target.data.shape_keys
+    if keys is None:
+        return
+    if not keys.use_relative:
+        raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
+    if keys.reference_key.name in names:
+        raise zo.MeshError(
+            f"'{keys.reference_key.name}' is the first shape key of '{target.name}', which the others start from: "
+            "rename it."
+        )
+
+
+def _note_masks(keys: Sequence[ShapeKey], origin: Origin, remarks: Remarks) -> None:
+    masks = {key.settings["vertex_group"] for key in keys} - {"", *origin.target.vertex_groups.keys()}
+    if "vertex_groups" in origin.data:
+        masks -= set(origin.source.vertex_groups.keys())
+    if masks:
+        remarks.notes.append(
+            f"Shape keys are limited to vertex groups that '{origin.target.name}' lacks ({', '.join(sorted(masks))}): "
+            "transfer these as well."
+        )
+
+
+def _note_animation(origin: Origin, remarks: Remarks) -> None:
+    played = origin.source.data.shape_keys.animation_data
+    own = origin.target.data.shape_keys and origin.target.data.shape_keys.animation_data
+    if played is None:
+        return
+    if played.action and own and own.action:
+        remarks.notes.append(f"The shape keys of '{origin.target.name}' keep the action that they have.")
+    if played.nla_tracks:
+        remarks.skipped["NLA tracks of shape keys"] = "they are not transferred: their keys' drivers and action are"

@@ -1,0 +1,225 @@
+"""Shape keys: their offsets as an array, and how Blender plays them.
+
+Offsets count from the key that a key is relative to, which need not be the Basis. They belong to the mesh before
+its modifiers: an armature poses what the keys have moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.types import FCurve, Key, Mesh, Object
+
+from zoomout_core.surface import Floats
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .arrays import read_array
+from .surfaces import KEEPING_VERTICES, read_positions, same_faces
+
+# Properties of a key besides its place and the key that it is relative to; the range comes before the value in it.
+SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
+BASIS = "Basis"
+
+
+@dataclass(frozen=True)
+class ShapeKey:
+    """A shape key without its shape.
+
+    Attributes:
+        name: as the user knows it.
+        base: the number of the key that its offsets count from, -1 for the Basis.
+        relative_to: the name of the key that Blender takes it relative to; None for the Basis.
+        settings: values of the properties in `SETTINGS`.
+    """
+
+    name: str
+    base: int
+    relative_to: str | None
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeKeys:
+    """The shape keys of a mesh but the first, which is the shape that they start from.
+
+    Attributes:
+        keys: in the order of Blender's list.
+        offsets: (n, keys, 3) in the object's space.
+        rest: (n, 3) the shape that they start from.
+    """
+
+    keys: tuple[ShapeKey, ...]
+    offsets: Attribute
+    rest: Floats
+
+
+def read_rest_positions(mesh: Mesh) -> Floats:
+    """(n, 3) positions of the vertices that shape keys start from, or of the mesh if it has none."""
+    if mesh.shape_keys is None:
+        return read_positions(mesh)
+    return read_array(mesh.shape_keys.reference_key.points, "co", np.float32, 3)
+
+
+def read_shape_keys(obj: Object, mesh: Mesh) -> ShapeKeys | None:
+    """The shape keys of an object that has some, on the vertices that its modifiers leave.
+
+    Args:
+        obj: the object as it is in the file.
+        mesh: its mesh as the modifiers leave it.
+
+    Returns:
+        The keys, or None where other modifiers than those that deform make a difference to the mesh's faces.
+    """
+    keys = _keys(obj.data.shape_keys)
+    if same_faces(mesh, obj.data):
+        blocks = obj.data.shape_keys.key_blocks
+        rest = read_rest_positions(obj.data)
+        shapes = {key.name: read_array(blocks[key.name].points, "co", np.float32, 3) for key in keys}
+        bases = [rest if key.base < 0 else shapes[keys[key.base].name] for key in keys]
+        offsets = [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)]
+    else:
+        with _growing_copy(obj) as copy:
+            found = _evaluated_offsets(copy, keys, mesh)
+        if found is None:
+            return None
+        rest, offsets = found
+    labels = tuple(key.name for key in keys)
+    values = np.stack(offsets, axis=1)
+    return ShapeKeys(keys, Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, labels), rest)
+
+
+def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> None:
+    """Write keys with offsets (n, keys, 3) in the object's space; those of the same names are overwritten."""
+    mesh = obj.data
+    active = obj.active_shape_key_index
+    if mesh.shape_keys is None:
+        obj.shape_key_add(name=BASIS, from_mix=False)
+    blocks = mesh.shape_keys.key_blocks
+    rest = read_rest_positions(mesh)
+    shapes: list[Floats | None] = [None] * len(keys)
+
+    def shape(number: int) -> Floats:
+        found = shapes[number]
+        if found is None:
+            base = keys[number].base
+            found = shapes[number] = offsets[:, number] + (rest if base < 0 else shape(base))
+        return found
+
+    for number, key in enumerate(keys):
+        block = blocks.get(key.name) or obj.shape_key_add(name=key.name, from_mix=False)
+        block.points.foreach_set("co", np.ascontiguousarray(shape(number), np.float32).ravel())
+        block.slider_min = -10.0  # its least, so that no maximum lies below it
+        for name, value in key.settings.items():
+            setattr(block, name, value)
+    for key in keys:
+        blocks[key.name].relative_key = blocks[key.relative_to] if key.relative_to else mesh.shape_keys.reference_key
+    obj.active_shape_key_index = active
+    mesh.shape_keys.update_tag()
+
+
+def write_shape(obj: Object, name: str, shape: Floats) -> None:
+    """Write a key of a shape (n, 3) in the object's space that nothing shows yet; one of that name is overwritten."""
+    settings = {"slider_max": 1.0, "slider_min": 0.0, "value": 0.0, "mute": False, "vertex_group": ""}
+    write_shape_keys(obj, [ShapeKey(name, -1, None, settings)], (shape - read_rest_positions(obj.data))[:, None])
+
+
+def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
+    """Give keys of some names the drivers that they have on the source, and its action where there is no other."""
+    animation = source.animation_data
+    if animation is None:
+        return
+    own = target.animation_data_create()
+    for curve in _drivers(source, names):
+        present = own.drivers.find(curve.data_path, index=curve.array_index)
+        if present is not None:
+            own.drivers.remove(present)
+        copied = own.drivers.from_existing(src_driver=curve)
+        for variable in copied.driver.variables:
+            for end in variable.targets:
+                if end.id == source:
+                    end.id = target
+    if animation.action is not None and own.action is None:
+        own.action = animation.action.copy()
+        slot = getattr(animation, "action_slot", None)  # from Blender 4.4 on
+        if slot is not None:
+            own.action_slot = own.action.slots[slot.identifier]
+
+
+def _drivers(key: Key, names: Sequence[str]) -> list[FCurve]:
+    paths = tuple(f'key_blocks["{bpy.utils.escape_identifier(name)}"].' for name in names)
+    return [curve for curve in key.animation_data.drivers if curve.data_path.startswith(paths)]
+
+
+def _keys(key: Key) -> tuple[ShapeKey, ...]:
+    blocks = [block for block in key.key_blocks if block != key.reference_key]
+    numbers = {block.name: number for number, block in enumerate(blocks)}
+    keys = []
+    for block in blocks:
+        base = block.relative_key
+        settings = {name: getattr(block, name) for name in SETTINGS}
+        relative_to = None if base == key.reference_key else base.name
+        # Keys that are relative to each other in a circle have nothing to start from but the Basis.
+        number = numbers[base.name] if relative_to and _ends(block, key) else -1
+        keys.append(ShapeKey(block.name, number, relative_to, settings))
+    return tuple(keys)
+
+
+def _ends(block: bpy.types.ShapeKey, key: Key) -> bool:
+    """Whether the keys that a key is relative to, one after the other, end at the Basis."""
+    for _ in key.key_blocks:
+        if block == key.reference_key:
+            return True
+        block = block.relative_key
+    return False
+
+
+@contextmanager
+def _growing_copy(obj: Object) -> Iterator[Object]:
+    """A copy of an object for a while, whose modifiers give it its vertices but do not deform it."""
+    copy = obj.copy()
+    copy.data = obj.data.copy()
+    try:
+        for owner in (copy, copy.data.shape_keys):
+            owner.animation_data_clear()
+        for modifier in [modifier for modifier in copy.modifiers if modifier.type in KEEPING_VERTICES]:
+            copy.modifiers.remove(modifier)
+        copy.show_only_shape_key = False
+        for block in copy.data.shape_keys.key_blocks:
+            block.vertex_group, block.mute = "", False
+            block.slider_min, block.slider_max, block.value = 0, 1, 0
+        bpy.context.scene.collection.objects.link(copy)
+        yield copy
+    finally:
+        keyed = copy.data
+        bpy.data.objects.remove(copy)
+        bpy.data.meshes.remove(keyed)
+
+
+def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], mesh: Mesh) -> tuple[Floats, list[Floats]] | None:
+    """What the modifiers make of the rest shape and of the offset of each key; None if the faces are not the mesh's."""
+    blocks = obj.data.shape_keys.key_blocks
+    rest, offsets = _evaluated_positions(obj, mesh), []
+    for key in keys:
+        blocks[key.name].value = 1
+        shape = _evaluated_positions(obj, mesh)
+        blocks[key.name].value = 0
+        if rest is None or shape is None:
+            return None
+        offsets.append(shape - rest)
+    return None if rest is None else (rest, offsets)
+
+
+def _evaluated_positions(obj: Object, like: Mesh) -> Floats | None:
+    """(n, 3) positions that the modifiers leave, or None if their faces are not those of another mesh."""
+    bpy.context.view_layer.update()
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    try:
+        mesh = evaluated.to_mesh()
+        return read_positions(mesh) if same_faces(mesh, like) else None
+    finally:
+        evaluated.to_mesh_clear()
