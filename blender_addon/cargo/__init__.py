@@ -8,15 +8,16 @@ from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .cargo import Cargo, Origin, Remarks, Way
 from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names
 
-# In the order in which they are written. Normals come last: how they are stored depends on which edges and faces are
-# sharp.
+# In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
+# which of these are sharp. Shape keys come last: reading them evaluates copies, which what was evaluated before need
+# not outlive.
 PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (
     layers.pack,
     edges.pack,
     vertex_groups.pack,
     materials.pack,
-    shape_keys.pack,
     normals.pack,
+    shape_keys.pack,
 )
 
 # The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.

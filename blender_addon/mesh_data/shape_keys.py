@@ -19,7 +19,7 @@ from zoomout_core.surface import Floats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
-from .surfaces import KEEPING_VERTICES, read_positions, same_faces
+from .surfaces import KEEPING_VERTICES, Faces, read_faces, read_positions
 
 # Properties of a key besides its place and the key that it is relative to; the range comes before the value in it.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
@@ -76,7 +76,8 @@ def read_shape_keys(obj: Object, mesh: Mesh) -> ShapeKeys | None:
         The keys, or None where other modifiers than those that deform make a difference to the mesh's faces.
     """
     keys = _keys(obj.data.shape_keys)
-    if same_faces(mesh, obj.data):
+    faces = read_faces(mesh)
+    if faces == read_faces(obj.data):
         blocks = obj.data.shape_keys.key_blocks
         rest = read_rest_positions(obj.data)
         shapes = {key.name: read_array(blocks[key.name].points, "co", np.float32, 3) for key in keys}
@@ -84,7 +85,7 @@ def read_shape_keys(obj: Object, mesh: Mesh) -> ShapeKeys | None:
         offsets = [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)]
     else:
         with _growing_copy(obj) as copy:
-            found = _evaluated_offsets(copy, keys, mesh)
+            found = _evaluated_offsets(copy, keys, faces)
         if found is None:
             return None
         rest, offsets = found
@@ -200,13 +201,13 @@ def _growing_copy(obj: Object) -> Iterator[Object]:
         bpy.data.meshes.remove(keyed)
 
 
-def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], mesh: Mesh) -> tuple[Floats, list[Floats]] | None:
-    """What the modifiers make of the rest shape and of the offset of each key; None if the faces are not the mesh's."""
+def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], faces: Faces) -> tuple[Floats, list[Floats]] | None:
+    """What the modifiers make of the rest shape and of each key's offset; None if they make other faces."""
     blocks = obj.data.shape_keys.key_blocks
-    rest, offsets = _evaluated_positions(obj, mesh), []
+    rest, offsets = _evaluated_positions(obj, faces), []
     for key in keys:
         blocks[key.name].value = 1
-        shape = _evaluated_positions(obj, mesh)
+        shape = _evaluated_positions(obj, faces)
         blocks[key.name].value = 0
         if rest is None or shape is None:
             return None
@@ -214,12 +215,12 @@ def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], mesh: Mesh) -> tup
     return None if rest is None else (rest, offsets)
 
 
-def _evaluated_positions(obj: Object, like: Mesh) -> Floats | None:
-    """(n, 3) positions that the modifiers leave, or None if their faces are not those of another mesh."""
+def _evaluated_positions(obj: Object, faces: Faces) -> Floats | None:
+    """(n, 3) positions that the modifiers leave, or None if they make other faces."""
     bpy.context.view_layer.update()
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     try:
         mesh = evaluated.to_mesh()
-        return read_positions(mesh) if same_faces(mesh, like) else None
+        return read_positions(mesh) if read_faces(mesh) == faces else None
     finally:
         evaluated.to_mesh_clear()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from bpy.types import Depsgraph, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.surface import Floats
+from zoomout_core.surface import Floats, Integers
 
 from .arrays import read_array
 
@@ -23,6 +24,31 @@ KEEPING_VERTICES = frozenset(
         "VERTEX_WEIGHT_PROXIMITY", "WARP", "WAVE", "WEIGHTED_NORMAL",
     }
 )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """How the faces of a mesh connect its vertices.
+
+    Attributes:
+        vertices: how many there are.
+        start: (f,) the first corner of each face.
+        corner_vertex: (c,) the vertex of each corner.
+    """
+
+    vertices: int
+    start: Integers
+    corner_vertex: Integers
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Faces)
+            and self.vertices == other.vertices
+            and np.array_equal(self.start, other.start)
+            and np.array_equal(self.corner_vertex, other.corner_vertex)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 @contextmanager
@@ -53,7 +79,7 @@ def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
         MeshError: there is no surface, or it is not evaluated.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        own = obj.data if same_faces(mesh, obj.data) else mesh
+        own = obj.data if read_faces(mesh) == read_faces(obj.data) else mesh
         return _world_surface(evaluated, own, read_positions(mesh), mesh)
 
 
@@ -79,7 +105,7 @@ def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None) -> zo.Surfa
     Raises:
         MeshError: there is no surface.
     """
-    mesh = obj.data if evaluated is None or same_faces(evaluated, obj.data) else evaluated
+    mesh = obj.data if evaluated is None or read_faces(evaluated) == read_faces(obj.data) else evaluated
     return _surface(obj, mesh, read_positions(mesh), mesh if evaluated is None else evaluated)
 
 
@@ -88,16 +114,12 @@ def read_positions(mesh: Mesh) -> np.ndarray:
     return read_array(mesh.vertices, "co", np.float32, 3)
 
 
-def same_faces(mesh: Mesh, other: Mesh) -> bool:
-    """Whether two meshes have the same faces of as many vertices."""
-    return (
-        len(mesh.vertices) == len(other.vertices)
-        and np.array_equal(
-            read_array(mesh.polygons, "loop_start", np.int32), read_array(other.polygons, "loop_start", np.int32)
-        )
-        and np.array_equal(
-            read_array(mesh.loops, "vertex_index", np.int32), read_array(other.loops, "vertex_index", np.int32)
-        )
+def read_faces(mesh: Mesh) -> Faces:
+    """What tells whether two meshes have the same faces of as many vertices."""
+    return Faces(
+        len(mesh.vertices),
+        read_array(mesh.polygons, "loop_start", np.int32),
+        read_array(mesh.loops, "vertex_index", np.int32),
     )
 
 

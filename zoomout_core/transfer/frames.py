@@ -110,7 +110,15 @@ class Frames:
     @cached_property
     def _factors(self) -> SuperLU:
         matrix = csc_array(diags_array(self.trust * self.areas) + REACH**2 * self.stiffness)
-        return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        # Supernodes of a dozen columns: solves take four fifths of the time.
+        return splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            relax=12,
+            panel_size=8,
+            options={"SymmetricMode": True},
+        )
 
 
 def frames_on(draped: Draped, vertices: Booleans) -> Frames:

@@ -23,8 +23,8 @@ from zoomout_core.transfer.frames import REACH, TRUSTED, Frames, frames_on, on_w
 
 # Offsets shorter than these parts of a key's longest one, and of the surface's size, are noise.
 SMALLEST_OF_KEY, SMALLEST_OF_SURFACE = 1e-4, 1e-7
-# Numbers that are worked on together: bounds the memory.
-BLOCK = 1 << 21
+# Keys that are worked on together: bounds the memory, and solves take longer with more columns at once.
+KEYS_AT_ONCE = 5
 
 
 def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
@@ -46,13 +46,12 @@ def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
         return replace(attribute, values=carried)
     frames = frames_on(draped, moved | doubtful)
     turns = frames.turns
-    each = max(1, BLOCK // (3 * len(carried)))
 
     def carry(first: int) -> None:
-        some = slice(first, first + each)
+        some = slice(first, first + KEYS_AT_ONCE)
         carried[:, some] = _carried(offsets[:, some].astype(np.float64), frames, turns)
 
-    drain(for_each(carry, range(0, offsets.shape[1], each)))
+    drain(for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE)))
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:

@@ -242,7 +242,7 @@ def test_many_keys_are_carried_in_parts_with_the_same_result(
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices).astype(np.float32)
     together = carried(values, surface_map, source.surface, straight.surface).values
-    monkeypatch.setattr(shape_keys, "BLOCK", 3 * len(together))
+    monkeypatch.setattr(shape_keys, "KEYS_AT_ONCE", 2)
     apart = carried(values, surface_map, source.surface, straight.surface).values
     assert together.dtype == np.float32
     np.testing.assert_allclose(apart, together, atol=1e-6)
