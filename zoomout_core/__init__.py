@@ -12,7 +12,7 @@ from zoomout_core.progress import Progress, drain
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.surface import MeshError, PointCloud, Surface
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
-from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
 
 __all__ = [
     "Attribute",
@@ -28,6 +28,7 @@ __all__ = [
     "SurfaceMap",
     "Symmetry",
     "commutativity_error",
+    "conform",
     "detect_symmetry",
     "detect_symmetry_steps",
     "drain",

@@ -103,6 +103,23 @@ def edge_distortion(surface_map: SurfaceMap, source: Surface, target: Surface) -
     return float(((image_length - length) ** 2).sum() / (length**2).sum())
 
 
+def offset_errors(offsets: Floats, truth: Floats, surface: Surface) -> Floats:
+    """(keys,) how far shape keys miss the true ones, over how far these move the surface; means by area.
+
+    The square root of the mean of the squared differences, over that of the squared true offsets; 1 is as wrong as
+    keys that move nothing.
+
+    Args:
+        offsets: (n, keys, 3) of the surface's vertices.
+        truth: (n, keys, 3) what they should be; each key moves something.
+        surface: the surface that they move.
+    """
+    area = triangle_areas(surface.vertices, surface.triangles)
+    weight = np.bincount(surface.triangles.ravel(), np.repeat(area, 3), minlength=len(surface.vertices))
+    missed, whole = (np.einsum("n,nkx,nkx->k", weight, moved, moved) for moved in (offsets - truth, truth))
+    return np.sqrt(missed / whole)
+
+
 def _outward_triangles(surface: Surface) -> Integers:
     """(m, 3) vertices of the surface's triangles that have an extent, wound so that their normals point out."""
     triangles = surface.triangles[surface.working.triangle_of]

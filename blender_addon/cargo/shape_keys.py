@@ -15,7 +15,6 @@ from zoomout_core.progress import Steps, spread
 from zoomout_core.surface import Floats
 from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute
-from zoomout_core.transfer.shape_keys import conform
 
 from .. import mesh_data
 from ..mesh_data import ShapeKey
@@ -54,7 +53,7 @@ class ShapeKeyCargo:
 
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
-        source = bpy.data.objects[self.source_name]
+        source = bpy.context.scene.objects[self.source_name]
         mesh_data.write_animation(source.data.shape_keys, target.data.shape_keys, self.names)
 
 
@@ -80,7 +79,8 @@ class ShapeCargo:
         return [self.name]
 
     def carry(self, way: Way) -> Steps[None]:
-        positions = yield from spread(in_background(partial(conform, way.draped)), 0, 1, "Transferring the shape")
+        work = in_background(partial(zo.conform, way.match, way.pair.source, way.pair.target))
+        positions = yield from spread(work, 0, 1, "Transferring the shape")
         self.shape = positions - self.origin
 
     def write(self, target: Object) -> None:

@@ -192,3 +192,14 @@ def test_concave_polygons_are_triangulated_whichever_way_they_face(axis: int, do
     np.testing.assert_allclose(areas.sum(), 8, rtol=1e-12)
     normals = triangle_normals(surface.vertices, surface.triangles)
     assert (normals[:, axis] == normals[0, axis]).all()
+
+
+def test_the_same_faces_on_other_positions_keep_their_triangles() -> None:
+    surface = Surface(SQUARE, [[0, 1, 2, 3]])
+    wider = np.array(SQUARE, dtype=float) * (2, 1, 1)
+    moved = surface.with_vertices(wider)
+    np.testing.assert_array_equal(moved.triangles, surface.triangles)
+    np.testing.assert_array_equal(moved.vertices, wider)
+    assert moved.area == pytest.approx(2 * surface.area)
+    with pytest.raises(MeshError, match="no area"):
+        surface.with_vertices(np.zeros((4, 3)))

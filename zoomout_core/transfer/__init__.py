@@ -2,7 +2,7 @@
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
-from zoomout_core.transfer.rules import RULES, Rule, drape, transfer, transfer_along, transfer_steps
+from zoomout_core.transfer.rules import RULES, Rule, conform, drape, transfer, transfer_along, transfer_steps
 
 __all__ = [
     "MODES",
@@ -14,6 +14,7 @@ __all__ = [
     "Mode",
     "Rule",
     "blend",
+    "conform",
     "drape",
     "transfer",
     "transfer_along",

@@ -19,7 +19,7 @@ from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
-from zoomout_core.transfer.shape_keys import carry_offsets
+from zoomout_core.transfer.shape_keys import carry_offsets, conformed
 from zoomout_core.transfer.uv import transfer_uv
 from zoomout_core.transfer.weights import mix_weights
 
@@ -157,6 +157,17 @@ def transfer_along(attribute: Attribute, draped: Draped, **options: Any) -> Attr
 def transfer_steps(attribute: Attribute, draped: Draped, **options: Any) -> Generator[float, None, Attribute]:
     """`transfer_along` in the background of short steps; yields the fraction done."""
     return in_background(partial(transfer_along, attribute, draped, **options))
+
+
+def conform(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
+    """The source's shape on the target's vertices: (n_t, 3) positions on the source.
+
+    Where confidence is low, the target keeps more of its own shape, turned and scaled as its surroundings are.
+
+    Raises:
+        MeshError: the map is of other surfaces.
+    """
+    return conformed(drape(result, source, target))
 
 
 def _rule(attribute: Attribute) -> Rule:

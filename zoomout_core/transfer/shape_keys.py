@@ -59,7 +59,7 @@ def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
     return replace(attribute, values=carried, notes=notes)
 
 
-def conform(draped: Draped) -> Floats:
+def conformed(draped: Draped) -> Floats:
     """(n_t, 3) positions that lay the target onto the source; where confidence is low it keeps more of its shape."""
     target = draped.target
     frames = frames_on(draped, np.ones(len(target.vertices), dtype=bool))

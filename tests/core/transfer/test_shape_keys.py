@@ -9,8 +9,7 @@ from transfer_meshes import Sheet, globe, identity, sheet, split_at_faces, torus
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import Surface
-from zoomout_core.transfer import Attribute, Domain, Kind, shape_keys, transfer
-from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer import Attribute, Domain, Kind, conform, shape_keys, transfer
 
 GRID = (120, 80)
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
@@ -262,13 +261,11 @@ def test_conforming_lays_the_target_onto_the_source(source: Sheet, straight: She
     target = moved(straight.surface, 0.5 * bent(straight.surface.vertices) + (8, 0, 0))
     surface_map = true_map(source, *GRID, straight.parameters)
     images = surface_map.interpolate(source.surface.vertices)
-    everywhere = np.ones(len(images))
-    laid = shape_keys.conform(Draped(source.surface, target, surface_map, everywhere))
-    np.testing.assert_allclose(laid, images, atol=1e-9)
+    np.testing.assert_allclose(conform(surface_map, source.surface, target), images, atol=1e-9)
 
     wrong = bump(straight.surface.vertices, (1, 0, 2.3), 0.4) > 0
     triangle = surface_map.triangle.copy()
     triangle[wrong] = 0
     torn = SurfaceMap(triangle, surface_map.barycentric, source.surface.triangles)
-    laid = shape_keys.conform(Draped(source.surface, target, torn, np.where(wrong, 0.0, 1.0)))
+    laid = conform(Match(torn, np.where(wrong, 0.0, 1.0)), source.surface, target)
     assert np.linalg.norm(laid - images, axis=1)[wrong].max() < 0.1
