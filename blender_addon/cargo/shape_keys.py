@@ -118,8 +118,8 @@ def _packed_keys(origin: Origin, remarks: Remarks) -> list[Cargo]:
     found = mesh_data.read_shape_keys(source, origin.mesh)
     if found is None:
         remarks.skipped["shape keys"] = (
-            "modifiers of the source make other faces where a key moves it, or where it is not posed: disable those "
-            "that add or remove vertices"
+            "modifiers of the source make other faces when a key is played alone: disable those that add or remove "
+            "vertices"
         )
         return []
     _check_target(target, found.offsets.labels)

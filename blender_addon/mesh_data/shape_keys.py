@@ -187,6 +187,7 @@ def _growing_copy(obj: Object) -> Iterator[Object]:
     try:
         for owner in (copy, copy.data.shape_keys):
             owner.animation_data_clear()
+        copy.parent = None  # which may be an armature that deforms it without a modifier
         for modifier in [modifier for modifier in copy.modifiers if modifier.type in KEEPING_VERTICES]:
             copy.modifiers.remove(modifier)
         copy.show_only_shape_key = False
@@ -206,6 +207,7 @@ def _evaluated_offsets(obj: Object, keys: Sequence[ShapeKey], faces: Faces) -> t
     blocks = obj.data.shape_keys.key_blocks
     rest, offsets = _evaluated_positions(obj, faces), []
     for key in keys:
+        blocks[key.name].relative_key = blocks[keys[key.base].name] if key.base >= 0 else blocks[0]
         blocks[key.name].value = 1
         shape = _evaluated_positions(obj, faces)
         blocks[key.name].value = 0

@@ -330,18 +330,25 @@ def test_a_key_with_the_name_of_the_targets_first_one_is_refused(source, target)
     assert snapshot_file() == before
 
 
-def test_keys_pass_through_modifiers_that_add_vertices(source, target):
+@pytest.mark.parametrize("deforms", ["modifier", "parent"])
+def test_keys_pass_through_modifiers_that_add_vertices(source, target, deforms):
     add_keys(source)
-    rigged(source)
+    armature = rigged(source)
+    if deforms == "parent":
+        source.modifiers.clear()
+        source.parent, source.parent_type = armature, "ARMATURE"
+    first, second = (add_key(source, name, swelling(positions(source.data))) for name in ("Round", "About"))
+    first.relative_key, second.relative_key = second, first
     finer = source.modifiers.new("Finer", "SUBSURF")
     finer.levels, finer.subdivision_type = 1, "SIMPLE"
     keep_match(target, positions(target.data))
+    bend(source, armature, 1.0)
     blocks(source)["Slide"].driver_add("value").driver.expression = "0.3"
     bpy.context.view_layer.update()
     before = snapshot_file()
     points = positions(target.data)
     report = transfer(source, target)
-    assert report["written"]["shape_keys"] == ["Swell", "Slide"]
+    assert report["written"]["shape_keys"] == ["Swell", "Slide", "Round", "About"]
     blocks_after, objects_after = snapshot_file()
     assert objects_after["Source"] == before[1]["Source"]
     assert blocks_after["objects"] == before[0]["objects"]
@@ -350,6 +357,7 @@ def test_keys_pass_through_modifiers_that_add_vertices(source, target):
     target.data.shape_keys.animation_data_clear()
     assert error(played(target, "Swell"), swelling(points)) < 0.05
     assert error(played(target, "Slide"), sliding(points)) < 0.05
+    assert error(key_shape(target.data, "Round") - points, swelling(points)) < 0.05
 
 
 def test_modifiers_whose_faces_depend_on_the_shape_are_refused_with_a_sentence(source, target):
