@@ -23,6 +23,9 @@ REACH = 0.02
 # A confidence from which on the map is followed; below it is the less, the lower, and never not at all, so that
 # parts without any confidence have a place as well.
 TRUSTED, LEAST_TRUST = 0.5, 1e-3
+# Growth is a mean over twice as wide neighbourhoods, by so many rounds: a bend stretches the skin on one side and
+# presses it on the other, and flesh grows by neither.
+GROWTH_ROUNDS = 4
 # Most that a target grows or shrinks, at any place, against the whole: beyond is noise.
 MOST_GROWTH = 4.0
 
@@ -72,8 +75,13 @@ class Frames:
         # In each of two directions a length of the target has shrunk to this part on the source.
         whole = np.einsum("nxx->n", _products_of_gradients(self.trusted_stiffness, vertices, vertices))
         shrinking = np.einsum("nts,nts->n", rotation, differential)
-        shrinking, whole = self.smooth(np.stack([shrinking, whole], axis=1)).T
-        growth = np.clip(whole / np.maximum(shrinking, whole / MOST_GROWTH), 1 / MOST_GROWTH, None)
+        sums = np.stack([shrinking, whole], axis=1)
+        for _ in range(GROWTH_ROUNDS):
+            sums = (self.trust * self.areas)[:, None] * self.smooth(sums)
+        shrinking, whole = sums.T
+        shrinking = np.maximum(shrinking, whole / MOST_GROWTH)
+        growth = np.divide(whole, shrinking, out=np.ones_like(whole), where=shrinking > 0)
+        growth = np.maximum(growth, 1 / MOST_GROWTH)
         return (working.scale / size * growth)[:, None, None] * rotation
 
     @cached_property

@@ -3,7 +3,7 @@
 Deformation transfer for triangle meshes (Sumner and Popović 2004) carries the gradients of a motion over, and solves
 for the motion that has them. Held at anchors alone it drifts where the target's pose turns within the region that
 moves, so the motion is drawn to the turned offsets as well: these hold over distances longer than `frames.REACH`,
-and gradients below, where errors of frames would show as dents.
+and gradients below, where errors of frames and maps would show as dents.
 """
 
 from __future__ import annotations
