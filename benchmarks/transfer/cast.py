@@ -187,6 +187,7 @@ def _dress(obj: bpy.types.Object) -> None:
     offsets = SWELLING * np.sqrt(area) * strength[:, :, None] * vertex_normals(vertices, triangles)[:, None]
     for i in range(KEYS):
         key = obj.shape_key_add(name=f"Swelling {i}")
+        key.value = 0  # Blender 5 plays new keys
         key.data.foreach_set("co", (vertices + offsets[:, i]).astype(np.float32).ravel())
 
 
@@ -231,8 +232,7 @@ def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast
     middle = target_surface.vertices[target_surface.triangles].mean(axis=1)
     triangle, _ = closest_points(middle, posed, source_surface.triangles)
     _, slots = mesh_data.read_materials(source, source.data)
-    strength = truth.surface_map.interpolate(_strengths(rest, triangles))
-    swelling = SWELLING * np.sqrt(source_surface.area) * strength[:, :, None]
+    swelling = SWELLING * np.sqrt(source_surface.area) * _strengths(rest, triangles)[:, :, None]
     begin, end = seam_segments(source, source_surface)
     return Cast(
         name=name,
@@ -241,7 +241,7 @@ def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast
         target=target,
         truth=truth,
         material=slots.values[source_surface.triangle_face[triangle]],
-        keys=swelling * vertex_normals(target_surface.vertices, target_surface.triangles)[:, None],
+        keys=truth.surface_map.interpolate(swelling * vertex_normals(posed, triangles)[:, None]),
         seam=float(np.linalg.norm(posed[begin] - posed[end], axis=1).sum()),
         aligned=_rigid_motion(posed, rest),
     )

@@ -21,7 +21,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A way gets a bare target, and says how long it took.
 Way = Callable[[Cast, bpy.types.Object], float]
-DATA = ("uv_maps", "vertex_groups", "color_attributes", "materials")
+DATA = ("uv_maps", "vertex_groups", "color_attributes", "materials", "shape_keys")
 
 
 def by_match(cast: Cast, target: bpy.types.Object) -> float:
