@@ -22,7 +22,9 @@ from zoomout_core.transfer.draped import Draped
 REACH = 0.02
 # A confidence from which on the map is followed; below it is the less, the lower, and never not at all, so that
 # parts without any confidence have a place as well.
-TRUSTED, LEAST_TRUST = 0.5, 1e-3
+TRUSTED, LEAST_TRUST = 0.5, 1e-6
+# What edges count for that are not trusted: enough to fill in what is there, too little to pull at what is around.
+DOUBTED = 1e-3
 # Growth is a mean over twice as wide neighbourhoods, by so many rounds: a bend stretches the skin on one side and
 # presses it on the other, and flesh grows by neither.
 GROWTH_ROUNDS = 4
@@ -60,6 +62,11 @@ class Frames:
         """(n, n) the stiffness, each edge as far as its ends are trusted: blind to what is wrong elsewhere."""
         trust = diags_array(self.trust)
         return _without_sums(trust @ self.stiffness @ trust)
+
+    @cached_property
+    def doubted_stiffness(self) -> csc_array:
+        """(n, n) the stiffness of edges as far as they are not trusted, for filling in."""
+        return DOUBTED * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
     def turns(self) -> Floats:
@@ -111,13 +118,14 @@ class Frames:
         return np.asarray(facing < 0)[component]
 
     def smooth(self, loads: Floats) -> Floats:
-        """The solution (n, d) of (T A + h^2 L) x = loads, of trust, areas, reach and stiffness."""
+        """The solution (n, d) of (T A + h^2 (L' + L")) x = loads, of trust, areas, reach and both stiffnesses."""
         # A solver takes columns that lie together.
         return self._factors.solve(np.asfortranarray(loads))
 
     @cached_property
     def _factors(self) -> SuperLU:
-        matrix = csc_array(diags_array(self.trust * self.areas) + REACH**2 * self.stiffness)
+        stiffness = self.trusted_stiffness + self.doubted_stiffness
+        matrix = csc_array(diags_array(self.trust * self.areas) + REACH**2 * stiffness)
         # Supernodes of a dozen columns: solves take four fifths of the time.
         return splu(
             matrix,

@@ -65,8 +65,8 @@ def conformed(draped: Draped) -> Floats:
     frames = frames_on(draped, np.ones(len(target.vertices), dtype=bool))
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
     own = on_working_mesh(target.working, target.vertices)[:, None]
-    doubted = frames.stiffness - frames.trusted_stiffness
-    gradients = _gradients(doubted, np.linalg.inv(frames.turns), own)[:, 0] + frames.trusted_stiffness @ frames.points
+    gradients = _gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns), own)[:, 0]
+    gradients += frames.trusted_stiffness @ frames.points
     laid = frames.smooth((frames.trust * frames.areas)[:, None] * frames.points + REACH**2 * gradients)
     number = target.working.vertex_of
     return np.where((number >= 0)[:, None], laid[number], draped.points)
