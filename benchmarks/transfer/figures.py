@@ -46,7 +46,8 @@ def figures(cast: Cast, target: bpy.types.Object) -> dict[str, float | None]:
     if mesh.materials:
         row["materials"] = float((_materials(target) == _wanted(cast)).mean())
     if mesh.shape_keys:
-        row["keys"] = float(np.linalg.norm(_keys(target) - cast.keys) / np.linalg.norm(cast.keys))
+        missed, wanted = (keys[truth.known] for keys in (_keys(target) - cast.keys, cast.keys))
+        row["keys"] = float(np.linalg.norm(missed) / np.linalg.norm(wanted))
     return row
 
 

@@ -42,7 +42,7 @@ def test_the_true_map_leaves_no_error_but_that_of_the_target_s_own_mesh(tables: 
             assert row["materials"] > 0.9
             # Where limbs bend, a coarse mesh does not tell by how much; offsets taken as they are err by 0.6.
             posed = {"character": 0.1, "creature": 0.4}[row["shape"]]
-            assert row["keys"] < (1e-3 if row["pose"] == "same" else posed)
+            assert row["keys"] < (0.05 if row["pose"] == "same" else posed)
 
 
 def test_what_looks_in_space_is_right_in_the_same_pose_only(tables: dict[str, list[dict]]) -> None:
