@@ -12,9 +12,11 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
+from scipy.spatial import cKDTree
 
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.surface import Booleans, Floats, Integers, WorkingMesh
+from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.draped import Draped
 
 # How wide neighbourhoods are, over the square root of the area: about a wrist. Half as wide or twice as wide, keys
@@ -69,19 +71,21 @@ class Frames:
         return DOUBTED * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
+    def rotations(self) -> Floats:
+        """(n, 3, 3) what turns a vector (3,) at the source to one at the target; reflections where a map mirrors."""
+        normals = self._handed[:, None] * self.draped.target.working.vertex_normals[self.number]
+        upright = normals[:, :, None] * self._laid_normals[:, None, :] / self.draped.source.area
+        fitted = self.smooth((self._differential + upright).reshape(-1, 9))
+        return closest_rotations(fitted.reshape(-1, 3, 3), self._handed)
+
+    @cached_property
     def turns(self) -> Floats:
         """(n, 3, 3) matrices that turn and scale a vector (3,) at the source to one at the target."""
-        working, size = self.draped.target.working, float(np.sqrt(self.draped.source.area))
-        vertices, images = working.vertices[self.number], self.points[self.number] / size
-        differential = _products_of_gradients(self.trusted_stiffness, vertices, images)
-        sign = np.where(self._mirrored, -1.0, 1.0)
-        upright = (sign[:, None] * working.vertex_normals[self.number])[:, :, None] * self._laid_normals[:, None, :]
-        left, _, right = np.linalg.svd(self.smooth((differential + upright / size**2).reshape(-1, 9)).reshape(-1, 3, 3))
-        left[:, :, 2] *= (sign * np.linalg.det(left @ right))[:, None]
-        rotation = left @ right
+        working = self.draped.target.working
+        vertices = working.vertices[self.number]
         # In each of two directions a length of the target has shrunk to this part on the source.
         whole = np.einsum("nxx->n", _products_of_gradients(self.trusted_stiffness, vertices, vertices))
-        shrinking = np.einsum("nts,nts->n", rotation, differential)
+        shrinking = np.einsum("nts,nts->n", self.rotations, self._differential)
         sums = np.stack([shrinking, whole], axis=1)
         for _ in range(GROWTH_ROUNDS):
             sums = (self.trust * self.areas)[:, None] * self.smooth(sums)
@@ -89,7 +93,16 @@ class Frames:
         shrinking = np.maximum(shrinking, whole / MOST_GROWTH)
         growth = np.divide(whole, shrinking, out=np.ones_like(whole), where=shrinking > 0)
         growth = np.maximum(growth, 1 / MOST_GROWTH)
-        return (working.scale / size * growth)[:, None, None] * rotation
+        return (working.scale / np.sqrt(self.draped.source.area) * growth)[:, None, None] * self.rotations
+
+    @cached_property
+    def _differential(self) -> Floats:
+        """(n, 3, 3) integrals of products of gradients, of the target's positions and of those on the source.
+
+        Both surfaces are of unit area.
+        """
+        images = self.points[self.number] / np.sqrt(self.draped.source.area)
+        return _products_of_gradients(self.trusted_stiffness, self.draped.target.working.vertices[self.number], images)
 
     @cached_property
     def _laid_normals(self) -> Floats:
@@ -106,16 +119,21 @@ class Frames:
         return np.stack(sums, axis=1)[self.number]
 
     @cached_property
-    def _mirrored(self) -> Booleans:
-        """(n,) whether a component is laid onto the source as its mirror image; not where no side is the outside."""
+    def _handed(self) -> Floats:
+        """(n,) -1 where a component is laid onto the source as its mirror image, else 1; also if no side is outside."""
         source, target = self.draped.source.working, self.draped.target.working
         if not (source.sides_are_known and target.sides_are_known):
-            return np.zeros(len(self.number), dtype=bool)
+            return np.ones(len(self.number))
         outward = self.draped.surface_map.interpolate(source.vertex_normals[source.vertex_of])
         outward = on_working_mesh(target, outward)[self.number]
         component = target.component[self.number]
         facing = np.bincount(component, np.einsum("nx,nx->n", outward, self._laid_normals))
-        return np.asarray(facing < 0)[component]
+        return np.where(facing < 0, -1.0, 1.0)[component]
+
+    def nearest(self, positions: Floats) -> Integers:
+        """(q,) which of the n lies nearest to positions (q, 3) around the target."""
+        own = on_working_mesh(self.draped.target.working, self.draped.target.vertices)[self.number]
+        return np.asarray(cKDTree(own).query(positions)[1])
 
     def smooth(self, loads: Floats) -> Floats:
         """The solution (n, d) of (T A + h^2 (L' + L")) x = loads, of trust, areas, reach and both stiffnesses."""
@@ -146,6 +164,36 @@ def frames_on(draped: Draped, vertices: Booleans) -> Frames:
     among = _without_sums(stiffness[number][:, number])
     confidence = on_working_mesh(working, draped.confidence)[number]
     return Frames(draped, number, among, areas[number], on_working_mesh(working, draped.points), confidence)
+
+
+def rotations(draped: Draped, domain: Domain) -> Floats:
+    """(count, 3, 3) what turns a direction of the source into one of the target, at points, faces or corners.
+
+    They are reflections where the map mirrors the source.
+    """
+    target = draped.target
+    frames = frames_on(draped, np.ones(len(target.vertices), dtype=bool))
+    place = target.working.vertex_of.copy()
+    loose = np.flatnonzero(place < 0)
+    if len(loose):
+        place[loose] = frames.nearest(target.vertices[loose])
+    if domain is Domain.POINT:
+        return frames.rotations[place]
+    at_corners = frames.rotations[place[target.corner_vertex]]
+    if domain is Domain.CORNER:
+        return at_corners
+    first = target.face_start[:-1]
+    return closest_rotations(np.add.reduceat(at_corners, first), np.linalg.det(at_corners[first]))
+
+
+def closest_rotations(matrices: Floats, handed: Floats) -> Floats:
+    """(q, 3, 3) the rotations closest to matrices (q, 3, 3), or the reflections where `handed` (q,) is negative.
+
+    The orthogonal part of the polar decomposition (Higham 1986).
+    """
+    left, _, right = np.linalg.svd(matrices)
+    left[:, :, 2] *= (np.sign(handed) * np.linalg.det(left @ right))[:, None]
+    return np.asarray(left @ right)
 
 
 def on_working_mesh(working: WorkingMesh, values: np.ndarray) -> np.ndarray:

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from zoomout_core.surface import Floats, Surface, triangle_areas, triangle_normals, vertex_normals
+from zoomout_core.surface import Floats, Integers, Surface, triangle_areas, triangle_normals, vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
-from zoomout_core.transfer.turning import rotations
 
 # Sine of the angle above the surface that a normal is lifted to where only the transfer pushed it below.
 LIFTED = 0.05
@@ -18,28 +18,45 @@ LIFTED = 0.05
 
 def turn_directions(attribute: Attribute, draped: Draped) -> Attribute:
     """Directions (count, 3): mixed, turned with the surface, and as long as those that they are mixed from."""
-    values = np.asarray(attribute.values, dtype=np.float64)
-    directions, length = _turned(attribute, np.linalg.norm(values, axis=1), draped)
-    return replace(attribute, values=(_unit(directions) * length[:, None]).astype(attribute.values.dtype))
+    length = np.linalg.norm(np.asarray(attribute.values, dtype=np.float64), axis=1)
+    turned, length = _turned(attribute, length, draped)
+    return replace(turned, values=(_unit(turned.values) * length[:, None]).astype(attribute.values.dtype))
 
 
 def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
-    """Unit normals (count, 3): directions that stay above the surface where they are above the source's."""
+    """Unit normals (count, 3): directions that stay above the surface where they are above the source's.
+
+    What is above is what the surface's faces say, as they are wound.
+    """
     values = np.asarray(attribute.values, dtype=np.float64)
     height = np.einsum("cx,cx->c", values, _outward(draped.source, attribute.domain))
-    normals, height = _turned(attribute, height, draped)
-    normals, outward = _unit(normals), _outward(draped.target, attribute.domain)
+    turned, height = _turned(attribute, height, draped)
+    normals, outward = _unit(turned.values), _outward(draped.target, attribute.domain)
     found = np.einsum("cx,cx->c", normals, outward)
+    component = _components(draped.target, attribute.domain)
+    inside_out = (np.bincount(component, height * found) < 0)[component]
+    normals[inside_out] -= 2 * (found[:, None] * outward)[inside_out]
+    found[inside_out] *= -1
     pushed = (height > 0) & (found < 0)
     normals[pushed] += (LIFTED - found[pushed])[:, None] * outward[pushed]
-    return replace(attribute, values=_unit(normals).astype(attribute.values.dtype))
+    return replace(turned, values=_unit(normals).astype(attribute.values.dtype))
 
 
-def _turned(attribute: Attribute, number: Floats, draped: Draped) -> tuple[Floats, Floats]:
+def _turned(attribute: Attribute, number: Floats, draped: Draped) -> tuple[Attribute, Floats]:
     """Vectors on the target, mixed and turned, and a number (count,) that goes with each, mixed."""
     both = np.column_stack([np.asarray(attribute.values, dtype=np.float64), number])
-    mixed = MIX[attribute.domain](replace(attribute, values=both), draped).values
-    return np.einsum("cxy,cy->cx", rotations(draped, attribute.domain), mixed[:, :3]), mixed[:, 3]
+    mixed = MIX[attribute.domain](replace(attribute, values=both), draped)
+    turned = np.einsum("cxy,cy->cx", rotations(draped, attribute.domain), mixed.values[:, :3])
+    return replace(mixed, values=turned), mixed.values[:, 3]
+
+
+def _components(surface: Surface, domain: Domain) -> Integers:
+    """(count,) the numbers of the connected components that places are on."""
+    at_points = surface.working.component[surface.working.vertex_of]
+    if domain is Domain.POINT:
+        return at_points
+    at_corners = at_points[surface.corner_vertex]
+    return at_corners if domain is Domain.CORNER else at_corners[surface.face_start[:-1]]
 
 
 def _outward(surface: Surface, domain: Domain) -> Floats:

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.surface import Floats
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
-from zoomout_core.transfer.turning import rotations
 
 # Where all quaternions are zero, this makes their mean the rotation by nothing.
 NOTHING = 1e-12
@@ -24,11 +24,12 @@ NOTHING = 1e-12
 def mix_quaternions(attribute: Attribute, draped: Draped, *, turned: bool = False) -> Attribute:
     """Unit quaternions (count, 4), w first; mixed, and if they are to be `turned`, turned with the surface."""
     values = np.asarray(attribute.values, dtype=np.float64)
-    mixed = MIX[attribute.domain](replace(attribute, values=np.column_stack([_squared(values), values])), draped).values
-    quaternions = _mean(mixed[:, :16], mixed[:, 16:])
+    both = replace(attribute, values=np.column_stack([_squared(values), values]))
+    mixed = MIX[attribute.domain](both, draped)
+    quaternions = _mean(mixed.values[:, :16], mixed.values[:, 16:])
     if turned:
         quaternions = _quaternions(_turning(attribute, draped) @ _matrices(quaternions))
-    return replace(attribute, values=quaternions.astype(attribute.values.dtype))
+    return replace(mixed, values=quaternions.astype(attribute.values.dtype))
 
 
 def mix_matrices(attribute: Attribute, draped: Draped, *, turned: bool = False) -> Attribute:
@@ -45,13 +46,13 @@ def mix_matrices(attribute: Attribute, draped: Draped, *, turned: bool = False) 
     rest = matrices.copy()
     rest[:, :3, :3] = np.einsum("qkx,qk,qky->qxy", right, stretch, right)
     parts = np.column_stack([_squared(_quaternions(left @ right)), rest.reshape(-1, 16)])
-    mixed = MIX[attribute.domain](replace(attribute, values=parts), draped).values
-    rotation = _matrices(_mean(mixed[:, :16], None))
+    mixed = MIX[attribute.domain](replace(attribute, values=parts), draped)
+    rotation = _matrices(_mean(mixed.values[:, :16], None))
     if turned:
         rotation = _turning(attribute, draped) @ rotation
-    result = mixed[:, 16:].reshape(-1, 4, 4)
+    result = mixed.values[:, 16:].reshape(-1, 4, 4)
     result[:, :3, :3] = rotation @ result[:, :3, :3]
-    return replace(attribute, values=result.reshape(-1, 16).astype(attribute.values.dtype))
+    return replace(mixed, values=result.reshape(-1, 16).astype(attribute.values.dtype))
 
 
 def _turning(attribute: Attribute, draped: Draped) -> Floats:

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csc_array
-from scipy.spatial import cKDTree
 
 from zoomout_core.progress import drain
 from zoomout_core.surface import Floats
@@ -95,9 +94,7 @@ def _carried(offsets: Floats, frames: Frames, turns: Floats) -> Floats:
     carried = motion[number]
     loose = np.flatnonzero(number < 0)
     if len(loose):
-        own = on_working_mesh(target.working, target.vertices)[frames.number]
-        nearest = cKDTree(own).query(target.vertices[loose])[1]
-        carried[loose] = _turned(turns[nearest], plain[loose])
+        carried[loose] = _turned(turns[frames.nearest(target.vertices[loose])], plain[loose])
     return _without_noise(carried, target.area)
 
 

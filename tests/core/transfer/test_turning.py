@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from creatures import Creature, creature
@@ -12,7 +14,7 @@ from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import Surface, triangle_normals, vertex_normals
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.turning import closest_rotations
+from zoomout_core.transfer.frames import closest_rotations
 
 BEND = 0.6
 TURN = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]).as_matrix()
@@ -77,7 +79,7 @@ def test_directions_are_those_of_the_posed_surface() -> None:
     ]
     normals = [triangle_normals(s.surface.vertices, s.surface.triangles) for s in (posed, source)]
     products = np.einsum("msx,msy->mxy", *sides) + np.einsum("m,mx,my->mxy", (sides[1] ** 2).sum(axis=(1, 2)), *normals)
-    turns = closest_rotations(products)
+    turns = closest_rotations(products, np.ones(len(products)))
     values = np.random.default_rng(0).normal(size=(1, 3)).repeat(len(source.surface.vertices), axis=0)
     truth = np.einsum("mxy,y->mx", turns, values[0])[surface_map.triangle]
     result = carried(values, Kind.DIRECTION, surface_map, source.surface, target.surface)
@@ -106,12 +108,19 @@ def test_smooth_normals_of_the_source_are_the_target_s_own() -> None:
     assert error.mean() < 4
 
 
-def test_normals_are_as_good_where_a_map_mirrors() -> None:
+@pytest.mark.parametrize("mirrored", [True, False])
+@pytest.mark.parametrize("inside_out", [True, False])
+@pytest.mark.parametrize("domain", ["point", "corner", "face"])
+def test_normals_are_as_good_where_a_map_mirrors_and_on_the_side_that_faces_say(
+    mirrored: bool, inside_out: bool, domain: str
+) -> None:
     source, target = creature(8000), creature(6000, seed=5)
-    mirrored = Surface(target.surface.vertices * [-1, 1, 1], target.surface.triangles[:, ::-1])
-    values = normals_of(source.surface)
-    result = carried(values, Kind.NORMAL, map_of(source, target), source.surface, mirrored)
-    assert np.median(degrees(result, normals_of(mirrored))) < 2
+    vertices = target.surface.vertices * [-1 if mirrored else 1, 1, 1]
+    order = 1 if mirrored == inside_out else -1
+    other = Surface(vertices, target.surface.triangles[:, ::order])
+    values = at_domain(normals_of(source.surface), source.surface, domain)
+    result = carried(values, Kind.NORMAL, map_of(source, target), source.surface, other)
+    assert np.median(degrees(result, at_domain(normals_of(other), other, domain))) < 2
 
 
 def test_normals_jump_where_the_source_s_do() -> None:
@@ -186,3 +195,17 @@ def test_matrices_are_neither_sheared_nor_shrunk_between_two_rotations() -> None
     np.testing.assert_allclose(result[:, 3], np.tile([0, 0, 0, 1], (3000, 1)), atol=1e-12)
     kept = carried(matrices.reshape(-1, 16), Kind.MATRIX, identity(source.surface), source.surface, source.surface)
     np.testing.assert_allclose(kept, matrices.reshape(-1, 16), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [Kind.DIRECTION, Kind.NORMAL, Kind.QUATERNION, Kind.MATRIX])
+def test_what_turns_is_filled_in_where_confidence_is_low_and_says_so(kind: Kind) -> None:
+    mesh = creature(3000).surface
+    doubtful = mesh.vertices[:, 2] > np.quantile(mesh.vertices[:, 2], 0.98)
+    match = SimpleNamespace(surface_map=identity(mesh), confidence=np.where(doubtful, 0.0, 1.0))
+    width = {Kind.QUATERNION: 4, Kind.MATRIX: 16}.get(kind, 3)
+    values = np.tile(np.eye(4).ravel()[:width] if kind is not Kind.NORMAL else np.ones(3) / np.sqrt(3), (3000, 1))
+    values[doubtful] *= -1
+    result = transfer(Attribute("x", Domain.POINT, kind, values), match, mesh, mesh, fill_below=0.5)
+    assert any(f"{doubtful.sum()} vertices" in note for note in result.notes)
+    if kind is Kind.DIRECTION:
+        assert (result.values[doubtful, 0] > 0.9).all()
