@@ -11,7 +11,7 @@ from bpy.types import Object, Operator, PropertyGroup
 
 from zoomout_core.correspondence.proximity import MOST_ANGLE, MOST_DISTANCE
 
-from .cargo import FILL_BELOW, Settings, parse_group_names
+from .cargo import FILL_BELOW, Settings, parse_group_names, parse_names
 
 # An operator's own options hold for one call only; what is left open comes from the scene.
 ONCE = {"SKIP_SAVE"}
@@ -157,10 +157,7 @@ class TransferOptions:
     )
     attributes: BoolProperty(
         name="Attributes",
-        description=(
-            "Transfer the other attributes. Vectors arrive as they are, unless the source's mesh has a custom property "
-            "'zoomout_turning' with the names of those that turn with the surface, between commas"
-        ),
+        description="Transfer the other attributes; vectors arrive as they are, unless they are said to turn",
         default=True,
         options=ONCE,
     )
@@ -271,6 +268,15 @@ class BlendOptions:
         options=ONCE,
     )
 
+    turning: StringProperty(
+        name="Turning",
+        description=(
+            "Names, between commas, of attributes that turn with the surface: "
+            "directions and rotations, in the mesh's own space"
+        ),
+        options=ONCE,
+    )
+
     def settings(self) -> Settings:
         """What is chosen here.
 
@@ -278,8 +284,8 @@ class BlendOptions:
             MeshError: new names of groups are not given as pairs.
         """
         chosen = {name: getattr(self, name) for name in BlendOptions.__annotations__}
-        names = parse_group_names(self.group_names)
-        return Settings(**{**chosen, "mode": self.mode.lower(), "group_names": names})
+        names, turning = parse_group_names(self.group_names), parse_names(self.turning)
+        return Settings(**{**chosen, "mode": self.mode.lower(), "group_names": names, "turning": turning})
 
 
 class SourceName:

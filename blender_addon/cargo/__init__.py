@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .cargo import Cargo, Origin, Remarks, Way
-from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names
+from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names, parse_names
 
 # In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
 # which of these are sharp. Shape keys come last: reading them evaluates copies, which what was evaluated before need
@@ -49,4 +49,5 @@ __all__ = [
     "Settings",
     "Way",
     "parse_group_names",
+    "parse_names",
 ]

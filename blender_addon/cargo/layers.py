@@ -60,10 +60,11 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     Raises:
         MeshError: the target has no room for them.
     """
-    found, skipped = mesh_data.read_layers(origin.mesh)
+    found, skipped = mesh_data.read_layers(origin.mesh, origin.settings.turning)
     remarks.skipped |= mesh_data.data_without_a_way(origin.source, origin.mesh)
     if Role.GENERIC.value in origin.data:
         remarks.skipped |= skipped
+        _note_unturned(found, origin, remarks)
     layers = [layer for layer in found if layer.role.value in origin.data]
     _check_uv_maps(layers, origin.target)
     _check_names(layers, origin.target, remarks)
@@ -90,7 +91,16 @@ def _present(layer: Layer, origin: Origin) -> Attribute | None:
     mesh, name = origin.target.data, layer.attribute.name
     if origin.blend.replaces or name not in mesh.attributes or not mesh_data.fits(mesh.attributes[name], layer):
         return None
-    return mesh_data.read_layer(mesh, name, layer.role).attribute
+    return mesh_data.read_layer(mesh, name, layer.role, layer.turning).attribute
+
+
+def _note_unturned(layers: list[Layer], origin: Origin, remarks: Remarks) -> None:
+    """Say which names of what is to turn are none of attributes that can."""
+    missing = set(origin.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
+    remarks.add(
+        f"{name}: does not turn, as '{origin.source.name}' has no vectors, quaternions or matrices of this name."
+        for name in sorted(missing)
+    )
 
 
 def _check_uv_maps(layers: list[Layer], target: Object) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import bpy
@@ -30,6 +30,7 @@ class Settings:
         limit: how many weights of deforming groups a vertex may have; 0 for as many as on the source.
         flip_names: whether vertex groups change sides, from "Arm.L" to "Arm.R", for a match that does.
         group_names: new names of vertex groups by their names on the source.
+        turning: names of vectors, quaternions and matrices, in the mesh's own space, that turn with the surface.
     """
 
     fill_below: float = FILL_BELOW
@@ -39,6 +40,7 @@ class Settings:
     limit: int = 0
     flip_names: bool = False
     group_names: Mapping[str, str] = field(default_factory=dict)
+    turning: Collection[str] = ()
 
     def new_name(self, group: str) -> str:
         """What a vertex group of the source is called on the target."""
@@ -66,6 +68,11 @@ class Settings:
 DEFAULT = Settings()
 
 
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names with commas between them."""
+    return tuple(filter(None, (name.strip() for name in text.split(","))))
+
+
 def parse_group_names(text: str) -> dict[str, str]:
     """New names of vertex groups by the old ones, from `old = new` pairs with commas between them.
 
@@ -73,9 +80,9 @@ def parse_group_names(text: str) -> dict[str, str]:
         MeshError: the text is not of that form.
     """
     names: dict[str, str] = {}
-    for pair in filter(str.strip, text.split(",")):
+    for pair in parse_names(text):
         old, equals, new = (part.strip() for part in pair.partition("="))
         if not (old and equals and new):
-            raise zo.MeshError(f"New group names are given as 'old = new, old = new', and '{pair.strip()}' is no pair.")
+            raise zo.MeshError(f"New group names are given as 'old = new, old = new', and '{pair}' is no pair.")
         names[old] = new
     return names

@@ -23,8 +23,7 @@ MOST_UV_MAPS = 8
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
 # Attributes that are read and written elsewhere: faces' materials, marks of edges and vertices, and custom normals.
 READ_ELSEWHERE = MARK_ATTRIBUTES | {"material_index", CUSTOM_NORMAL}
-# A custom property of meshes: names of vectors, quaternions and matrices that turn with the surface, between commas.
-TURNING = "zoomout_turning"
+# Types of attributes that may be directions or rotations.
 MAY_TURN = frozenset({"FLOAT_VECTOR", "QUATERNION", "FLOAT4X4"})
 # Internal attributes that hold what was made on a mesh, and those that hold how it was being edited.
 SCULPTED = frozenset({".sculpt_mask", ".sculpt_face_set"})
@@ -106,8 +105,12 @@ class ActiveLayers:
         return ActiveLayers(*(name if name in names else None for name in astuple(self)))
 
 
-def read_layers(mesh: Mesh) -> tuple[list[Layer], dict[str, str]]:
+def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer], dict[str, str]]:
     """UV maps, colour attributes and other attributes, and why some of the others cannot be transferred.
+
+    Args:
+        mesh: has them.
+        turning: names of directions and rotations, which turn with the surface.
 
     Returns:
         Layers in the order of Blender's lists, and a sentence for each attribute that is not among them.
@@ -122,7 +125,7 @@ def read_layers(mesh: Mesh) -> tuple[list[Layer], dict[str, str]]:
         role = roles.get(name, Role.GENERIC)
         reason = _obstacle(attribute, role)
         if reason is None:
-            layers.append(read_layer(mesh, name, role))
+            layers.append(read_layer(mesh, name, role, name in turning))
         elif name.startswith(EDITING_STATES):
             skipped["selection and hiding"] = reason  # of all kinds of elements
         else:
@@ -173,12 +176,17 @@ def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
     return None
 
 
-def read_layer(mesh: Mesh, name: str, role: Role = Role.GENERIC) -> Layer:
-    """One attribute of a mesh: values (count,) or (count, width), colours scene-linear, matrices row by row."""
+def read_layer(mesh: Mesh, name: str, role: Role = Role.GENERIC, turning: bool = False) -> Layer:
+    """One attribute of a mesh: values (count,) or (count, width), colours scene-linear, matrices row by row.
+
+    Args:
+        mesh: has it.
+        name: of the attribute.
+        role: what Blender uses it as.
+        turning: whether it is meant to turn with the surface, which attributes of some types cannot.
+    """
     attribute = mesh.attributes[name]
-    turning = attribute.data_type in MAY_TURN and name in (
-        word.strip() for word in str(mesh.get(TURNING, "")).split(",")
-    )
+    turning = turning and attribute.data_type in MAY_TURN
     kind = _kind(attribute, role, turning)
     values = Attribute(name, Domain[attribute.domain], kind, _read_values(attribute))
     return Layer(values, role, attribute.data_type, turning)

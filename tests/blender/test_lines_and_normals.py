@@ -8,6 +8,7 @@ from scenes import activate, add_attribute, ellipsoid, linked, positions, values
 
 import zoomout_core as zo
 from blender_addon import mesh_data, stored_match
+from blender_addon.cargo import Settings
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
 from zoomout_core.projection import closest_points
@@ -388,16 +389,19 @@ def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, targe
     keep_true_match(target, still)
     for name in ("flow", "plain"):
         add_attribute(source.data, name, "FLOAT_VECTOR", "POINT", bulging(positions(source.data)))
-    if not lacks("FLOAT4X4"):
+    missing = ["frame"] if lacks("FLOAT4X4") else []
+    if not missing:
         frames = np.tile(np.eye(4), (len(source.data.vertices), 1, 1))
         add_attribute(source.data, "frame", "FLOAT4X4", "POINT", frames.reshape(-1, 16))
     add_attribute(source.data, "spin", "QUATERNION", "POINT", np.tile([1.0, 0, 0, 0], (len(source.data.vertices), 1)))
-    source.data["zoomout_turning"] = "flow, frame, spin"
-    transfer(source, target, "attributes")
+    add_attribute(source.data, "height", "FLOAT", "POINT", positions(source.data)[:, 2])
+    settings = Settings(turning=("flow", "frame", "spin", "height"))
+    report = transfer_objects(bpy.context, source, target, ["attributes"], settings)
+    assert [note.split(":")[0] for note in report["notes"] if "does not turn" in note] == [*missing, "height"]
     assert np.median(degrees(values(target.data, "plain"), bulging(still))) < 1
     assert np.median(degrees(values(target.data, "flow"), bulging(still) @ turn.T)) < 1
     quarter = np.tile([np.sqrt(0.5), 0, 0, np.sqrt(0.5)], (len(still), 1))
     assert np.abs(np.einsum("nx,nx->n", values(target.data, "spin"), quarter)).min() > 0.99
-    if not lacks("FLOAT4X4"):
+    if not missing:
         frame = np.array(target.data.attributes["frame"].data[7].value)
         np.testing.assert_allclose(frame[:3, :3], turn, atol=0.05)

@@ -22,7 +22,7 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon import stored_match
-from blender_addon.cargo import Settings, parse_group_names
+from blender_addon.cargo import Settings, parse_group_names, parse_names
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
 from blender_addon.stored_report import transfer_report
@@ -182,6 +182,7 @@ def test_groups_change_sides_and_names_and_are_still_those_that_deform(source, t
 
 
 def test_names_are_given_as_pairs():
+    assert parse_names(" flow, spin ,") == ("flow", "spin")
     assert parse_group_names(" Arm = Upper Arm,Spine=Back , ") == {"Arm": "Upper Arm", "Spine": "Back"}
     for wrong in ("Arm", "Arm=", "=Arm", "Arm=Upper Arm, Spine"):
         with pytest.raises(zo.MeshError, match="old = new"):
@@ -214,11 +215,12 @@ def test_settings_come_from_the_scene_where_the_caller_leaves_them_open(source, 
     skin(source)
     activate(target, source)
     settings = bpy.context.scene.zoomout
-    settings.factor, settings.group_names = 0.5, "Arm.L = Leg.L"
+    settings.factor, settings.group_names, settings.turning = 0.5, "Arm.L = Leg.L", "flow"
     assert bpy.ops.zoomout.transfer(flip_names=True) == {"FINISHED"}
     kept = ~doubtful(target)
     np.testing.assert_allclose(weight_array(target, "Leg.L")[kept], (1 - ramp(target))[kept] / 2, atol=1e-4)
     assert "Arm.L" in weights(target)  # the source's right arm
+    assert any(note.startswith("flow: does not turn") for note in transfer_report(target)["notes"])
     with pytest.raises(RuntimeError, match="old = new"):
         bpy.ops.zoomout.transfer(group_names="Arm.L")
 
