@@ -11,7 +11,7 @@ from bpy.types import Mesh, Object
 
 from zoomout_core.progress import Steps, spread
 from zoomout_core.surface import Surface
-from zoomout_core.transfer import Attribute, Blend, Domain, blend, drape, transfer_steps
+from zoomout_core.transfer import Attribute, Blend, blend, drape, transfer_steps
 from zoomout_core.transfer.draped import Draped
 
 from ..pair import ObjectPair
@@ -111,10 +111,12 @@ class Way:
         """An attribute that was carried, blended with the one that the target has, see `blend`."""
         if self.blend.replaces:
             return carried
-        if carried.domain is Domain.EDGE:
-            self.remarks.add([f"{carried.name}: values of edges were replaced as a whole."])
-            return carried
         return blend(carried, present, self.pair.target, self.blend, sharing)
+
+    def note_replaced(self, what: str) -> None:
+        """Say that data of the target is replaced, where others are blended."""
+        if not self.blend.replaces:
+            self.remarks.add([f"{what}: not blended with those of '{self.pair.target_name}', but put in their place."])
 
 
 class Cargo(Protocol):

@@ -15,9 +15,15 @@ from .cargo import Cargo, Origin, Remarks, Way
 
 @dataclass
 class MarkCargo:
-    """Marks of one label, see `mesh_data.read_marks`."""
+    """Marks of one label, see `mesh_data.read_marks`.
+
+    Attributes:
+        marks: those of the source, then those of the target.
+        present: those that the target has already, if it has any.
+    """
 
     marks: Attribute
+    present: Attribute | None
     kind: str = "edges"
 
     @property
@@ -25,7 +31,8 @@ class MarkCargo:
         return [self.marks.name]
 
     def carry(self, way: Way) -> Steps[None]:
-        self.marks = yield from way.carry(self.marks, self.marks.name)
+        carried = yield from way.carry(self.marks, self.marks.name)
+        self.marks = way.blended(carried, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_marks(target.data, self.marks)
@@ -33,4 +40,7 @@ class MarkCargo:
 
 def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     """The marks that the source has, if they are asked for."""
-    return [MarkCargo(marks) for marks in mesh_data.read_marks(origin.mesh)] if "edges" in origin.data else []
+    if "edges" not in origin.data:
+        return []
+    present = {marks.name: marks for marks in mesh_data.read_marks(origin.target.data)}
+    return [MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_marks(origin.mesh)]

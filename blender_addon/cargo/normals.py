@@ -32,6 +32,7 @@ class NormalCargo:
         return [self.normals.name]
 
     def carry(self, way: Way) -> Steps[None]:
+        way.note_replaced("custom normals")
         self.normals = yield from way.carry(self.normals, "custom normals", target=self.target)
 
     def write(self, target: Object) -> None:

@@ -47,6 +47,7 @@ class ShapeKeyCargo:
         return [key.name for key in self.keys]
 
     def carry(self, way: Way) -> Steps[None]:
+        way.note_replaced("shape keys")
         source = way.pair.source.with_vertices(self.source_rest)
         target = way.pair.target.with_vertices(self.target_rest)
         self.offsets = yield from way.carry(self.offsets, "shape keys", source, target)

@@ -234,6 +234,25 @@ def test_custom_normals_turn_with_the_target(source, target, placed):
     assert not edge_array(target.data, "use_edge_sharp").any()
 
 
+def test_marks_that_the_target_has_stay_if_only_missing_ones_are_wanted_or_a_mask_says_so(source, target):
+    source.data.edges.foreach_set("use_seam", mark_equator(source.data))
+    own = positions(target.data)[ends(target.data)][:, :, 2].mean(axis=1) > 0.4
+    target.data.edges.foreach_set("use_seam", own)
+    target.vertex_groups.new(name="Mask").add(np.flatnonzero(positions(target.data)[:, 0] > 0).tolist(), 1, "REPLACE")
+    transfer_objects(bpy.context, source, target, ["edges"], Settings(mode="missing"))
+    both = edge_array(target.data, "use_seam")
+    traced = both & ~own
+    assert both[own].all()
+    assert 30 < traced.sum() < 200
+    target.data.edges.foreach_set("use_seam", own)
+    transfer_objects(bpy.context, source, target, ["edges"], Settings(mask_group="Mask"))
+    inside = (positions(target.data)[ends(target.data)][:, :, 0] > 0).all(axis=1)
+    masked = edge_array(target.data, "use_seam")
+    np.testing.assert_array_equal(masked[inside], traced[inside])
+    np.testing.assert_array_equal(masked[~inside & own], True)
+    assert not masked[~inside & ~own].any()
+
+
 def test_custom_normals_of_a_posed_target_are_stored_for_its_rest(source, target):
     give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
     target.data.shade_smooth()
@@ -286,6 +305,15 @@ def test_normals_that_are_kept_as_they_are_give_way(source, target):
     transfer(source, target, "custom_normals")
     truth = bulging(positions(target.data))[corner_vertices(target.data)]
     assert np.median(degrees(corner_normals(target), truth)) < 1
+
+
+def test_what_is_not_blended_says_so(source, target):
+    give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
+    for name in ("Basis", "Smile"):
+        source.shape_key_add(name=name).data[7].co.z += 0.1
+    for settings, expected in ((Settings(), 0), (Settings(factor=0.5), 2)):
+        notes = transfer_objects(bpy.context, source, target, ["custom_normals", "shape_keys"], settings)["notes"]
+        assert sum("not blended" in note for note in notes) == expected
 
 
 def test_without_custom_normals_the_target_keeps_its_own(source, target):

@@ -23,6 +23,7 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon import stored_match
+from blender_addon.cargo import DATA
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects, transfer_steps
 from blender_addon.pair import read_pair
@@ -483,3 +484,28 @@ def test_a_source_with_modifiers_gives_the_data_that_they_leave(source, target):
     transfer_objects(bpy.context, source, target)
     assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
     assert np.abs(weight_array(target, "Right") - ramp(target)).max() < 0.02
+
+
+def test_all_kinds_of_data_at_once_arrive_as_each_alone(source, target):
+    dress(source)
+    points = positions(source.data)
+    source.data.shade_smooth()
+    source.data.normals_split_custom_set_from_vertices(points / np.linalg.norm(points, axis=1, keepdims=True))
+    ends = np.array([edge.vertices[:] for edge in source.data.edges])
+    source.data.edges.foreach_set("use_seam", (points[ends][:, :, 2] > 0.5).all(axis=1))
+    for name in ("Basis", "Smile"):
+        key = source.shape_key_add(name=name)
+    key.data[7].co.z += 0.1
+    finer = source.modifiers.new("Finer", "SUBSURF")  # so that keys are read from copies that are evaluated
+    finer.levels, finer.subdivision_type = 1, "SIMPLE"
+    alone = linked("Alone", target.data.copy())
+    for obj in (target, alone):
+        keep_true_match(obj)
+    report = transfer_objects(bpy.context, source, target, DATA)
+    assert all(report["written"].values()), report["written"]
+    for kind in DATA:
+        transfer_objects(bpy.context, source, alone, [kind])
+    together, apart = snapshot(target), snapshot(alone)
+    for one in (together, apart):
+        one.pop("properties")  # the report
+    assert apart == together

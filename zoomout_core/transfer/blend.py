@@ -68,7 +68,7 @@ def blend(
         The blended values; weights of the transferred groups only, though other groups tell what is missing.
 
     Raises:
-        ValueError: the mask does not fit the target, or the values are of edges.
+        ValueError: the mask does not fit the target.
     """
     amount = _amounts(transferred, target, how)
     if transferred.kind is Kind.WEIGHT:
@@ -94,12 +94,12 @@ def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
         return mask
     if attribute.domain is Domain.CORNER and attribute.kind in MIXABLE:
         return np.asarray(mask[corner_vertex])
+    if attribute.domain is Domain.EDGE:
+        return np.asarray(mask[target.edges].mean(axis=1))
     of_faces = np.add.reduceat(mask[corner_vertex], start) / np.diff(target.face_start)
     if attribute.domain is Domain.CORNER:
         return np.asarray(of_faces[target.corner_face])
-    if attribute.domain is Domain.FACE:
-        return np.asarray(of_faces)
-    raise ValueError(f"'{attribute.name}' has values of edges, which are not blended: replace them.")
+    return np.asarray(of_faces)
 
 
 def _is_nothing(values: np.ndarray) -> Booleans:

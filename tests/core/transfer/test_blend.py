@@ -11,7 +11,12 @@ from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend
 
 TARGET = sheet(tube, 12, 6).surface
 N = len(TARGET.vertices)
-COUNT = {Domain.POINT: N, Domain.FACE: len(TARGET.face_start) - 1, Domain.CORNER: len(TARGET.corner_vertex)}
+COUNT = {
+    Domain.POINT: N,
+    Domain.EDGE: len(TARGET.edges),
+    Domain.FACE: len(TARGET.face_start) - 1,
+    Domain.CORNER: len(TARGET.corner_vertex),
+}
 RANDOM = np.random.default_rng(0)
 MASK = RANDOM.uniform(0, 1, N)
 
@@ -38,6 +43,7 @@ def test_numbers_are_mixed_by_factor_and_mask(kind: Kind, domain: Domain) -> Non
     start, size = TARGET.face_start[:-1], np.diff(TARGET.face_start)
     amount = {
         Domain.POINT: MASK,
+        Domain.EDGE: MASK[TARGET.edges].mean(axis=1),
         Domain.CORNER: MASK[TARGET.corner_vertex],
         Domain.FACE: np.add.reduceat(MASK[TARGET.corner_vertex], start) / size,
     }[domain][:, None]
@@ -131,5 +137,3 @@ def test_wrong_ways_to_blend_are_refused() -> None:
     for mask in (np.ones(N + 1), np.full(N, 2.0), np.full(N, np.nan)):
         with pytest.raises(ValueError, match="mask needs a number from 0 to 1"):
             blend(new, None, TARGET, Blend(mask=mask))
-    with pytest.raises(ValueError, match="values of edges"):
-        blend(attribute(Kind.SCALAR, Domain.EDGE, np.ones(3)), None, TARGET, Blend())
