@@ -21,7 +21,7 @@ from blender_addon.demo.target import posed_copy, relax, strike
 from blender_addon.demo.truth import Truth, find_truth
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import Floats, Integers, edge_graph, triangle_areas, unique_edges, vertex_normals
-from zoomout_core.transfer.cut import adjacent_edges
+from zoomout_core.transfer.uv import uv_seams
 
 # Of the folders of many shapes, every so many is used.
 EVERY = 7
@@ -31,8 +31,6 @@ BONES, ISLANDS, MATERIALS, KEYS = 20, 14, 25, 3
 TURN = 30
 # A shape key swells the surface by this part of the square root of its area, where it is strongest.
 SWELLING = 0.03
-# Corners whose UVs differ by more are cut apart.
-SAME_UV = 1e-5
 # Length of the edges of the demo's character, in metres.
 CELL = 0.02
 # Vertices of the target, over those of the source.
@@ -233,7 +231,7 @@ def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast
     triangle, _ = closest_points(middle, posed, source_surface.triangles)
     _, slots = mesh_data.read_materials(source, source.data)
     swelling = SWELLING * np.sqrt(source_surface.area) * _strengths(rest, triangles)[:, :, None]
-    begin, end = seam_segments(source, source_surface)
+    begin, end = seams(source, source_surface).T
     return Cast(
         name=name,
         pose=pose,
@@ -247,13 +245,10 @@ def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast
     )
 
 
-def seam_segments(obj: bpy.types.Object, surface: zo.Surface) -> tuple[Integers, Integers]:
-    """(s,) and (s,) the vertices between which the object's atlas is cut; borders of the mesh are no cuts."""
+def seams(obj: bpy.types.Object, surface: zo.Surface) -> Integers:
+    """(s, 2) the vertices at the ends of the edges that the object's atlas is cut open at."""
     uv = mesh_data.read_layer(obj.data, UV_MAP).attribute.values.astype(float)
-    first, second = adjacent_edges(surface)
-    cut = (np.abs(uv[first] - uv[second]) > SAME_UV).any(axis=(1, 2))
-    ends = surface.corner_vertex[first[cut]]
-    return ends[:, 0], ends[:, 1]
+    return surface.edges[uv_seams(surface, uv)]
 
 
 def _rigid_motion(points: Floats, onto: Floats) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from benchmarks.transfer.cast import Cast, seam_segments
+from benchmarks.transfer.cast import Cast, seams
 from blender_addon import mesh_data
 from blender_addon.demo.character import PAINT, UV_MAP
 from blender_addon.demo.truth import color_error, torn_faces, uv_error, weight_error
@@ -27,7 +27,7 @@ def figures(cast: Cast, target: bpy.types.Object) -> dict[str, float | None]:
     )
     if UV_MAP in mesh.uv_layers:
         error = uv_error(target, truth)
-        begin, end = seam_segments(target, surface)
+        begin, end = seams(target, surface).T
         length = np.linalg.norm(surface.vertices[begin] - surface.vertices[end], axis=1).sum()
         row |= {
             "uv median": float(np.median(error)),

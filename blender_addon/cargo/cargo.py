@@ -69,6 +69,7 @@ class Way:
         remarks: what the user is to know of the transfer.
         settings: how data is transferred.
         blend: how it is blended with what the target has.
+        uv_maps: those that have arrived so far, by name.
     """
 
     match: Match
@@ -76,6 +77,7 @@ class Way:
     remarks: Remarks
     settings: Settings
     blend: Blend
+    uv_maps: dict[str, Attribute] = field(default_factory=dict)
 
     @cached_property
     def draped(self) -> Draped:

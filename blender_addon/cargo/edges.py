@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from bpy.types import Object
 
-from zoomout_core.progress import Steps
-from zoomout_core.transfer import Attribute
+from zoomout_core.progress import Progress, Steps
+from zoomout_core.transfer import Attribute, Domain, Kind
+from zoomout_core.transfer.uv import uv_seams
 
 from .. import mesh_data
 from .cargo import Cargo, Origin, Remarks, Way
@@ -38,9 +39,41 @@ class MarkCargo:
         mesh_data.write_marks(target.data, self.marks)
 
 
+@dataclass
+class SeamCargo:
+    """Seams where the islands of a UV map meet that is transferred as well: others would run beside these.
+
+    Attributes:
+        uv_map: its name.
+        marks: the target's, once they are known.
+    """
+
+    uv_map: str
+    marks: Attribute | None = None
+    kind: str = "edges"
+
+    @property
+    def names(self) -> list[str]:
+        return [mesh_data.SEAMS]
+
+    def carry(self, way: Way) -> Steps[None]:
+        yield Progress(0.0, "Marking seams")
+        seams = uv_seams(way.pair.target, way.uv_maps[self.uv_map].values)
+        self.marks = Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams)
+        way.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
+
+    def write(self, target: Object) -> None:
+        if self.marks is not None:
+            mesh_data.write_marks(target.data, self.marks)
+
+
 def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     """The marks that the source has, if they are asked for."""
     if "edges" not in origin.data:
         return []
     present = {marks.name: marks for marks in mesh_data.read_marks(origin.target.data)}
-    return [MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_marks(origin.mesh)]
+    found: list[Cargo] = [MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_marks(origin.mesh)]
+    active = mesh_data.read_active_layers(origin.mesh).uv
+    if "uv_maps" not in origin.data or active is None:
+        return found
+    return [SeamCargo(active), *(cargo for cargo in found if mesh_data.SEAMS not in cargo.names)]

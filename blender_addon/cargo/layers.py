@@ -48,6 +48,8 @@ class LayerCargo:
                 options["turned"] = True
         attribute = yield from way.carry(attribute, f"'{attribute.name}'", **options)
         self.layer = replace(self.layer, attribute=way.blended(attribute, self.present))
+        if self.layer.role is Role.UV_MAP:
+            way.uv_maps[attribute.name] = self.layer.attribute
 
     def write(self, target: Object) -> None:
         mesh_data.write_layer(target.data, self.layer)

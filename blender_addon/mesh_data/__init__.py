@@ -17,7 +17,7 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
-from .marks import MARKS, read_marks, write_marks
+from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, write_custom_normals
 from .shape_keys import (
@@ -47,6 +47,7 @@ __all__ = [
     "MARKS",
     "MATCH_ATTRIBUTES",
     "MOST_UV_MAPS",
+    "SEAMS",
     "ActiveLayers",
     "Layer",
     "Role",

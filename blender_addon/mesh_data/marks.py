@@ -31,8 +31,9 @@ class MarkRow(NamedTuple):
     element: str = ""
 
 
+SEAMS = "seams"
 MARKS = (
-    MarkRow("uv_seam", "seams", Domain.EDGE, Kind.BOOLEAN, "use_seam"),
+    MarkRow("uv_seam", SEAMS, Domain.EDGE, Kind.BOOLEAN, "use_seam"),
     MarkRow("sharp_edge", "sharp edges", Domain.EDGE, Kind.BOOLEAN, "use_edge_sharp"),
     MarkRow("freestyle_edge", "Freestyle edges", Domain.EDGE, Kind.BOOLEAN, "use_freestyle_mark"),
     MarkRow("crease_edge", "creases", Domain.EDGE, Kind.MARK),

@@ -433,3 +433,33 @@ def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, targe
     if not missing:
         frame = np.array(target.data.attributes["frame"].data[7].value)
         np.testing.assert_allclose(frame[:3, :3], turn, atol=0.05)
+
+
+def test_seams_are_marked_where_the_islands_of_a_transferred_uv_map_meet(source, target):
+    layer = source.data.uv_layers.new(name="Atlas")
+    uv = positions(source.data)[corner_vertices(source.data), :2] / 10
+    upper = np.repeat(face_heights(source.data) > 0, [len(polygon.vertices) for polygon in source.data.polygons])
+    layer.data.foreach_set("uv", np.ascontiguousarray(uv + 0.5 * upper[:, None], np.float32).ravel())
+    source.data.edges[0].use_seam = True  # anywhere: borders of islands need no marks
+    report = transfer(source, target, "uv_maps", "edges")
+    assert report["written"]["edges"] == ["seams"]
+    assert any("Seams were marked where the islands of 'Atlas' meet" in note for note in report["notes"])
+    bm = bmesh.new()
+    bm.from_mesh(target.data)
+    arrived = bm.loops.layers.uv["Atlas"]
+    marked = 0
+    for edge in bm.edges:
+        one, other = edge.link_loops
+        apart = (one[arrived].uv - other.link_loop_next[arrived].uv).length > 1e-4
+        assert edge.seam == apart
+        marked += apart
+    assert marked > 10
+    # The line between the islands is closed: every vertex on it has two of its edges, or more where it forks.
+    assert all(sum(edge.seam for edge in vertex.link_edges) != 1 for vertex in bm.verts)
+    bm.free()
+
+
+def face_heights(mesh):
+    array = np.empty(3 * len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("center", array)
+    return array.reshape(-1, 3)[:, 2]

@@ -154,6 +154,17 @@ def chart_of(source: Surface, uv: Floats) -> Chart:
     )
 
 
+def uv_seams(surface: Surface, uv: Floats) -> Booleans:
+    """(e,) which of a surface's edges its atlas (c, 2) is cut open at; its own borders are none."""
+    first, second = adjacent_edges(surface)
+    tolerance = CUT_TOLERANCE * float(np.ptp(uv, axis=0).max(initial=0))
+    apart = (np.abs(uv[first] - uv[second]) > tolerance).any(axis=(1, 2))
+    ends = np.sort(surface.corner_vertex[np.concatenate([first[apart], second[apart]])], axis=1)
+    low, high = np.sort(surface.edges, axis=1).T
+    n = len(surface.vertices)
+    return np.isin(low * n + high, ends[:, 0] * n + ends[:, 1])
+
+
 def _sheets(chart: Chart, draped: Draped) -> Sheets:
     """One sheet for faces that lie within a border, and for others those that their samples fall onto."""
     target, cut = draped.target, chart.cut
