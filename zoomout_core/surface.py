@@ -275,7 +275,7 @@ def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
 
 def triangle_normals(vertices: Floats, triangles: Integers) -> Floats:
     """(m, 3) unit normals of the triangles (m, 3) on the points (n, 3); zero for a degenerate one."""
-    return _unit(_area_normals(vertices, triangles))
+    return unit_vectors(_area_normals(vertices, triangles))
 
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
@@ -285,7 +285,13 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
         [np.bincount(triangles.ravel(), np.repeat(weighted[:, axis], 3), minlength=len(vertices)) for axis in range(3)],
         axis=1,
     )
-    return _unit(normals)
+    return unit_vectors(normals)
+
+
+def unit_vectors(vectors: Floats) -> Floats:
+    """Vectors (m, 3) of unit length, or zeros where they have none."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
@@ -353,11 +359,6 @@ def _area_normals(vertices: Floats, triangles: Integers) -> Floats:
 def _cross(u: Floats, v: Floats) -> Floats:
     """(m, 3) cross products of vectors (m, 3): several times as fast as numpy's."""
     return np.stack([u[:, i - 2] * v[:, i - 1] - u[:, i - 1] * v[:, i - 2] for i in range(3)], axis=1)
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 # --- the edge: what a user hands in -------------------------------------------------------------------------

@@ -20,11 +20,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.correspondence.confidence import spectral_distance
-from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, NORMAL_WEIGHT, lay, nearest_rotations
+from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, NORMAL_WEIGHT, lay
 from zoomout_core.correspondence.proxy import Proxy, carried
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import project_to_embedding
+from zoomout_core.rotations import nearest_rotations
 from zoomout_core.surface import Booleans, Floats, Integers
 
 # A vertex moves with so many nodes.

@@ -17,6 +17,7 @@ from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import SampledBasis
+from zoomout_core.rotations import nearest_rotations
 from zoomout_core.surface import Booleans, Floats, Integers
 
 # Eigenfunctions that images are smoothed by.
@@ -147,13 +148,6 @@ def beside_places(
         np.hstack([queries, scale * laid.positions, normal_scale * laid.normals]),
         np.hstack([embedded, scale * source.mesh.vertices[at], normal_scale * source.mesh.vertex_normals[at]]),
     )
-
-
-def nearest_rotations(matrices: Floats) -> Floats:
-    """(..., 3, 3) the proper rotations nearest to matrices (..., 3, 3)."""
-    U, _, Vt = np.linalg.svd(matrices)
-    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
-    return np.asarray(U @ Vt)
 
 
 def _turns(here: Floats, there: Floats, target: Shape) -> Floats:

@@ -6,6 +6,10 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
+import numpy as np
+
+from zoomout_core.surface import Booleans
+
 
 class Domain(Enum):
     """What an attribute has one value for each of."""
@@ -53,3 +57,16 @@ class Attribute:
     values: Any
     labels: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+
+def nothing(values: np.ndarray, count: int) -> np.ndarray:
+    """(count, ...) zeros, false or empty strings, of the type of values."""
+    if values.dtype.kind == "O":
+        return np.full((count, *values.shape[1:]), "", dtype=object)
+    return np.zeros((count, *values.shape[1:]), dtype=values.dtype)
+
+
+def is_nothing(values: np.ndarray) -> Booleans:
+    """(count,) which of the values (count, ...) are zero, false or empty in all their columns."""
+    same = np.asarray(values == nothing(values, 1), dtype=bool)
+    return np.asarray(same.all(axis=tuple(range(1, same.ndim))))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
-from zoomout_core.surface import Booleans, Floats, Surface
-from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.surface import Floats, Surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing
 
 Mode: TypeAlias = Literal["mix", "missing"]
 MODES: tuple[Mode, ...] = ("mix", "missing")
@@ -76,7 +76,7 @@ def blend(
     new = np.asarray(transferred.values)
     old = np.zeros_like(new) if present is None else np.asarray(present.values)
     if how.mode == "missing":
-        amount = amount * _is_nothing(old)
+        amount = amount * is_nothing(old)
     amount = amount.reshape(-1, *[1] * (new.ndim - 1))
     if transferred.kind in MIXABLE:
         return replace(transferred, values=(old + amount * (new - old)).astype(new.dtype))
@@ -100,12 +100,6 @@ def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     if attribute.domain is Domain.CORNER:
         return np.asarray(of_faces[target.corner_face])
     return np.asarray(of_faces)
-
-
-def _is_nothing(values: np.ndarray) -> Booleans:
-    """(count,) whether a value is zero, false or empty in all its columns."""
-    nothing = np.asarray(values == np.zeros(1, values.dtype))
-    return np.asarray(nothing.reshape(len(values), -1).all(axis=1))
 
 
 def _blended_weights(

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.surface import Booleans, Floats, Integers
-from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
 from zoomout_core.transfer.cut import ragged
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.lines import Chains, Samples, runs, sample, string_together
@@ -52,42 +52,29 @@ BLOCK = 1 << 16
 def transfer_edges(attribute: Attribute, draped: Draped) -> Attribute:
     """Values at edges: lines of edges that have one become lines; where most have one, a field of values."""
     values = np.asarray(attribute.values)
-    marked = _marked(values)
+    marked = ~is_nothing(values)
     source, target = Web(draped.source), Web(draped.target)
     if not (marked.any() and len(target.ends)):
-        return replace(attribute, values=_nothing(values, len(draped.target.edges)))
+        return replace(attribute, values=nothing(values, len(draped.target.edges)))
     laid = Laid(draped, target)
     if np.median(source.lengths) > COARSE * laid.edge_length:
         return _traced(attribute, marked, source, laid)
     if marked.mean() > MOST_MARKED:
         return _spread(attribute, draped)
-    filling = _filling(marked, source)
-    traced = _traced(attribute, marked & ~filling, source, laid)
-    if not filling.any():
+    solid = _solid(marked, source)
+    traced = _traced(attribute, marked & ~solid, source, laid)
+    if not solid.any():
         return traced
-    nearest = _nearest_edges(draped, np.flatnonzero(filling | ~marked))
-    inside = filling[nearest] & ~_marked(traced.values)
+    nearest = _nearest_edges(draped, np.flatnonzero(solid | ~marked))
+    inside = solid[nearest] & is_nothing(traced.values)
     traced.values[inside] = values[nearest[inside]]
     return traced
-
-
-def _marked(values: np.ndarray) -> Booleans:
-    """(e,) which of the values (e, ...) are neither zero nor false nor empty."""
-    differs = values != _nothing(values, 1)
-    return np.asarray(differs if values.ndim == 1 else differs.any(axis=1), dtype=bool)
-
-
-def _nothing(values: np.ndarray, count: int) -> np.ndarray:
-    """(count, ...) zeros, false or empty strings, of the type of values."""
-    if values.dtype.kind == "O":
-        return np.full((count, *values.shape[1:]), "", dtype=object)
-    return np.zeros((count, *values.shape[1:]), dtype=values.dtype)
 
 
 def snap_marks(attribute: Attribute, draped: Draped) -> Attribute:
     """Values at vertices that single ones have: each goes to the nearest vertex, the largest where several meet."""
     values = np.asarray(attribute.values)
-    marked = np.flatnonzero(_marked(values))
+    marked = np.flatnonzero(~is_nothing(values))
     web = Web(draped.target)
     place = placed(draped.source.vertices[marked], Laid(draped, web))
     at_knots = np.zeros(len(web.vertex) + 1, dtype=values.dtype)  # the last for vertices without a knot
@@ -123,7 +110,7 @@ def _nearest_edges(draped: Draped, chosen: Integers) -> Integers:
     return chosen[found]
 
 
-def _filling(marked: Booleans, source: Web) -> Booleans:
+def _solid(marked: Booleans, source: Web) -> Booleans:
     """(e_s,) which marked edges are between faces all of whose edges are marked."""
     strands = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for what is no strand
     strands[source.of_edge[marked]] = True
@@ -182,7 +169,7 @@ def _traced(attribute: Attribute, marked: Booleans, source: Web, laid: Laid) -> 
     pieces = _pieces(chains, samples, place, laid)
     steps = _paths(pieces, samples, place, laid)
     kept = _without_spurs(steps, pieces, place, laid.web)
-    result = _nothing(values, len(laid.web.ends) + 1)  # the last for loose edges, whose strand is -1
+    result = nothing(values, len(laid.web.ends) + 1)  # the last for loose edges, whose strand is -1
     result[steps.strand[kept]] = values[edge[samples.edge[steps.sample[kept]]]]
     arrived = np.unique(steps.piece[np.isin(steps.strand, steps.strand[kept])])
     lost = np.setdiff1d(np.arange(len(pieces.first)), arrived)

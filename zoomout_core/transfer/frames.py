@@ -14,6 +14,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
+from zoomout_core.rotations import nearest_rotations
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.surface import Booleans, Floats, Integers, WorkingMesh
 from zoomout_core.transfer.attribute import Domain
@@ -76,7 +77,7 @@ class Frames:
         normals = self._handed[:, None] * self.draped.target.working.vertex_normals[self.number]
         upright = normals[:, :, None] * self._laid_normals[:, None, :] / self.draped.source.area
         fitted = self.smooth((self._differential + upright).reshape(-1, 9))
-        return closest_rotations(fitted.reshape(-1, 3, 3), self._handed)
+        return nearest_rotations(fitted.reshape(-1, 3, 3), self._handed)
 
     @cached_property
     def turns(self) -> Floats:
@@ -183,17 +184,7 @@ def rotations(draped: Draped, domain: Domain) -> Floats:
     if domain is Domain.CORNER:
         return at_corners
     first = target.face_start[:-1]
-    return closest_rotations(np.add.reduceat(at_corners, first), np.linalg.det(at_corners[first]))
-
-
-def closest_rotations(matrices: Floats, handed: Floats) -> Floats:
-    """(q, 3, 3) the rotations closest to matrices (q, 3, 3), or the reflections where `handed` (q,) is negative.
-
-    The orthogonal part of the polar decomposition (Higham 1986).
-    """
-    left, _, right = np.linalg.svd(matrices)
-    left[:, :, 2] *= (np.sign(handed) * np.linalg.det(left @ right))[:, None]
-    return np.asarray(left @ right)
+    return nearest_rotations(np.add.reduceat(at_corners, first), np.linalg.det(at_corners[first]))
 
 
 def on_working_mesh(working: WorkingMesh, values: np.ndarray) -> np.ndarray:

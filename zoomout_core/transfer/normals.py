@@ -6,7 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from zoomout_core.surface import Floats, Integers, Surface, triangle_areas, triangle_normals, vertex_normals
+from zoomout_core.surface import (
+    Floats,
+    Integers,
+    Surface,
+    triangle_areas,
+    triangle_normals,
+    unit_vectors,
+    vertex_normals,
+)
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.frames import rotations
@@ -20,7 +28,7 @@ def turn_directions(attribute: Attribute, draped: Draped) -> Attribute:
     """Directions (count, 3): mixed, turned with the surface, and as long as those that they are mixed from."""
     length = np.linalg.norm(np.asarray(attribute.values, dtype=np.float64), axis=1)
     turned, length = _turned(attribute, length, draped)
-    return replace(turned, values=(_unit(turned.values) * length[:, None]).astype(attribute.values.dtype))
+    return replace(turned, values=(unit_vectors(turned.values) * length[:, None]).astype(attribute.values.dtype))
 
 
 def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
@@ -31,7 +39,7 @@ def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
     values = np.asarray(attribute.values, dtype=np.float64)
     height = np.einsum("cx,cx->c", values, _outward(draped.source, attribute.domain))
     turned, height = _turned(attribute, height, draped)
-    normals, outward = _unit(turned.values), _outward(draped.target, attribute.domain)
+    normals, outward = unit_vectors(turned.values), _outward(draped.target, attribute.domain)
     found = np.einsum("cx,cx->c", normals, outward)
     component = _components(draped.target, attribute.domain)
     inside_out = (np.bincount(component, height * found) < 0)[component]
@@ -39,7 +47,7 @@ def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
     found[inside_out] *= -1
     pushed = (height > 0) & (found < 0)
     normals[pushed] += (LIFTED - found[pushed])[:, None] * outward[pushed]
-    return replace(turned, values=_unit(normals).astype(attribute.values.dtype))
+    return replace(turned, values=unit_vectors(normals).astype(attribute.values.dtype))
 
 
 def _turned(attribute: Attribute, number: Floats, draped: Draped) -> tuple[Attribute, Floats]:
@@ -67,9 +75,6 @@ def _outward(surface: Surface, domain: Domain) -> Floats:
         return normals if domain is Domain.POINT else normals[surface.corner_vertex]
     weighted = triangle_normals(vertices, triangles) * triangle_areas(vertices, triangles)[:, None]
     count = len(surface.face_start) - 1
-    return _unit(np.stack([np.bincount(surface.triangle_face, axis, minlength=count) for axis in weighted.T], axis=1))
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return unit_vectors(
+        np.stack([np.bincount(surface.triangle_face, axis, minlength=count) for axis in weighted.T], axis=1)
+    )

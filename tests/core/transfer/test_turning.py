@@ -12,9 +12,9 @@ from transfer_meshes import identity
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
+from zoomout_core.rotations import nearest_rotations
 from zoomout_core.surface import Surface, triangle_normals, vertex_normals
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.frames import closest_rotations
 
 BEND = 0.6
 TURN = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]).as_matrix()
@@ -79,7 +79,7 @@ def test_directions_are_those_of_the_posed_surface() -> None:
     ]
     normals = [triangle_normals(s.surface.vertices, s.surface.triangles) for s in (posed, source)]
     products = np.einsum("msx,msy->mxy", *sides) + np.einsum("m,mx,my->mxy", (sides[1] ** 2).sum(axis=(1, 2)), *normals)
-    turns = closest_rotations(products, np.ones(len(products)))
+    turns = nearest_rotations(products)
     values = np.random.default_rng(0).normal(size=(1, 3)).repeat(len(source.surface.vertices), axis=0)
     truth = np.einsum("mxy,y->mx", turns, values[0])[surface_map.triangle]
     result = carried(values, Kind.DIRECTION, surface_map, source.surface, target.surface)
