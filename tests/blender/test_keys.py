@@ -6,6 +6,7 @@ import pytest
 from mathutils import Matrix
 from scenes import (
     activate,
+    decimated,
     ellipsoid,
     from_pydata,
     key_shape,
@@ -32,10 +33,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, in the same place, and the true match with it."""
-    obj = ellipsoid("Target")
-    activate(obj)
-    obj.modifiers.new("Decimate", "DECIMATE").ratio = 0.7
-    bpy.ops.object.modifier_apply(modifier="Decimate")
+    obj = decimated()
     keep_match(obj, positions(obj.data))
     return obj
 

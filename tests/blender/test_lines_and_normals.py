@@ -4,7 +4,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, add_attribute, ellipsoid, linked, positions, values
+from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, values
 
 import zoomout_core as zo
 from blender_addon import mesh_data, stored_match
@@ -23,10 +23,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, turned and moved in its own mesh, and the true match."""
-    obj = ellipsoid("Target")
-    activate(obj)
-    obj.modifiers.new("Decimate", "DECIMATE").ratio = 0.7
-    bpy.ops.object.modifier_apply(modifier="Decimate")
+    obj = decimated()
     keep_true_match(obj)
     return obj
 

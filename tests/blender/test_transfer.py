@@ -9,6 +9,7 @@ from scenes import (
     activate,
     add_attribute,
     add_uv_map,
+    decimated,
     ellipsoid,
     linked,
     new_material,
@@ -39,10 +40,7 @@ def source():
 @pytest.fixture
 def target(source):
     """The source's shape with fewer triangles, in the same place, and the true match with it."""
-    obj = ellipsoid("Target")
-    activate(obj)
-    obj.modifiers.new("Decimate", "DECIMATE").ratio = 0.7
-    bpy.ops.object.modifier_apply(modifier="Decimate")
+    obj = decimated()
     keep_true_match(obj)
     return obj
 
