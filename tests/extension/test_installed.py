@@ -1,0 +1,202 @@
+"""The life of the extension in one Blender: installed, used, saved with, disabled, uninstalled. In this order."""
+
+import importlib
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import addon_utils
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    activate,
+    add_attribute,
+    add_uv_map,
+    ellipsoid,
+    new_material,
+    positions,
+    set_weights,
+    snapshot_file,
+    values,
+    weight_array,
+)
+
+ARCHIVE = Path(os.environ["ZOOMOUT_EXTENSION"])
+USER = Path(os.environ["BLENDER_USER_RESOURCES"])
+
+with zipfile.ZipFile(ARCHIVE) as opened:
+    MANIFEST = tomllib.loads(opened.read("blender_manifest.toml").decode())
+    CONTENT = {name: opened.read(name) for name in opened.namelist() if not name.endswith(".whl")}
+    WHEELS = [name for name in opened.namelist() if name.endswith(".whl")]
+
+EXTENSION = f"bl_ext.user_default.{MANIFEST['id']}"
+
+# Opens the saved file in a new process and transfers along the match that was kept.
+LATER = """
+import sys
+import bpy, addon_utils
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+assert addon_utils.enable(sys.argv[2], default_set=True) is not None
+assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+"""
+
+
+@pytest.fixture(scope="module")
+def installed():
+    """The extension, installed from the zip and enabled, in an empty file."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    install = bpy.ops.extensions.package_install_files
+    assert install(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True) == {"FINISHED"}
+    return importlib.import_module(EXTENSION)
+
+
+@pytest.fixture
+def pair(installed):
+    """A source with data of all kinds, and its shape as the target, turned, its vertices in another order."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
+    order = np.random.default_rng(0).permutation(len(target.data.vertices))
+    place = np.argsort(order)
+    faces = [[int(place[vertex]) for vertex in polygon.vertices] for polygon in target.data.polygons]
+    shuffled = bpy.data.meshes.new("Shuffled")
+    shuffled.from_pydata(positions(target.data)[order].tolist(), [], faces)
+    add_attribute(shuffled, "truth", "INT", "POINT", order)
+    target.data = shuffled
+    target.rotation_euler = (0.3, 1.2, 2.0)
+    bpy.context.view_layer.update()
+    give_data(source)
+    activate(target, source)
+    return source, target
+
+
+def give_data(source):
+    points = positions(source.data)
+    add_uv_map(source.data, "UVMap")
+    set_weights(source, "Bone", smooth(points))
+    add_attribute(
+        source.data, "Paint", "FLOAT_COLOR", "POINT", np.c_[smooth(points)[:, None].repeat(3, 1), points[:, 0] * 0 + 1]
+    )
+    add_attribute(source.data, "Height", "FLOAT", "POINT", points[:, 2])
+    source.data.materials.append(new_material("Skin"))
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Tall").data[int(points[:, 2].argmax())].co.z += 0.1
+    for edge in source.data.edges:
+        upper = points[list(edge.vertices), 2] > 0.1
+        edge.use_seam = edge.use_edge_sharp = bool(upper.any() and not upper.all())
+    source.data.normals_split_custom_set_from_vertices(points / np.linalg.norm(points, axis=1)[:, None])
+
+
+def smooth(points):
+    return np.clip(0.5 + points[:, 0], 0, 1)
+
+
+def test_blender_itself_finds_the_zip_valid():
+    scripts = Path(bpy.utils.system_resource("SCRIPTS"))
+    tool = scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
+    tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"
+    command = [sys.executable, tool, "validate", f"--valid-tags={tags}", ARCHIVE]
+    judged = subprocess.run(command, capture_output=True, text=True)
+    assert judged.returncode == 0, judged.stdout + judged.stderr
+
+
+def test_the_zip_holds_what_it_should_and_nothing_that_reviewers_refuse():
+    assert {Path(name).suffix for name in CONTENT} == {".py", ".toml", ""}
+    assert [name for name in CONTENT if "." not in name] == ["LICENSE"]
+    assert sorted(f"./{name}" for name in WHEELS) == MANIFEST["wheels"]
+    assert not any(Path(name).name.startswith("numpy") for name in WHEELS)
+    code = {name: text.decode() for name, text in CONTENT.items() if name.endswith(".py")}
+    refused = re.compile(r"\bimport threading|from threading|\beval\(|\bexec\(|sys\.path|sys\.modules")
+    assert [name for name, text in code.items() if refused.search(text)] == []
+
+
+def test_it_runs_on_its_own_wheels_and_the_numpy_of_blender(installed):
+    for name in ("zoomout_core", "scipy", "robust_laplacian", "fast_simplification", "threadpoolctl"):
+        assert USER in Path(sys.modules[name].__file__).parents, name
+    assert USER not in Path(np.__file__).parents
+    assert "blender_addon" not in sys.modules
+
+
+def test_a_match_finds_the_true_points(pair):
+    source, target = pair
+    assert bpy.ops.zoomout.match() == {"FINISHED"}
+    source.data.calc_loop_triangles()
+    triangles = np.array([triangle.vertices for triangle in source.data.loop_triangles])
+    corners = positions(source.data)[triangles[values(target.data, "zoomout_triangle")]]
+    image = np.einsum("nc,ncx->nx", values(target.data, "zoomout_barycentric"), corners)
+    truth = positions(source.data)[values(target.data, "truth")]
+    assert np.linalg.norm(image - truth, axis=1).mean() < 0.02
+
+
+def test_a_match_that_is_cancelled_leaves_the_file_as_it_was(pair):
+    before = snapshot_file()
+    operators = importlib.import_module(f"{EXTENSION}.operators.match")
+    steps = operators.match_steps(bpy.context, "Source", "Target")
+    taken = [next(steps) for _ in range(5)]
+    steps.close()
+    assert taken[-1].fraction < 1
+    assert snapshot_file() == before
+
+
+def test_every_kind_of_data_arrives(pair):
+    source, target = pair
+    assert bpy.ops.zoomout.transfer(source="Source") == {"FINISHED"}
+    assert_arrived(source, target)
+    report = json.loads(target.data["zoomout_report"])
+    options = bpy.ops.zoomout.transfer.get_rna_type().properties
+    missing = {kind for kind, names in report["written"].items() if options[kind].default and not names}
+    assert missing == set()
+
+
+def assert_arrived(source, target):
+    order = values(target.data, "truth")
+    points = positions(source.data)[order]
+    corner_vertex = np.array([loop.vertex_index for loop in target.data.loops])
+    np.testing.assert_allclose(values(target.data, "UVMap"), points[corner_vertex, :2] / 4 + 0.5, atol=0.02)
+    np.testing.assert_allclose(weight_array(target, "Bone"), smooth(points), atol=0.05)
+    np.testing.assert_allclose(values(target.data, "Paint")[:, 0], smooth(points), atol=0.05)
+    np.testing.assert_allclose(values(target.data, "Height"), points[:, 2], atol=0.05)
+    assert list(target.data.materials) == [bpy.data.materials["Skin"]]
+
+
+def test_a_match_outlives_saving_reopening_and_a_new_process(pair, tmp_path):
+    file = str(tmp_path / "matched.blend")
+    assert bpy.ops.zoomout.match() == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    kept = bpy.data.objects["Target"].data["zoomout_match"]
+    assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+    source, target = bpy.data.objects["Source"], bpy.data.objects["Target"]
+    assert_arrived(source, target)
+    assert target.data["zoomout_match"] == kept
+    later = subprocess.run([sys.executable, "-P", "-c", LATER, file, EXTENSION], capture_output=True, text=True)
+    assert later.returncode == 0, later.stdout + later.stderr
+
+
+def test_disabled_it_leaves_no_trace_and_can_come_back(installed):
+    bpy.ops.preferences.addon_disable(module=EXTENSION)
+    assert traces() == set()
+    bpy.ops.preferences.addon_enable(module=EXTENSION)
+    assert {"Scene.zoomout", "zoomout.match", "zoomout.transfer"} <= traces()
+
+
+def traces():
+    properties = {f"Scene.{prop.identifier}" for prop in bpy.types.Scene.bl_rna.properties}
+    operators = {f"zoomout.{name}" for name in dir(bpy.ops.zoomout)}
+    return {name for name in properties | operators | set(dir(bpy.types)) if "zoomout" in name.lower()}
+
+
+def test_uninstalled_it_takes_its_wheels_along(installed):
+    repository = next(repo for repo in bpy.context.preferences.extensions.repos if repo.module == "user_default")
+    assert bpy.ops.extensions.package_uninstall(repo_directory=repository.directory, pkg_id=MANIFEST["id"]) == {
+        "FINISHED"
+    }
+    assert traces() == set()
+    assert addon_utils.check(EXTENSION) == (False, False)
+    left = [path for path in (USER / "extensions").rglob("*") if path.suffix in (".py", ".so", ".whl")]
+    assert left == []
