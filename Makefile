@@ -6,10 +6,10 @@ BIN := .venv/bin
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test demo lint format benchmarks clean
+.PHONY: help setup test test-blender-versions extension demo lint format benchmarks clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-12s%s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-23s%s\n", $$1, $$2 }' Makefile
 
 setup:  ## create or update .venv (done by the targets that need it, too)
 	@for python in "$(PYTHON)" python3.13 python3.11 python3 python; do \
@@ -20,8 +20,15 @@ setup:  ## create or update .venv (done by the targets that need it, too)
 	exit 1
 
 # One BLAS thread: the matrices are small, and threads that wait for a taken core cost thirtyfold.
-test: setup  ## run the tests (ARGS for pytest)
+test: setup  ## run the tests (ARGS for pytest), in CI with the extension in the oldest and newest Blender
 	OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest $(ARGS)
+	@$(if $(ARGS),,if [ "$$CI" = true ]; then $(BIN)/python tools/blender_versions.py --ends; fi)
+
+test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)
+	$(BIN)/python tools/blender_versions.py $(ARGS)
+
+extension: setup  ## build the Blender extension into dist, a zip for each platform (ARGS: some of them)
+	$(BIN)/python tools/extension.py $(ARGS)
 
 demo: setup  ## match two characters, transfer between them, and say where the results are
 	$(BIN)/zoomout demo $(ARGS)
@@ -39,5 +46,5 @@ benchmarks: setup  ## make a table or figure: make benchmarks ARGS="NAME --data 
 	$(BIN)/python -m benchmarks $(ARGS)
 
 clean:  ## remove .venv, caches and build products
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv .venv-blender build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

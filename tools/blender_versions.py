@@ -65,9 +65,10 @@ def passes(name: str, archive: Path) -> bool:
     python = environment(name)
     print(f"Blender {name}:", flush=True)
     # -P keeps this folder, which has the core's source, off the path; scenes to test on are the other tests'.
-    run = [str(python), *"-P -m pytest -p no:cacheprovider -o pythonpath=tests/blender tests/extension".split()]
+    options = ["-p", "no:cacheprovider", "-o", "pythonpath=tests/blender"]
     variables = {**os.environ, "ZOOMOUT_EXTENSION": str(archive), "OPENBLAS_NUM_THREADS": "1"}
     variables.pop("PYTHONPATH", None)
+    run = [str(python), "-P", "-m", "pytest", *options, "tests/extension"]
     return subprocess.run(run, cwd=extension.ROOT, env=variables).returncode == 0
 
 

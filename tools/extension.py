@@ -221,7 +221,7 @@ def validate(archive: Path) -> None:
     (scripts,) = Path(spec.origin).parent.glob("*/scripts")
     tool = scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
     tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"
-    command = [sys.executable, tool, "validate", f"--valid-tags={tags}", archive]
+    command = [sys.executable, str(tool), "validate", f"--valid-tags={tags}", str(archive)]
     judged = subprocess.run(command, capture_output=True, text=True)
     if judged.returncode != 0:
         sys.exit(f"Blender refuses {archive.name}:\n{judged.stdout}{judged.stderr}")
