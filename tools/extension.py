@@ -150,7 +150,6 @@ def build_core_wheel(folder: Path) -> Path:
         copy = source / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
-        copy.chmod(0o644)
     pip("install", "--require-hashes", "--only-binary=:all:", "--target", backend, "-r", LOCKS / "build.txt")
     environment = {**os.environ, "PYTHONPATH": str(backend), "SOURCE_DATE_EPOCH": str(EPOCH)}
     pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source, environment=environment)
@@ -205,7 +204,7 @@ def pinned(lock: Path) -> list[str]:
 
 def pip(command: str, *arguments: str | Path, environment: dict[str, str] | None = None) -> None:
     run: list[str | Path] = [sys.executable, "-m", "pip", command, "--quiet", *arguments]
-    subprocess.run(run, env=environment, check=True)
+    subprocess.run(run, env=environment, umask=0o022, check=True)  # the modes of files are in the wheel that it builds
 
 
 def digest(path: Path) -> str:
