@@ -39,16 +39,26 @@ PYTEST = "pytest>=8"
 def main() -> None:
     parser = argparse.ArgumentParser(description="Test the installed extension in several versions of Blender.")
     parser.add_argument("versions", nargs="*", metavar="VERSION", help=f"of {', '.join(VERSIONS)} (default: all)")
-    parser.add_argument("--ends", action="store_true", help="the oldest and the newest")
+    parser.add_argument("--ends", action="store_true", help="the oldest and the newest, as far as Python is there")
     arguments = parser.parse_args()
     if unknown := set(arguments.versions).difference(VERSIONS):
         sys.exit(f"There is no Blender {', '.join(sorted(unknown))} here: choose from {', '.join(VERSIONS)}.")
     names = list(VERSIONS)
-    chosen = [names[0], names[-1]] if arguments.ends else arguments.versions or names
+    chosen = list(filter(has_python, [names[0], names[-1]])) if arguments.ends else arguments.versions or names
     (archive,) = extension.build([this_platform()])
     failed = [name for name in chosen if not passes(name, archive)]
     if failed:
         sys.exit(f"The installed extension failed in Blender {', '.join(failed)}.")
+
+
+def has_python(name: str) -> bool:
+    """Whether the Python of a version is here; if not, says that the version is left out."""
+    try:
+        interpreter(VERSIONS[name].python)
+    except ValueError as error:
+        print(f"Blender {name} is left out. {error}")
+        return False
+    return True
 
 
 def this_platform() -> str:
