@@ -7,6 +7,7 @@ import textwrap
 from bpy.types import Context, Panel, UILayout
 
 from . import stored_match
+from .operators.cut_seams import ZOOMOUT_OT_cut_seams
 from .operators.match import ZOOMOUT_OT_match
 from .operators.transfer import ZOOMOUT_OT_transfer, summary
 from .properties import EVIDENCE, NEARNESS, BlendOptions, TransferOptions
@@ -69,6 +70,7 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
             else:
                 column.prop(settings, name)
         layout.operator(ZOOMOUT_OT_transfer.bl_idname)
+        layout.operator(ZOOMOUT_OT_cut_seams.bl_idname)
         report = transfer_report(target) if target and target.type == "MESH" else None
         if report is not None:
             skipped = [f"{name}: skipped, {reason}" for name, reason in report["skipped"].items()]

@@ -3,6 +3,7 @@
 Whole arrays go through `foreach_get` and `foreach_set`.
 """
 
+from .cutting import cut_mesh
 from .layers import (
     MATCH_ATTRIBUTES,
     MOST_UV_MAPS,
@@ -53,6 +54,7 @@ __all__ = [
     "Role",
     "ShapeKey",
     "ShapeKeys",
+    "cut_mesh",
     "data_without_a_way",
     "deforming_bones",
     "directions_in_world",

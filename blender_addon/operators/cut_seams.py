@@ -1,0 +1,88 @@
+"""Cut the active mesh open along the seams of its source, so that UV islands end exactly where the source's do."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.threads import in_background
+from zoomout_core.transfer import Attribute, drape
+from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
+
+from .. import stored_match
+from ..mesh_data import Role, cut_mesh, evaluated_mesh, read_active_layers, read_layer
+from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair
+from ..properties import SourceName
+from .stepped import SteppedOperator
+
+
+class ZOOMOUT_OT_cut_seams(SourceName, SteppedOperator):
+    bl_idname = "zoomout.cut_seams"
+    bl_label = "Cut Along Seams"
+    bl_description = (
+        "Add vertices and edges to the active mesh where the seams of the source's active UV map run, so that islands "
+        "end there exactly. This changes the mesh's topology; its match is kept, so transfer afterwards"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        target = context.active_object
+        kept = stored_match.description(target.data) or {"source": ""}
+        source = choose_source(context, target, self.source, otherwise=kept["source"])
+        return (yield from cut_seams_steps(context, source.name, target.name))
+
+
+def cut_seams(context: Context, source: Object, target: Object) -> str:
+    """Cut a mesh open along the seams of the active UV map of the source that it was matched with.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: has the UV map; read as its modifiers leave it.
+        target: is cut; its match is kept.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no match, or no UV map; nothing was changed.
+    """
+    return drain(cut_seams_steps(context, source.name, target.name))
+
+
+def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Steps[str]:
+    """`cut_seams` as a generator, which holds no Blender data while it is suspended."""
+    pair = read_pair(context, source_name, target_name)
+    kept = stored_match.read(find_mesh(context, target_name).data, pair)
+    if kept is None:
+        raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
+    uv = _active_uv_map(context, find_mesh(context, source_name))
+    draped = drape(kept, pair.source, pair.target)
+    cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, 1, "Following the seams")
+    _, target = check_unedited(context, pair)
+    cut_mesh(target.data, cut)
+    _keep_match(context, pair, kept, cut)
+    whole = f"; {cut.left} faces, where seams meet, stayed whole" if cut.left else ""
+    return (
+        f"Cut '{target_name}' along the seams of '{uv.name}': "
+        f"{len(cut.edge)} vertices and {len(cut.face)} faces more{whole}"
+    )
+
+
+def _active_uv_map(context: Context, source: Object) -> Attribute:
+    with evaluated_mesh(source, context.evaluated_depsgraph_get()) as (_, mesh):
+        name = read_active_layers(mesh).uv
+        if name is None:
+            raise zo.MeshError(f"'{source.name}' has no UV map to cut along: unwrap it, or choose another source.")
+        return read_layer(mesh, name, Role.UV_MAP).attribute
+
+
+def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:
+    """Keep the match on the mesh that was cut: new vertices are trusted as the less trusted end of their edge."""
+    pair = read_pair(context, before.source_name, before.target_name)
+    confidence = np.concatenate([kept.confidence, kept.confidence[cut.edge].min(axis=1)])
+    match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)
+    stored_match.write(find_mesh(context, before.target_name).data, match, pair, kept.settings)

@@ -1,0 +1,97 @@
+"""Cutting a mesh along the seams of its source, in Blender: exact islands, and all that the mesh had is still there."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import add_attribute, decimated, ellipsoid, positions, set_weights, values, weight_array
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.operators.cut_seams import cut_seams
+from blender_addon.operators.transfer import transfer_objects
+from blender_addon.pair import read_pair
+from zoomout_core.projection import closest_points
+
+
+@pytest.fixture
+def source():
+    """Two islands, whose border is nearly the plane z = 0."""
+    obj = ellipsoid("Source")
+    mesh = obj.data
+    centres = np.empty(3 * len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("center", centres)
+    corners = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    upper = np.repeat(centres.reshape(-1, 3)[:, 2] > 0, 3)
+    uv = positions(mesh)[corners, :2] / 8 + 0.25 + 0.5 * upper[:, None]
+    mesh.uv_layers.new(name="Atlas").data.foreach_set("uv", np.ascontiguousarray(uv, np.float32).ravel())
+    return obj
+
+
+@pytest.fixture
+def target(source):
+    """The source's shape with fewer triangles, in the same place, and the true match with it."""
+    obj = decimated()
+    keep_true_match(obj)
+    return obj
+
+
+def keep_true_match(target):
+    pair = read_pair(bpy.context, "Source", target.name)
+    found = closest_points(pair.target.vertices, pair.source.vertices, pair.source.triangles)
+    surface_map = zo.SurfaceMap(*found, pair.source.triangles)
+    confidence = np.ones(len(pair.target.vertices))
+    stored_match.write(target.data, stored_match.StoredMatch(surface_map, confidence, ()), pair, {})
+
+
+def test_islands_arrive_whole_and_end_at_the_seam(source, target):
+    before = len(target.data.vertices)
+    message = cut_seams(bpy.context, source, target)
+    assert f"{len(target.data.vertices) - before} vertices and" in message
+    assert len(target.data.vertices) > before + 10
+    transfer_objects(bpy.context, source, target, ("uv_maps",))
+    uv = values(target.data, "Atlas").reshape(-1, 2)
+    corners = np.empty(len(target.data.loops), np.int32)
+    target.data.loops.foreach_get("vertex_index", corners)
+    place = positions(target.data)[corners, :2] / 8 + 0.25
+    upper = uv.mean(axis=1) > place.mean(axis=1) + 0.25
+    # Cut there, no face reaches over the seam, so every corner has the value of its own place.
+    assert np.abs(uv - place - 0.5 * upper[:, None]).max() < 0.01
+    height = positions(target.data)[corners, 2]
+    reach = 0.02
+    assert (height[upper] > -reach).mean() > 0.995
+    assert (height[~upper] < reach).mean() > 0.995
+
+
+def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target):
+    height = positions(target.data)[:, 2].astype(float)
+    set_weights(target, "Height", np.clip(height + 0.5, 0, 1))
+    add_attribute(target.data, "height", "FLOAT", "POINT", height)
+    target.shape_key_add(name="Basis")
+    key = target.shape_key_add(name="Up")
+    key.value = 0
+    key.data.foreach_set("co", (positions(target.data) + np.array([0, 0, 1], np.float32)).ravel())
+    cut_seams(bpy.context, source, target)
+    now = positions(target.data)[:, 2]
+    np.testing.assert_allclose(values(target.data, "height"), now, atol=1e-5)
+    np.testing.assert_allclose(weight_array(target, "Height"), np.clip(now + 0.5, 0, 1), atol=1e-4)
+    moved = np.empty(3 * len(now), np.float32)
+    target.data.shape_keys.key_blocks["Up"].data.foreach_get("co", moved)
+    np.testing.assert_allclose(moved.reshape(-1, 3)[:, 2], now + 1, atol=1e-5)
+    pair = read_pair(bpy.context, "Source", "Target")
+    kept = stored_match.read(target.data, pair)
+    images = kept.surface_map.interpolate(pair.source.vertices)
+    assert np.linalg.norm(images - pair.target.vertices, axis=1).max() < 0.05
+
+
+def test_without_a_match_or_a_uv_map_nothing_is_cut(source):
+    target = decimated()
+    faces = len(target.data.polygons)
+    with pytest.raises(zo.MeshError, match="was not matched with 'Source' yet: match them first"):
+        cut_seams(bpy.context, source, target)
+    keep_true_match(target)
+    source.data.uv_layers.remove(source.data.uv_layers["Atlas"])
+    source.data.update_tag()
+    with pytest.raises(zo.MeshError, match="has no UV map to cut along"):
+        cut_seams(bpy.context, source, target)
+    assert len(target.data.polygons) == faces
