@@ -45,10 +45,12 @@ class SeamCargo:
 
     Attributes:
         uv_map: its name.
+        present: the seams that the target has already, if it has any.
         marks: the target's, once they are known.
     """
 
     uv_map: str
+    present: Attribute | None
     marks: Attribute | None = None
     kind: str = "edges"
 
@@ -59,7 +61,7 @@ class SeamCargo:
     def carry(self, way: Way) -> Steps[None]:
         yield Progress(0.0, "Marking seams")
         seams = uv_seams(way.pair.target, way.uv_maps[self.uv_map].values)
-        self.marks = Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams)
+        self.marks = way.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
         way.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
 
     def write(self, target: Object) -> None:
@@ -76,4 +78,7 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     active = mesh_data.read_active_layers(origin.mesh).uv
     if "uv_maps" not in origin.data or active is None:
         return found
-    return [SeamCargo(active), *(cargo for cargo in found if mesh_data.SEAMS not in cargo.names)]
+    return [
+        SeamCargo(active, present.get(mesh_data.SEAMS)),
+        *(cargo for cargo in found if mesh_data.SEAMS not in cargo.names),
+    ]
