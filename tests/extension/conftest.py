@@ -4,9 +4,27 @@
 """
 
 import os
+import shutil
+import sys
 import tempfile
 
-collect_ignore_glob = [] if "ZOOMOUT_EXTENSION" in os.environ else ["test_*"]
+collect_ignore_glob = ["test_*"]
+
 if "ZOOMOUT_EXTENSION" in os.environ:
-    os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp()
+    collect_ignore_glob = []
+    user_folder = os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp()
     import bpy  # noqa: F401  reads the variable, and makes Blender's other modules known
+
+    exit_status = 1
+
+    def pytest_sessionfinish(session, exitstatus):
+        global exit_status
+        exit_status = int(exitstatus)
+
+    def pytest_unconfigure(config):
+        """End at once: where an add-on was registered, the module of Blender 4.2 crashes at its exit,
+        for it frees classes after Python has gone.
+        """
+        shutil.rmtree(user_folder)
+        sys.stdout.flush()
+        os._exit(exit_status)
