@@ -41,8 +41,11 @@ SYSTEM_LIBRARIES = {
     "libXfixes.so.3": "libxfixes3",
     "libXi.so.6": "libxi6",
     "libXrender.so.1": "libxrender1",
+    "libXt.so.6": "libxt6",
+    "libXxf86vm.so.1": "libxxf86vm1",
     "libfontconfig.so.1": "libfontconfig1",
     "libfreetype.so.6": "libfreetype6",
+    "libgomp.so.1": "libgomp1",
     "libxcb.so.1": "libxcb1",
     "libxkbcommon.so.0": "libxkbcommon0",
 }

@@ -1,0 +1,80 @@
+"""What goes into the extension's zips, and that it goes there alike each time."""
+
+import re
+import tomllib
+import zipfile
+
+import extension
+import pytest
+from packaging.requirements import Requirement
+
+PROJECT = tomllib.loads((extension.ROOT / "pyproject.toml").read_text())["project"]
+
+
+@pytest.mark.parametrize("python", extension.PYTHONS)
+def test_wheels_of_all_that_the_core_requires_but_numpy_are_pinned_in_versions_that_fit(python):
+    required = {one.name: one.specifier for one in map(Requirement, PROJECT["dependencies"])}
+    pinned = dict(pin.split("==") for pin in extension.pinned(extension.LOCKS / f"{python}.txt"))
+    assert set(pinned) == set(required) - {"numpy"}
+    assert all(required[name].contains(version) for name, version in pinned.items())
+
+
+def test_every_pin_has_a_hash():
+    for lock in extension.LOCKS.glob("*.txt"):
+        requirements = re.split(r"(?<!\\)\n", lock.read_text())
+        pins = [text for text in requirements if text and not text.startswith("#")]
+        assert pins
+        assert all(re.match(r"[\w.-]+==[\w.]+ \\\n    --hash=sha256:", text) for text in pins)
+
+
+def test_a_wheel_for_every_python_is_pinned_once():
+    """Blender installs all wheels that fit: of two versions of one it would take either."""
+    any_python = [
+        next(pin for pin in extension.pinned(extension.LOCKS / f"{python}.txt") if pin.startswith("threadpoolctl"))
+        for python in extension.PYTHONS
+    ]
+    assert len(set(any_python)) == 1
+
+
+def test_platform_and_wheels_go_before_the_first_table_of_the_manifest():
+    manifest = (extension.ADDON / extension.MANIFEST).read_text()
+    fields = tomllib.loads(extension.completed_manifest(manifest, "linux-x64", ["a.whl", "b.whl"]))
+    added = {"platforms": ["linux-x64"], "wheels": ["./wheels/a.whl", "./wheels/b.whl"]}
+    assert fields == tomllib.loads(manifest) | added
+
+
+def test_the_demo_stays_at_home_and_the_licence_goes_along():
+    files = set(extension.shipped_files())
+    assert {"__init__.py", "operators/match.py", "LICENSE"} <= files
+    assert not any(name.startswith("demo/") for name in files)
+
+
+def test_a_file_that_no_pattern_names_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "__init__.py").touch()
+    (tmp_path / "notes.txt").touch()
+    monkeypatch.setattr(extension, "ADDON", tmp_path)
+    monkeypatch.setattr(extension, "ROOT", tmp_path)
+    with pytest.raises(ValueError, match=r"notes\.txt"):
+        extension.shipped_files()
+
+
+def test_versions_that_differ_are_refused():
+    with pytest.raises(ValueError, match="version 99"):
+        extension.check_version("99")
+    extension.check_version(PROJECT["version"])
+
+
+def test_an_archive_depends_on_names_and_content_alone(tmp_path):
+    content = {"b.py": b"b", "a.py": b"a", "wheels/c.whl": b"c"}
+    extension.write_archive(tmp_path / "one.zip", content)
+    extension.write_archive(tmp_path / "two.zip", dict(sorted(content.items())))
+    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
+
+
+def test_the_core_is_built_alone_and_alike(tmp_path):
+    one, two = (extension.build_core_wheel(tmp_path / name) for name in ("one", "two"))
+    assert one.name == two.name == f"zoomout_core-{PROJECT['version']}-py3-none-any.whl"
+    assert one.read_bytes() == two.read_bytes()
+    with zipfile.ZipFile(one) as wheel:
+        folders = {name.split("/")[0] for name in wheel.namelist()}
+    assert folders == {"zoomout_core", f"zoomout_core-{PROJECT['version']}.dist-info"}
