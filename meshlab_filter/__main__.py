@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from meshlab_filter.filters import transfer_attributes_steps
-from zoomout_core.cli import match_options, start_arguments, with_progress_bar
+from meshlab_filter.filters import transfer_attributes_by_zoomout
+from zoomout_core.cli import DETAIL, match_options, start_arguments, with_progress_bar
 from zoomout_core.surface import MeshError
 
 if TYPE_CHECKING:
@@ -42,8 +42,10 @@ def transfer(source: str, target: str, output: str, candidate: int, **options: A
     try:
         kept = _kept_in(output)
         ms = _loaded(source, target)
-        matching = start_arguments(**options)
-        report = with_progress_bar(transfer_attributes_steps(ms, candidate=candidate, **matching))
+        preset = DETAIL[options["detail"]]
+        matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
+        steps = transfer_attributes_by_zoomout.row.run(ms, candidate=candidate, detail=options["detail"], **matching)
+        report = with_progress_bar(steps)
         _save(ms, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None

@@ -9,7 +9,6 @@ loading.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoomout_core.files import ply_columns
+from meshlab_filter.catalogue import check_mesh
+from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
 from zoomout_core.surface import Booleans, Floats, Integers, MeshError, Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 if TYPE_CHECKING:
-    from pymeshlab import Image, Mesh, MeshSet
+    from pymeshlab import Mesh, MeshSet
 
 # Bits of a vertex's or face's flags in MeshLab's PLY files.
 SELECTED = 0x20
@@ -71,52 +71,15 @@ COMPONENTS = (
     Component("face_selection", Domain.FACE, Kind.BOOLEAN, "face_selection_array", (0,)),
 )
 
-# The methods that read and that add custom attributes. pymeshlab cannot list their names.
+# The methods that read and that add custom attributes.
 CUSTOM = {
     (Domain.POINT, Kind.SCALAR): ("vertex_custom_scalar_attribute_array", "add_vertex_custom_scalar_attribute"),
     (Domain.POINT, Kind.VECTOR): ("vertex_custom_point_attribute_matrix", "add_vertex_custom_point_attribute"),
     (Domain.FACE, Kind.SCALAR): ("face_custom_scalar_attribute_array", "add_face_custom_scalar_attribute"),
     (Domain.FACE, Kind.VECTOR): ("face_custom_point_attribute_matrix", "add_face_custom_point_attribute"),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Textures:
-    """Textures, laid side by side, so that one coordinate tells both the texture and the place in it.
-
-    The core keeps a face of the target within one island, and so within one texture.
-
-    Attributes:
-        names: by number.
-        images: by name; what the MeshSet does not hold is missing.
-        numbers: (t,) the numbers that are in use, rising; -1 stands for no texture.
-        lowest: smallest u of any texture.
-        width: distance from one texture to the next: whole tiles, and twice what is in use, so that
-            coordinates that are continued beyond an island do not reach the next texture.
-    """
-
-    names: tuple[str, ...]
-    images: dict[str, Image]
-    numbers: Integers
-    lowest: float
-    width: float
-
-    @classmethod
-    def of(cls, names: Sequence[str], images: dict[str, Image], uv: Floats, number: Integers) -> Textures:
-        """Textures whose coordinates (3 m, 2) and numbers, of each triangle (m,), are these."""
-        lowest, highest = float(np.nanmin(uv[:, 0])), float(np.nanmax(uv[:, 0]))
-        return cls(tuple(names), images, np.unique(number), lowest, float(2 * np.ceil(highest - lowest + 1)))
-
-    def laid_out(self, uv: Floats, number: Integers) -> Floats:
-        """(3 m, 2) coordinates that tell the texture, too."""
-        return uv + np.repeat(np.searchsorted(self.numbers, number), 3)[:, None] * [self.width, 0]
-
-    def told_apart(self, laid_out: Floats) -> tuple[Floats, Integers]:
-        """(3 m, 2) coordinates within their textures, and (m,) the numbers of these."""
-        middle = laid_out.reshape(-1, 3, 2)[:, :, 0].mean(axis=1)
-        place = np.nan_to_num(np.floor((middle - self.lowest) / self.width + 0.25))
-        place = np.clip(place, 0, len(self.numbers) - 1).astype(np.int64)
-        return laid_out - np.repeat(place, 3)[:, None] * [self.width, 0], self.numbers[place]
+# How the parameters are called by which pymeshlab writes a custom attribute to a PLY file, `__ca_vs__NAME` and others.
+IN_PLY = "__ca_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,17 +118,16 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
     Raises:
         MeshError: there is no such layer, it is no surface, or it has no such attribute.
     """
-    if not ms.mesh_id_exists(mesh_id):
-        raise MeshError(f"There is no mesh {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id.")
+    check_mesh(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
     try:
         surface = Surface(mesh.transformed_vertex_matrix(), mesh.face_matrix())
     except MeshError as error:
         raise MeshError(f"Layer '{mesh.label()}': {error}") from error
     components, textures = _components(mesh), None
-    coordinates = _texture_coordinates(mesh)
+    coordinates = texture_coordinates(mesh)
     if coordinates is not None:
-        names, number = _texture_numbers(mesh)
+        names, number = texture_numbers(mesh)
         textures = Textures.of(names, mesh.textures(), coordinates, number)
         laid_out = textures.laid_out(coordinates, number)
         components[TEXCOORD] = Attribute(TEXCOORD, Domain.CORNER, Kind.UV, laid_out)
@@ -178,7 +140,7 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
         faux=_faux_edges(mesh.polygonal_face_list(), mesh.face_matrix()),
         transform=mesh.transform_matrix(),
         components=components,
-        custom=tuple(attribute for name in custom for attribute in _custom_attributes(mesh, name)),
+        custom=tuple(attribute for name in custom for attribute in custom_attributes(mesh, name)),
         textures=textures,
     )
 
@@ -196,8 +158,50 @@ def _components(mesh: Mesh) -> dict[str, Attribute]:
     return found
 
 
-def _custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
-    """Those of a name; there may be one of each type."""
+def custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
+    """Those of a name; there may be one of each type.
+
+    Raises:
+        MeshError: there is none.
+    """
+    found = _those_of(mesh, name)
+    if not found:
+        raise MeshError(f"Layer '{mesh.label()}' has no custom attribute '{name}': check the name.")
+    return found
+
+
+def custom_names(ms: MeshSet, mesh_id: int) -> list[str]:
+    """The names of a mesh's custom attributes, as far as they are of letters, digits and underscores.
+
+    pymeshlab has no list of them, but can write them to PLY files, and lists what it can write.
+    """
+    check_mesh(ms, mesh_id)
+    current = ms.current_mesh_id()
+    ms.set_current_mesh(mesh_id)
+    offered = ms.filter_parameter_values("ply")
+    ms.set_current_mesh(current)
+    names = dict.fromkeys(key.split("__", 2)[2] for key in offered if key.startswith(IN_PLY))
+    return [name for name in names if _those_of(ms.mesh(mesh_id), name)]
+
+
+def has_attribute(mesh: Mesh, name: str) -> bool:
+    """Whether a mesh has a custom attribute of that name."""
+    return bool(_those_of(mesh, name))
+
+
+def attribute_values(mesh: Mesh, name: str) -> Floats:
+    """The values (n,) or (n, 3) of a custom attribute of vertices.
+
+    Raises:
+        MeshError: there is none.
+    """
+    for attribute in custom_attributes(mesh, name):
+        if attribute.domain is Domain.POINT:
+            return np.asarray(attribute.values)
+    raise MeshError(f"Layer '{mesh.label()}' has the custom attribute '{name}' for faces only: check the name.")
+
+
+def _those_of(mesh: Mesh, name: str) -> list[Attribute]:
     import pymeshlab
 
     found = []
@@ -206,8 +210,6 @@ def _custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
             found.append(Attribute(name, domain, kind, getattr(mesh, getter)(name)))
         except pymeshlab.PyMeshLabException:
             continue  # of this type there is none of that name
-    if not found:
-        raise MeshError(f"Layer '{mesh.label()}' has no custom attribute '{name}': check the name.")
     return found
 
 
@@ -223,33 +225,6 @@ def _faux_edges(polygons: list[Integers], triangles: Integers) -> Booleans:
     count = triangles.max() + 1
     ends = np.roll(triangles, -1, axis=1)
     return ~np.isin(triangles.astype(np.int64) * count + ends, corner * count + following)
-
-
-def _texture_coordinates(mesh: Mesh) -> Floats | None:
-    """(3 m, 2) of the corners of triangles, those of vertices if need be; nothing where all are zero."""
-    if mesh.has_wedge_tex_coord():
-        coordinates = mesh.wedge_tex_coord_matrix()
-    elif mesh.has_vertex_tex_coord():
-        coordinates = mesh.vertex_tex_coord_matrix()[mesh.face_matrix().ravel()]
-    else:
-        return None
-    return coordinates if coordinates.any() else None
-
-
-def _texture_numbers(mesh: Mesh) -> tuple[list[str], Integers]:
-    """The names of the textures in order, and (m,) the number of each triangle's: to be had from a file only."""
-    import pymeshlab
-
-    scratch = pymeshlab.MeshSet()  # saving from the mesh's own MeshSet would rename it
-    scratch.add_mesh(mesh)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "textures.ply"
-        scratch.save_current_mesh(str(path), save_textures=False)
-        content = path.read_bytes()
-    header = content.partition(b"end_header")[0].decode("utf-8", errors="replace")
-    names = re.findall(r"^comment TextureFile (.*?)\r?$", header, re.MULTILINE)
-    number = ply_columns(content)["face"].get("texnumber", np.zeros(mesh.face_number()))
-    return names, np.asarray(number, dtype=np.int64)
 
 
 # --- writing ------------------------------------------------------------------------------------------------
@@ -275,6 +250,16 @@ def check_target(layer: Layer) -> None:
         )
 
 
+def apply_native(ms: MeshSet, mesh_id: int, name: str, /, **parameters: Any) -> None:
+    """Apply one of MeshLab's filters to a mesh, and leave the current one current."""
+    current = ms.current_mesh_id()
+    ms.set_current_mesh(mesh_id)
+    try:
+        ms.apply_filter(name, **parameters)
+    finally:
+        ms.set_current_mesh(current)
+
+
 def add_layer(ms: MeshSet, layer: Layer) -> int:
     """Add a layer to a MeshSet, as its current mesh; polygons are kept unless there are texture coordinates.
 
@@ -282,7 +267,7 @@ def add_layer(ms: MeshSet, layer: Layer) -> int:
         The id of the new mesh.
     """
     with TemporaryDirectory() as folder:
-        names = [] if layer.textures is None else _save_images(layer.textures, Path(folder))
+        names = [] if layer.textures is None else save_images(layer.textures, Path(folder))
         path = Path(folder) / "layer.ply"
         path.write_bytes(_ply(layer, names))
         ms.load_new_mesh(str(path))
@@ -293,19 +278,6 @@ def add_layer(ms: MeshSet, layer: Layer) -> int:
     for attribute in layer.custom:
         getattr(mesh, CUSTOM[attribute.domain, attribute.kind][1])(attribute.values, attribute.name)
     return int(mesh.id())
-
-
-def _save_images(textures: Textures, folder: Path) -> list[str]:
-    """Write the images without loss, and return their names, free of what MeshLab cannot read in a PLY file."""
-    names: list[str] = []
-    for name in textures.names:
-        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(name).stem) or "texture"
-        while f"{stem}.png" in names:
-            stem += "_"
-        names.append(f"{stem}.png")
-        if name in textures.images:
-            textures.images[name].save(str(folder / names[-1]))
-    return names
 
 
 def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:

@@ -14,7 +14,7 @@ from creature import (
     write_textured_obj,
 )
 
-from meshlab_filter import transfer_attributes, transfer_attributes_steps
+from meshlab_filter import transfer_attributes_by_zoomout
 from meshlab_filter.mesh_data import COMPONENTS
 
 # Errors in units of the square root of the area, as papers quote them.
@@ -73,7 +73,7 @@ def mesh_set(source, target):
 @pytest.fixture(scope="module")
 def transferred(source, target):
     ms = mesh_set(source, target)
-    report = transfer_attributes(ms, 0, 1, selectiontransfer=True, customattributes=["rest", "height"])
+    report = transfer_attributes_by_zoomout(ms, selectiontransfer=True, customattributes=["rest", "height"])
     return ms, report
 
 
@@ -156,7 +156,7 @@ def test_the_report_and_the_new_layer_say_what_was_done(transferred, target):
 def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
     ms = mesh_set(coarse_source, coarse_target)
     before = everything(ms)
-    transfer_attributes(ms, 0, 1, qualitytransfer=False)
+    transfer_attributes_by_zoomout(ms, qualitytransfer=False)
     after = everything(ms)
     assert after[2 : len(before)] == before[2:]
 
@@ -181,7 +181,7 @@ def test_a_failure_is_one_sentence_and_leaves_the_mesh_set_as_it_is(coarse_sourc
     ms.set_current_mesh(1)
     before = everything(ms)
     with pytest.raises(ValueError, match=sentence) as refusal:
-        transfer_attributes(ms, **arguments)
+        transfer_attributes_by_zoomout(ms, **arguments)
     assert "\n" not in str(refusal.value)
     assert everything(ms) == before
 
@@ -190,7 +190,7 @@ def test_work_that_is_given_up_leaves_the_mesh_set_as_it_is(coarse_source, coars
     ms = mesh_set(coarse_source, coarse_target)
     before = everything(ms)
     fractions = []
-    steps = transfer_attributes_steps(ms, 0, 1)
+    steps = transfer_attributes_by_zoomout.row.run(ms)
     for progress in steps:
         fractions.append(progress.fraction)
         if progress.fraction > 0.8:
@@ -203,7 +203,7 @@ def test_work_that_is_given_up_leaves_the_mesh_set_as_it_is(coarse_source, coars
 def test_only_what_is_asked_for_replaces_what_the_target_has(source, target):
     ms = mesh_set(source, target)
     ms.add_mesh(target.mesh(v_color_matrix=colors(-target.rest), v_scalar_array=target.rest[:, 2]), "coloured")
-    report = transfer_attributes(ms, 0, 2, colortransfer=False)
+    report = transfer_attributes_by_zoomout(ms, targetmesh=2, colortransfer=False)
     new, old = ms.mesh(report["mesh_id"]), ms.mesh(2)
     assert set(report["transferred"]) == {"vertex_scalar", "face_scalar"}
     np.testing.assert_array_equal(new.vertex_color_matrix(), old.vertex_color_matrix())
@@ -219,7 +219,7 @@ def test_layers_are_compared_where_their_transforms_put_them(source, target):
     away = np.linalg.inv(transform)
     ms.add_mesh(pymeshlab.Mesh(resting.vertices @ away[:3, :3].T + away[:3, 3], resting.faces))
     ms.apply_filter("set_matrix", transformmatrix=transform, freeze=False)
-    report = transfer_attributes(ms, 0, 1, initial="proximity")
+    report = transfer_attributes_by_zoomout(ms, initial="proximity")
     new = ms.mesh(report["mesh_id"])
     assert np.abs(new.vertex_scalar_array() - resting.rest[:, 0]).mean() / SIZE < 0.01
     np.testing.assert_allclose(new.transform_matrix(), transform)
@@ -230,11 +230,11 @@ def test_landmarks_and_given_maps_reach_the_matching(source, target):
     ms = mesh_set(source, target)
     places = np.array([[1.9, 0.6, 0.7], [0.7, 2.1, 0.1], [0.4, -1.7, -0.1], [-1.7, 1.5, 0], [-2.3, -0.7, 0.3]])
     ids = [np.argmin(np.linalg.norm(made.rest[:, None] - places, axis=2), axis=0) for made in (source, target)]
-    report = transfer_attributes(ms, initial="landmarks", landmarks=tuple(ids))
+    report = transfer_attributes_by_zoomout(ms, initial="landmarks", landmarks=tuple(ids))
     assert "landmarks" in report["candidates"][0]
     assert np.abs(ms.current_mesh().vertex_scalar_array() - target.rest[:, 0]).mean() / SIZE < 0.015
     nearest = np.argmin(np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2), axis=1)
-    report = transfer_attributes(ms, initial="given", initial_map=nearest)
+    report = transfer_attributes_by_zoomout(ms, initial="given", initial_map=nearest)
     assert len(report["candidates"]) == 1
     assert np.abs(ms.current_mesh().vertex_scalar_array() - target.rest[:, 0]).mean() / SIZE < 0.015
 
@@ -246,7 +246,7 @@ def textured(tmp_path_factory, source, target):
     ms = pymeshlab.MeshSet()
     ms.load_new_mesh(str(folder / "creature.obj"))
     ms.add_mesh(target.mesh(), "target")
-    return ms, transfer_attributes(ms, 0, 1)
+    return ms, transfer_attributes_by_zoomout(ms)
 
 
 def charts(ms, mesh_id):
@@ -302,7 +302,7 @@ def test_textures_of_the_target_stay_where_the_source_has_none(tmp_path, coarse_
     ms = pymeshlab.MeshSet()
     ms.add_mesh(coarse_source.mesh(v_color_matrix=colors(coarse_source.rest)))
     ms.load_new_mesh(str(tmp_path / "creature.obj"))
-    report = transfer_attributes(ms, 0, 1)
+    report = transfer_attributes_by_zoomout(ms)
     uv = ms.mesh(report["mesh_id"]).wedge_tex_coord_matrix()
     upper, texture = chart_of(coarse_target.rest[coarse_target.faces].mean(axis=1))
     np.testing.assert_allclose(
@@ -318,12 +318,14 @@ def test_images_that_are_missing_are_reported(tmp_path, coarse_source, coarse_ta
     copied = pymeshlab.MeshSet()
     copied.add_mesh(ms.mesh(0))  # pymeshlab does not copy images
     copied.add_mesh(coarse_target.mesh())
-    assert any("no image of front.bmp and back.png" in note for note in transfer_attributes(copied)["notes"])
+    assert any("no image of front.bmp and back.png" in note for note in transfer_attributes_by_zoomout(copied)["notes"])
     (tmp_path / "back.png").unlink()
     unread = pymeshlab.MeshSet()
     unread.load_new_mesh(str(tmp_path / "creature.obj"))
     unread.add_mesh(coarse_target.mesh())
-    assert any("could not read 1 of the texture images" in note for note in transfer_attributes(unread)["notes"])
+    assert any(
+        "could not read 1 of the texture images" in note for note in transfer_attributes_by_zoomout(unread)["notes"]
+    )
 
 
 def test_polygons_that_become_triangles_are_reported(tmp_path, coarse_source, coarse_target):
@@ -332,4 +334,4 @@ def test_polygons_that_become_triangles_are_reported(tmp_path, coarse_source, co
     ms.load_new_mesh(str(tmp_path / "creature.obj"))
     ms.add_mesh(creature(0.17, STRAIGHT).mesh())
     ms.apply_filter("meshing_tri_to_quad_by_smart_triangle_pairing")
-    assert any("Polygons became triangles" in note for note in transfer_attributes(ms)["notes"])
+    assert any("Polygons became triangles" in note for note in transfer_attributes_by_zoomout(ms)["notes"])

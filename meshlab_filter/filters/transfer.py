@@ -1,4 +1,4 @@
-"""Filters for pymeshlab's MeshSet, called as functions: `transfer_attributes(ms, sourcemesh=0, targetmesh=1)`."""
+"""Transfer of attributes between layers in different poses, or of different triangles."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
-from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, read_layer
-from zoomout_core.progress import Progress, Steps, drain, within
+from meshlab_filter.catalogue import mesh_filter
+from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, match_steps, report_on
+from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
+from meshlab_filter.parameters import DATA, SWITCH, Parameter
+from meshlab_filter.stored import Correspondence, read_stored
+from zoomout_core.progress import Progress, Steps, within
 from zoomout_core.transfer import Attribute, transfer
 
 if TYPE_CHECKING:
@@ -16,89 +20,66 @@ if TYPE_CHECKING:
 
 # What MeshLab calls the image that it shows in place of one that it cannot read.
 DUMMY = "dummy.png"
+# Stands for all custom attributes of the source.
+ALL = "*"
 
 
-def transfer_attributes(
+@mesh_filter(
+    SOURCE,
+    TARGET,
+    Parameter("texcoordtransfer", SWITCH, True, "Texture coordinates of wedges, or else of vertices, and textures."),
+    Parameter("colortransfer", SWITCH, True, "Colours of vertices and faces."),
+    Parameter("qualitytransfer", SWITCH, True, 'Scalars ("quality") of vertices and faces.'),
+    Parameter("normaltransfer", SWITCH, False, "Normals of vertices, turned as the surface turns."),
+    Parameter("selectiontransfer", SWITCH, False, "Selections of vertices and faces."),
+    Parameter("customattributes", DATA, (), "Names of custom attributes, in a script with commas between; *: all."),
+    STORED_OR_NEW,
+    *MATCHING,
+)
+def transfer_attributes_by_zoomout(
     ms: MeshSet,
-    sourcemesh: int = 0,
-    targetmesh: int = 1,
     *,
-    texcoordtransfer: bool = True,
-    colortransfer: bool = True,
-    qualitytransfer: bool = True,
-    selectiontransfer: bool = False,
-    customattributes: Sequence[str] = (),
-    candidate: int = 0,
+    sourcemesh: int,
+    targetmesh: int,
+    texcoordtransfer: bool,
+    colortransfer: bool,
+    qualitytransfer: bool,
+    normaltransfer: bool,
+    selectiontransfer: bool,
+    customattributes: Sequence[str],
+    correspondence: str,
     **matching: Any,
-) -> dict[str, Any]:
+) -> Steps[dict[str, Any]]:
     """Transfer attributes between meshes that correspond, whatever their poses and their triangles.
 
     The result is a new layer, and the current one: a copy of the target on which what the source has takes
     the place of what the target had. Source and target stay as they are, and on an error there is no new
     layer. Where the source has texture coordinates, polygons of the target become triangles in the new layer,
-    since MeshLab cannot save the coordinates of polygons; custom attributes of the target are not in it.
-
-    Args:
-        ms: a `pymeshlab.MeshSet`.
-        sourcemesh: id of the mesh that has the attributes.
-        targetmesh: id of the mesh that receives them.
-        texcoordtransfer: texture coordinates of wedges, or else of vertices, and their textures.
-        colortransfer: colours of vertices and faces.
-        qualitytransfer: scalars ("quality") of vertices and faces.
-        selectiontransfer: selections of vertices and faces.
-        customattributes: names of custom scalar and point attributes, which pymeshlab cannot list.
-        candidate: which of the correspondences found to use; try another where sides are swapped.
-        matching: `initial`, `landmarks`, `initial_map`, `common_axes` and whatever else `zoomout_core.match` takes.
+    since MeshLab cannot save the coordinates of polygons.
 
     Returns:
         `mesh_id` of the new layer; `transferred`, names; `confidence`, an array that says for each vertex
         how far to trust it, in [0, 1]; `candidates`, for each what it came from, whether it reverses
-        orientation, and its scores; `notes`, sentences for the user.
+        orientation, and its scores, and `certainty` (both unless the correspondence was stored); `notes`,
+        sentences for the user.
 
     Raises:
         MeshError: a mesh that is missing or cannot be used; the message says what to do.
         ValueError: arguments that do not fit together.
     """
-    return drain(
-        transfer_attributes_steps(
-            ms,
-            sourcemesh,
-            targetmesh,
-            texcoordtransfer=texcoordtransfer,
-            colortransfer=colortransfer,
-            qualitytransfer=qualitytransfer,
-            selectiontransfer=selectiontransfer,
-            customattributes=customattributes,
-            candidate=candidate,
-            **matching,
-        )
-    )
-
-
-def transfer_attributes_steps(
-    ms: MeshSet,
-    sourcemesh: int = 0,
-    targetmesh: int = 1,
-    *,
-    texcoordtransfer: bool = True,
-    colortransfer: bool = True,
-    qualitytransfer: bool = True,
-    selectiontransfer: bool = False,
-    customattributes: Sequence[str] = (),
-    candidate: int = 0,
-    **matching: Any,
-) -> Steps[dict[str, Any]]:
-    """`transfer_attributes` as a generator that yields `Progress` and returns the dictionary."""
     wanted = {
         TEXCOORD: texcoordtransfer,
         "vertex_color": colortransfer,
         "face_color": colortransfer,
         "vertex_scalar": qualitytransfer,
         "face_scalar": qualitytransfer,
+        "vertex_normal": normaltransfer,
         "vertex_selection": selectiontransfer,
         "face_selection": selectiontransfer,
     }
-    source, target = read_layer(ms, sourcemesh, customattributes), read_layer(ms, targetmesh)
+    source = read_layer(ms, sourcemesh, _custom_wanted(ms, sourcemesh, customattributes))
+    target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
+    missing = [] if TEXCOORD in source.components or not texcoordtransfer else [TEXCOORD]
     source = replace(source, components={name: a for name, a in source.components.items() if wanted[name]})
     if not source.components and not source.custom:
         raise zo.MeshError(
@@ -107,31 +88,41 @@ def transfer_attributes_steps(
         )
     check_target(target)
 
-    matched = zo.match_steps(source.surface, target.surface, **matching)
-    result = yield from within(matched, 0.0, 0.7)
-    if candidate:
-        result = yield from within(result.use_steps(candidate), 0.7, 0.8)
-    received = yield from within(_transfer_steps(source, target, result), 0.8, 1.0)
+    found: zo.MatchResult | Correspondence
+    if correspondence:
+        found = read_stored(ms.mesh(targetmesh), correspondence, source)
+        report: dict[str, Any] = {"confidence": found.confidence, "notes": []}
+    else:
+        found = yield from within(match_steps(source, target, **matching), 0.0, 0.8)
+        report = report_on(found)
+    received = yield from within(_transfer_steps(source, target, found), 0.8, 1.0)
     new = _merged(target, source, received)
+    notes = [note for attribute in received for note in attribute.notes]
+    notes += [f"Layer '{source.label}' has no {name}." for name in missing]
     return {
+        **report,
         "mesh_id": add_layer(ms, new),
         "transferred": [attribute.name for attribute in received],
-        "confidence": result.confidence,
-        "candidates": [
-            {"origin": found.origin, "reverses_orientation": found.reverses_orientation, **found.scores}
-            for found in result.candidates
-        ],
-        "notes": [*result.notes, *(note for attribute in received for note in attribute.notes), *_notes(target, new)],
+        "notes": [*report["notes"], *notes, *_notes(target, new)],
     }
 
 
-def _transfer_steps(source: Layer, target: Layer, result: zo.MatchResult) -> Steps[list[Attribute]]:
+def _custom_wanted(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | None) -> list[str]:
+    """The names of custom attributes that a user asked for."""
+    if names == ALL:
+        return custom_names(ms, mesh_id)
+    if isinstance(names, str):
+        names = [name.strip() for name in names.split(",")]
+    return [name for name in names or () if name]
+
+
+def _transfer_steps(source: Layer, target: Layer, found: zo.MatchResult | Correspondence) -> Steps[list[Attribute]]:
     """All attributes of the source on the target: components, then custom attributes."""
     attributes = [*source.components.values(), *source.custom]
     received = []
     for number, attribute in enumerate(attributes):
         yield Progress(number / len(attributes), f"Transferring {attribute.name}")
-        received.append(transfer(attribute, result, source.surface, target.surface))
+        received.append(transfer(attribute, found, source.surface, target.surface))
     return received
 
 
@@ -139,11 +130,12 @@ def _merged(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
     """The target with what it received."""
     count = len(source.components)
     components = {attribute.name: attribute for attribute in received[:count]}
+    custom = {(a.name, a.domain, a.kind): a for a in (*target.custom, *received[count:])}
     return replace(
         target,
         label=f"{target.label}_transferred",
         components=target.components | components,
-        custom=tuple(received[count:]),
+        custom=tuple(custom.values()),
         textures=source.textures if TEXCOORD in components else target.textures,
     )
 

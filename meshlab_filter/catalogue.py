@@ -1,0 +1,185 @@
+"""The catalogue of filters: one row each, and what can be done by a filter's name.
+
+A filter is written as a generator that takes a MeshSet and keyword parameters, yields `Progress` and returns a
+dictionary; `mesh_filter` enters it into the catalogue and makes it a plain function. Values are checked, and
+defaults filled in, before it begins. It computes first and changes the MeshSet last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from inspect import Parameter as SignatureParameter
+from inspect import Signature
+from numbers import Integral
+from typing import TYPE_CHECKING, Any, Protocol
+
+from meshlab_filter.parameters import LENGTH, Parameter
+from zoomout_core.progress import Steps, drain
+from zoomout_core.surface import MeshError
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A row of the catalogue.
+
+    Attributes:
+        name: as in Python and in scripts.
+        steps: the generator function that does the work.
+        parameters: in the order in which they are listed.
+        meaning: what it does, a sentence.
+    """
+
+    name: str
+    steps: Callable[..., Steps[dict[str, Any]]]
+    parameters: tuple[Parameter, ...]
+    meaning: str
+
+    def run(self, ms: MeshSet, **given: Any) -> Steps[dict[str, Any]]:
+        """The work with these parameters, and the defaults of the others, stepped.
+
+        Raises:
+            ValueError: there is no such parameter, or a value is not of its type; known before the first step.
+        """
+        return self.steps(ms, **self._complete(given))
+
+    def _complete(self, given: dict[str, Any]) -> dict[str, Any]:
+        rows = {row.name: row for row in self.parameters}
+        for name in given:
+            if name not in rows:
+                raise ValueError(f"The filter {self.name} has no parameter '{name}': it has {', '.join(rows)}.")
+        try:
+            return {name: row.checked(given.get(name, _default(row))) for name, row in rows.items()}
+        except ValueError as error:
+            raise ValueError(f"The filter {self.name}: {error}") from None
+
+
+CATALOGUE: dict[str, Filter] = {}
+
+
+class MeshFilter(Protocol):
+    """A filter as a function; `row` is its row of the catalogue."""
+
+    row: Filter
+
+    def __call__(self, ms: MeshSet, **parameters: Any) -> dict[str, Any]: ...
+
+
+def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., Steps[dict[str, Any]]]], MeshFilter]:
+    """A decorator that enters a generator function into the catalogue, under its name.
+
+    The function takes all of the parameters by keyword; the first line of its docstring says what it does. What the
+    decorator returns takes any of them, and runs to the end.
+    """
+
+    def entered(steps: Callable[..., Steps[dict[str, Any]]]) -> MeshFilter:
+        description = steps.__doc__ or ""
+        row = Filter(steps.__name__, steps, parameters, description.partition("\n")[0])
+        CATALOGUE[row.name] = row
+
+        def run(ms: MeshSet, **given: Any) -> dict[str, Any]:
+            return drain(row.run(ms, **given))
+
+        run.__name__ = run.__qualname__ = row.name
+        run.__module__ = steps.__module__
+        lines = [f"        {parameter.name}: {parameter.meaning}" for parameter in parameters]
+        run.__doc__ = "\n".join([description.rstrip(), "", "    Args:", "        ms: a `pymeshlab.MeshSet`.", *lines])
+        given = [
+            SignatureParameter(parameter.name, SignatureParameter.KEYWORD_ONLY, default=parameter.default)
+            for parameter in parameters
+        ]
+        ms = SignatureParameter("ms", SignatureParameter.POSITIONAL_OR_KEYWORD)
+        run.__signature__ = Signature([ms, *given])  # type: ignore[attr-defined]
+        run.row = row  # type: ignore[attr-defined]
+        return run  # type: ignore[return-value]
+
+    return entered
+
+
+def filter_list() -> list[str]:
+    """The names of all filters that `apply_filter` takes: this project's, then MeshLab's."""
+    import pymeshlab
+
+    return [*CATALOGUE, *pymeshlab.filter_list()]
+
+
+def print_filter_parameter_list(name: str) -> None:
+    """Print a filter's parameters, a line each, as `pymeshlab.print_filter_parameter_list` does; with their meaning.
+
+    Raises:
+        MeshError: there is no such filter.
+    """
+    import pymeshlab
+
+    _check_name(name)
+    if name not in CATALOGUE:
+        pymeshlab.print_filter_parameter_list(name)
+        return
+    print(f"{name} filter - list of parameter names:")
+    for parameter in CATALOGUE[name].parameters:
+        default = f"{parameter.default}%" if parameter.type is LENGTH else repr(parameter.default)
+        of = f" ({parameter.wanted})" if parameter.choices else ""
+        print(f"\t{parameter.name} : {parameter.type.label} = {default}\n\t\t{parameter.meaning}{of}")
+
+
+def apply_filter(ms: MeshSet, name: str, /, **parameters: Any) -> dict[str, Any]:
+    """Apply a filter by its name, one of this project's or of MeshLab's.
+
+    Args:
+        ms: a `pymeshlab.MeshSet`.
+        name: one of `filter_list()`.
+        parameters: as `print_filter_parameter_list` says.
+
+    Returns:
+        What the filter gives, by name.
+
+    Raises:
+        MeshError: there is no such filter, it cannot be applied to the mesh, or there is no such mesh.
+        ValueError: there is no such parameter, or its value is not of its type.
+    """
+    _check_name(name)
+    if name in CATALOGUE:
+        return drain(CATALOGUE[name].run(ms, **parameters))
+    return _apply_native(ms, name, parameters)
+
+
+def check_mesh(ms: MeshSet, mesh_id: int) -> None:
+    """Whether there is a mesh of that id; MeshLab's own filters end the process where there is none.
+
+    Raises:
+        MeshError: there is none.
+    """
+    if not ms.mesh_id_exists(mesh_id):
+        raise MeshError(f"There is no mesh {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id.")
+
+
+def _check_name(name: str) -> None:
+    if name not in filter_list():
+        raise MeshError(f"There is no filter '{name}': filter_list() names them all.")
+
+
+def _apply_native(ms: MeshSet, name: str, parameters: dict[str, Any]) -> dict[str, Any]:
+    from pymeshlab import PyMeshLabException
+
+    for parameter, value in parameters.items():
+        if parameter.endswith("mesh") and isinstance(value, Integral) and not isinstance(value, bool):
+            check_mesh(ms, int(value))
+    try:
+        return dict(ms.apply_filter(name, **parameters) or {})
+    except PyMeshLabException as error:
+        raise MeshError(" ".join(str(error).split())) from error
+    except RuntimeError as error:  # a value of a type that pymeshlab cannot convert
+        raise ValueError(
+            f"The filter {name} does not take {parameters}: print_filter_parameter_list says what."
+        ) from error
+
+
+def _default(row: Parameter) -> Any:
+    if row.type is not LENGTH:
+        return row.default
+    from pymeshlab import PercentageValue
+
+    return PercentageValue(row.default)

@@ -1,0 +1,19 @@
+"""The filters, each entered into the catalogue as its module is imported."""
+
+from meshlab_filter.filters.correspondence import (
+    apply_conform_by_zoomout,
+    compute_color_by_correspondence,
+    compute_correspondence_by_zoomout,
+    compute_scalar_by_correspondence_error,
+)
+from meshlab_filter.filters.spectrum import compute_laplacian_eigenfunctions
+from meshlab_filter.filters.transfer import transfer_attributes_by_zoomout
+
+__all__ = [
+    "apply_conform_by_zoomout",
+    "compute_color_by_correspondence",
+    "compute_correspondence_by_zoomout",
+    "compute_laplacian_eigenfunctions",
+    "compute_scalar_by_correspondence_error",
+    "transfer_attributes_by_zoomout",
+]

@@ -1,0 +1,76 @@
+"""Parameters that several filters have, what they mean to the core, and the correspondence that filters work with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import zoomout_core as zo
+from meshlab_filter.mesh_data import Layer
+from meshlab_filter.parameters import CHOICE, DATA, MESH, SWITCH, TEXT, WHOLE, Parameter
+from zoomout_core.cli import DETAIL, STARTS, read_axis, read_landmarks, read_vertex_map
+from zoomout_core.progress import Steps, within
+
+SOURCE = Parameter("sourcemesh", MESH, 0, "The mesh that gives.")
+TARGET = Parameter("targetmesh", MESH, 1, "The mesh that receives.")
+STORED = Parameter(
+    "correspondence",
+    TEXT,
+    "correspondence",
+    "The name under which compute_correspondence_by_zoomout stored it on the target.",
+)
+STORED_OR_NEW = Parameter(
+    "correspondence",
+    TEXT,
+    "",
+    "The name under which compute_correspondence_by_zoomout stored it on the target; empty: find one.",
+)
+ACCURACY = (
+    Parameter("detail", CHOICE, "balanced", "How fine a stand-in for each mesh is matched.", tuple(DETAIL)),
+    Parameter("seed", WHOLE, 0, "Of the eigensolver."),
+)
+MATCHING = (
+    Parameter("initial", CHOICE, "auto", "How a correspondence is begun.", (*STARTS, "given")),
+    Parameter("landmarks", DATA, None, "Pairs of source and target vertices or points, or a text file, a pair a line."),
+    Parameter("exact_landmarks", SWITCH, False, "Bend the correspondence so that it hits the landmarks."),
+    Parameter("initial_map", DATA, None, "An earlier map, or the .npz file that `zoomout match` wrote it to."),
+    Parameter("common_axes", DATA, None, "Directions (a, 3) in which both meshes stand alike, or x, y or z."),
+    *ACCURACY,
+    Parameter("candidate", WHOLE, 0, "Which correspondence to use: another where sides are swapped."),
+)
+
+
+def match_steps(source: Layer, target: Layer, candidate: int, **matching: Any) -> Steps[zo.MatchResult]:
+    """The correspondence of two layers, by the parameters MATCHING."""
+    arguments = _arguments(**matching)
+    result = yield from within(zo.match_steps(source.surface, target.surface, **arguments), 0.0, 0.85)
+    if candidate:
+        result = yield from within(result.use_steps(candidate), 0.85, 1.0)
+    return result
+
+
+def report_on(result: zo.MatchResult) -> dict[str, Any]:
+    """What a filter says of the correspondence that it found."""
+    return {
+        "confidence": result.confidence,
+        "certainty": result.certainty,
+        "candidates": [
+            {"origin": found.origin, "reverses_orientation": found.reverses_orientation, **found.scores}
+            for found in result.candidates
+        ],
+        "notes": list(result.notes),
+    }
+
+
+def _arguments(
+    initial: str, landmarks: Any, exact_landmarks: bool, initial_map: Any, common_axes: Any, detail: str, seed: int
+) -> dict[str, Any]:
+    """What the parameters mean to `zoomout_core.match`."""
+    return {
+        **DETAIL[detail],
+        "seed": seed,
+        "initial": initial,
+        "landmarks": read_landmarks(landmarks) if isinstance(landmarks, str) else landmarks,
+        "exact_landmarks": exact_landmarks,
+        "initial_map": read_vertex_map(initial_map) if isinstance(initial_map, str) else initial_map,
+        "common_axes": [read_axis(common_axes)] if isinstance(common_axes, str) else common_axes,
+    }

@@ -1,0 +1,206 @@
+"""Correspondences: found, coloured, checked, and used to give the target the source's shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import zoomout_core as zo
+from meshlab_filter.catalogue import mesh_filter
+from meshlab_filter.filters.common import (
+    ACCURACY,
+    MATCHING,
+    SOURCE,
+    STORED,
+    STORED_OR_NEW,
+    TARGET,
+    match_steps,
+    report_on,
+)
+from meshlab_filter.mesh_data import (
+    Layer,
+    add_layer,
+    apply_native,
+    attribute_values,
+    check_target,
+    custom_names,
+    read_layer,
+)
+from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
+from meshlab_filter.stored import Correspondence, attribute_names, check_names, read_stored, store
+from zoomout_core.cli import DETAIL
+from zoomout_core.correspondence.confidence import cycle_error
+from zoomout_core.correspondence.surface_map import vertex_numbers
+from zoomout_core.progress import Progress, Steps, within
+from zoomout_core.surface import Floats, vertex_normals
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+
+@mesh_filter(
+    SOURCE,
+    TARGET,
+    Parameter("name", TEXT, "correspondence", "The name to store it under; other filters find it by this name."),
+    *MATCHING,
+)
+def compute_correspondence_by_zoomout(
+    ms: MeshSet, *, sourcemesh: int, targetmesh: int, name: str, **matching: Any
+) -> Steps[dict[str, Any]]:
+    """Find for every vertex of the target the point on the source that it corresponds to.
+
+    It is stored on the target, in the custom attributes NAME_triangle (number of the source's face),
+    NAME_barycentric (coordinates in it), NAME_x, NAME_y and NAME_z (the same place in the source's own frame) and
+    NAME_confidence (in [0, 1]). Nothing else changes.
+
+    Returns:
+        `triangle`, `barycentric` and `confidence`, arrays; `certainty`, the probability that the whole is right, no
+        side swapped; `candidates`, for each what it came from, whether it reverses orientation, and its scores;
+        `notes`, sentences for the user.
+
+    Raises:
+        MeshError: a mesh that is missing or cannot be used; the message says what to do.
+        ValueError: arguments that do not fit together.
+    """
+    source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh)
+    check_names(ms.mesh(targetmesh), attribute_names(name))
+    result = yield from match_steps(source, target, **matching)
+    store(ms.mesh(targetmesh), name, Correspondence(result.surface_map, result.confidence), source)
+    report = report_on(result)
+    return {**report, "triangle": result.surface_map.triangle, "barycentric": result.surface_map.barycentric}
+
+
+@mesh_filter(SOURCE, TARGET, STORED)
+def compute_color_by_correspondence(
+    ms: MeshSet, *, sourcemesh: int, targetmesh: int, correspondence: str
+) -> Steps[dict[str, Any]]:
+    """Colour both meshes so that corresponding places have the same colour.
+
+    The source's vertices are coloured by their places in its bounding box, x red, y green and z blue, and the
+    target's by the places that they correspond to.
+
+    Returns:
+        An empty dictionary.
+
+    Raises:
+        MeshError: a mesh is missing or no surface, or there is no such correspondence.
+    """
+    source = read_layer(ms, sourcemesh)
+    read_layer(ms, targetmesh)
+    read_stored(ms.mesh(targetmesh), correspondence, source)
+    yield Progress(0.0, "Colouring")
+    used = source.vertices[source.surface.triangles.ravel()]
+    low, extent = used.min(axis=0), np.ptp(used, axis=0)
+    # "x", "y" and "z" are what MeshLab calls red, green and blue here.
+    for mesh_id, prefix in ((sourcemesh, ""), (targetmesh, f"{correspondence}_")):
+        colors = {
+            axis: f"rint(255*({prefix}{axis}-({float(low[i])!r}))/{float(extent[i]) or 1.0!r})"
+            for i, axis in enumerate("xyz")
+        }
+        apply_native(ms, mesh_id, "compute_color_by_function_per_vertex", **colors, a="255")
+    return {}
+
+
+@mesh_filter(
+    SOURCE,
+    TARGET,
+    STORED,
+    Parameter(
+        "truth", TEXT, "", "A custom scalar of the target: the source vertex that truly corresponds. Empty: none."
+    ),
+    Parameter("selectabove", LENGTH, 0, "Select the target's vertices whose error is larger; 0 leaves the selection."),
+    Parameter("name", TEXT, "correspondence_error", "The custom attribute to store it in."),
+    *ACCURACY,
+)
+def compute_scalar_by_correspondence_error(
+    ms: MeshSet,
+    *,
+    sourcemesh: int,
+    targetmesh: int,
+    correspondence: str,
+    truth: str,
+    selectabove: Any,
+    name: str,
+    detail: str,
+    seed: int,
+) -> Steps[dict[str, Any]]:
+    """Say by the target's quality how far a correspondence is off, vertex by vertex.
+
+    Where the truth is known, it is the straight distance on the source from it. Else the way back is found on its
+    own, and the error is how far going there and back misses the start; what is wrong both ways alike does not show.
+
+    Returns:
+        `error`, an array in the unit of the meshes; its `mean`, `median` and `percentile_95`; `notes`.
+
+    Raises:
+        MeshError: a mesh is missing or cannot be used, or there is no such correspondence or truth.
+        ValueError: the truth holds no numbers of vertices.
+    """
+    source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh)
+    mesh = ms.mesh(targetmesh)
+    found = read_stored(mesh, correspondence, source)
+    check_names(mesh, [name])
+    if truth:
+        true = vertex_numbers(attribute_values(mesh, truth), len(source.vertices), f"The attribute '{truth}'")
+        yield Progress(0.0, "Comparing with the truth")
+        places, notes = source.surface.vertices, list[str]()
+        error = np.linalg.norm(found.surface_map.interpolate(places) - places[true], axis=1)
+    else:
+        error, notes = yield from _there_and_back_steps(source, target, found, detail, seed)
+    mesh.add_vertex_custom_scalar_attribute(error, name)
+    apply_native(ms, targetmesh, "compute_scalar_by_function_per_vertex", q=name)
+    limit = absolute_length(selectabove, target.surface.vertices)
+    if limit > 0:
+        apply_native(ms, targetmesh, "compute_selection_by_condition_per_vertex", condselect=f"{name} > {limit!r}")
+    mean, median, high = float(error.mean()), float(np.median(error)), float(np.percentile(error, 95))
+    return {"error": error, "mean": mean, "median": median, "percentile_95": high, "notes": notes}
+
+
+@mesh_filter(SOURCE, TARGET, STORED_OR_NEW, *MATCHING)
+def apply_conform_by_zoomout(
+    ms: MeshSet, *, sourcemesh: int, targetmesh: int, correspondence: str, **matching: Any
+) -> Steps[dict[str, Any]]:
+    """Give the target's vertices and faces the shape of the source.
+
+    The result is a new layer, and the current one: the target with all that it has, bent to lie on the source.
+
+    Returns:
+        `mesh_id` of the new layer; `confidence`; `candidates` and `certainty`, unless the correspondence was stored;
+        `notes`.
+
+    Raises:
+        MeshError: a mesh that is missing or cannot be used; the message says what to do.
+        ValueError: arguments that do not fit together.
+    """
+    source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh, custom_names(ms, targetmesh))
+    check_target(target)
+    found: zo.MatchResult | Correspondence
+    if correspondence:
+        found = read_stored(ms.mesh(targetmesh), correspondence, source)
+        report: dict[str, Any] = {"confidence": found.confidence, "notes": []}
+    else:
+        found = yield from within(match_steps(source, target, **matching), 0.0, 0.95)
+        report = report_on(found)
+    yield Progress(0.95, "Bending the target")
+    vertices = found.surface_map.interpolate(source.surface.vertices)
+    new = replace(
+        target,
+        label=f"{target.label}_conformed",
+        vertices=vertices,
+        normals=vertex_normals(vertices, target.surface.triangles),
+        transform=np.eye(4),
+    )
+    return {**report, "mesh_id": add_layer(ms, new)}
+
+
+def _there_and_back_steps(
+    source: Layer, target: Layer, found: Correspondence, detail: str, seed: int
+) -> Steps[tuple[Floats, list[str]]]:
+    """(n_t,) by how far going there and back misses the start, and what to say of the way back."""
+    # The inverse is evidence, not the start: it tells sides apart, and leaves the way back to be found on its own.
+    inverse = found.surface_map.invert(source.surface, target.surface)
+    sizes: dict[str, Any] = {**DETAIL[detail]}
+    back = yield from zo.match_steps(target.surface, source.surface, initial_map=inverse, seed=seed, **sizes)
+    return cycle_error(found.surface_map, back.surface_map, target.surface.vertices), list(back.notes)

@@ -1,0 +1,47 @@
+"""Eigenfunctions of the Laplacian as attributes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import zoomout_core as zo
+from meshlab_filter.catalogue import mesh_filter
+from meshlab_filter.mesh_data import apply_native, read_layer
+from meshlab_filter.parameters import TEXT, WHOLE, Parameter
+from meshlab_filter.stored import check_names
+from zoomout_core.progress import Progress, Steps
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+
+@mesh_filter(
+    Parameter("functions", WHOLE, 20, "How many, the constant one included."),
+    Parameter("show", WHOLE, 1, "The number of the one that becomes the quality."),
+    Parameter("name", TEXT, "eigenfunction", "They are stored as custom attributes NAME_0, NAME_1, ..."),
+    Parameter("seed", WHOLE, 0, "Of the eigensolver."),
+)
+def compute_laplacian_eigenfunctions(
+    ms: MeshSet, *, functions: int, show: int, name: str, seed: int
+) -> Steps[dict[str, Any]]:
+    """Compute the first eigenfunctions of the current mesh's Laplacian, smooth functions that pose hardly changes.
+
+    Returns:
+        `eigenvalues`, an array, for the mesh scaled to unit area.
+
+    Raises:
+        MeshError: the mesh is no surface or has too few vertices, or has an attribute of that name.
+        ValueError: there is no function of the number to show.
+    """
+    mesh_id = ms.current_mesh_id()
+    layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
+    if not 0 <= show < functions:
+        raise ValueError(f"'show' is {show}: give a number from 0 to {functions - 1}, of the functions asked for.")
+    names = [f"{name}_{number}" for number in range(functions)]
+    check_names(mesh, names)
+    yield Progress(0.0, "Computing eigenfunctions")
+    basis = zo.eigenbasis(layer.surface, functions, seed)
+    for number, attribute in enumerate(names):
+        mesh.add_vertex_custom_scalar_attribute(basis.eigenvectors[:, number].astype(float), attribute)
+    apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=names[show])
+    return {"eigenvalues": basis.eigenvalues}

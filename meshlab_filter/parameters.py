@@ -1,0 +1,160 @@
+"""The types of filter parameters: how values are checked that come from Python, and read that come from a script."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from zoomout_core.surface import Floats
+
+
+@dataclass(frozen=True)
+class Type:
+    """One type of parameter.
+
+    Attributes:
+        label: what `print_filter_parameter_list` calls it, as pymeshlab does.
+        rich: its names in `.mlx` scripts.
+        wanted: what to give, in words for the user.
+        accepts: whether a value from Python is of this type.
+        read: the value that a script's text stands for; raises ValueError where it stands for none.
+    """
+
+    label: str
+    rich: tuple[str, ...]
+    wanted: str
+    accepts: Callable[[Any], bool]
+    read: Callable[[str], Any]
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_length(value: Any) -> bool:
+    from pymeshlab import PercentageValue, PureValue
+
+    return isinstance(value, PercentageValue | PureValue)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_data(value: Any) -> bool:
+    return value is None or not isinstance(value, bool | Real)
+
+
+def _truth(text: str) -> bool:
+    if text not in ("true", "false"):
+        raise ValueError(text)
+    return text == "true"
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(float(text)):
+        raise ValueError(text)
+    return float(text)
+
+
+def _absolute(text: str) -> Any:
+    """Scripts hold lengths, whatever share of the mesh's size they were entered as."""
+    from pymeshlab import PureValue
+
+    return PureValue(_finite(text))
+
+
+def absolute_length(length: Any, vertices: Floats) -> float:
+    """A PercentageValue of the bounding box's diagonal, or a PureValue, in the unit of vertices (n, 3)."""
+    from pymeshlab import PercentageValue
+
+    value = float(length.value())
+    if isinstance(length, PercentageValue):
+        value *= float(np.linalg.norm(np.nanmax(vertices, axis=0) - np.nanmin(vertices, axis=0))) / 100
+    return value
+
+
+MESH = Type("int", ("RichMesh",), "the id of a mesh", _is_whole, int)
+WHOLE = Type("int", ("RichInt",), "a whole number", _is_whole, int)
+NUMBER = Type("float", ("RichFloat", "RichDynamicFloat"), "a number", _is_number, _finite)
+SWITCH = Type("bool", ("RichBool",), "true or false", lambda value: isinstance(value, bool), _truth)
+TEXT = Type("str", ("RichString",), "a text", _is_text, str)
+CHOICE = Type("str", ("RichEnum", "RichString"), "one of its choices", _is_text, str)
+LENGTH = Type(
+    "PercentageValue", ("RichAbsPerc", "RichPercentage"), "a PercentageValue or a PureValue", _is_length, _absolute
+)
+# Arrays in Python, and the name of a file that holds them in scripts.
+DATA = Type(
+    "array or file name", ("RichFileOpen", "RichOpenFile", "RichString"), "arrays, or the name of a file", _is_data, str
+)
+
+# What native filters take besides; pymeshlab reads these by itself.
+OTHER_RICH = {
+    "RichColor",
+    "RichMatrix44f",
+    "RichMatrix44",
+    "RichPosition",
+    "RichDirection",
+    "RichPoint3f",
+    "RichPoint3",
+}
+OTHER_RICH |= {"RichShotf", "RichShot", "RichFileSave", "RichSaveFile"}
+TYPES = (MESH, WHOLE, NUMBER, SWITCH, TEXT, CHOICE, LENGTH, DATA)
+# By name in scripts; RichString is a TEXT, and RichEnum a number there, unless one of our filters says otherwise.
+RICH_TYPES = {name: type_ for type_ in reversed(TYPES) for name in type_.rich}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a filter.
+
+    Attributes:
+        name: as in Python and in scripts.
+        type: what values it takes.
+        default: its value where none is given; a LENGTH's may be given as a share of the diagonal in percent.
+        meaning: what it does, in words for the user.
+        choices: the values of a CHOICE, in the order of their numbers in scripts.
+    """
+
+    name: str
+    type: Type
+    default: Any
+    meaning: str
+    choices: tuple[str, ...] = ()
+
+    def checked(self, value: Any) -> Any:
+        """A value from Python.
+
+        Raises:
+            ValueError: it is of another type, or none of the choices.
+        """
+        if not self.type.accepts(value) or (self.choices and value not in self.choices):
+            raise ValueError(f"'{self.name}' is {value!r}: give {self.wanted}.")
+        return value
+
+    def read(self, text: str) -> Any:
+        """A value from a script; a choice may be named or numbered.
+
+        Raises:
+            ValueError: the text stands for none.
+        """
+        if self.choices and text.isdecimal() and int(text) < len(self.choices):
+            return self.choices[int(text)]
+        try:
+            return self.checked(self.type.read(text))
+        except (ValueError, OverflowError):
+            raise ValueError(f"'{self.name}' is {text!r}: give {self.wanted}.") from None
+
+    @property
+    def wanted(self) -> str:
+        """What to give, in words."""
+        return " or ".join(self.choices) if self.choices else self.type.wanted

@@ -1,0 +1,88 @@
+"""Correspondences kept on the target as custom attributes: found once, used by several filters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from meshlab_filter.mesh_data import Layer, attribute_values, has_attribute
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Floats, MeshError
+
+if TYPE_CHECKING:
+    from pymeshlab import Mesh
+
+# An image that is farther from where it was stored than this, of the source's size, lies on another source.
+MOVED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondence:
+    """What filters need of a match.
+
+    Attributes:
+        surface_map: for every target vertex a point on the source surface.
+        confidence: (n_t,) in [0, 1].
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+
+
+def check_names(mesh: Mesh, names: Iterable[str]) -> None:
+    """Whether custom attributes can be added to a mesh under these names, and used in expressions.
+
+    Raises:
+        ValueError: a name has other characters than letters, digits and underscores.
+        MeshError: there is an attribute of that name; pymeshlab can neither change nor delete it.
+    """
+    for name in names:
+        if not (name.isascii() and name.isidentifier()):
+            raise ValueError(f"'{name}' is no name for an attribute: give letters, digits and underscores.")
+        if has_attribute(mesh, name):
+            raise MeshError(f"Layer '{mesh.label()}' has an attribute '{name}' already: give another name.")
+
+
+def attribute_names(name: str) -> tuple[str, ...]:
+    """The attributes that a correspondence is stored in: triangle, coordinates in it, point (three), confidence.
+
+    The point is three scalars since expressions of MeshLab's filters misread custom points: they are kept in a
+    list that moves as it grows.
+    """
+    return tuple(f"{name}_{part}" for part in ("triangle", "barycentric", "x", "y", "z", "confidence"))
+
+
+def store(mesh: Mesh, name: str, found: Correspondence, source: Layer) -> None:
+    """Store a correspondence on a target; points are in the source's own frame."""
+    triangle, barycentric, *axes, confidence = attribute_names(name)
+    mesh.add_vertex_custom_scalar_attribute(found.surface_map.triangle.astype(np.float64), triangle)
+    mesh.add_vertex_custom_point_attribute(found.surface_map.barycentric.astype(np.float64), barycentric)
+    for axis, values in zip(axes, found.surface_map.interpolate(source.vertices).T, strict=True):
+        mesh.add_vertex_custom_scalar_attribute(np.ascontiguousarray(values), axis)
+    mesh.add_vertex_custom_scalar_attribute(found.confidence.astype(np.float64), confidence)
+
+
+def read_stored(mesh: Mesh, name: str, source: Layer) -> Correspondence:
+    """The correspondence of a target that `store` stored under a name.
+
+    Raises:
+        MeshError: there is none, or it leads to another source, or to one that has changed.
+    """
+    if not all(has_attribute(mesh, part) for part in attribute_names(name)):
+        raise MeshError(
+            f"Layer '{mesh.label()}' has no correspondence '{name}': find it with compute_correspondence_by_zoomout."
+        )
+    number, barycentric, *point, confidence = (attribute_values(mesh, part) for part in attribute_names(name))
+    triangle = number.astype(np.int64)
+    if triangle.max() < len(source.surface.triangles):
+        surface_map = SurfaceMap(triangle, barycentric, source.surface.triangles)
+        moved = np.abs(surface_map.interpolate(source.vertices) - np.column_stack(point)).max()
+        if moved <= MOVED * np.ptp(source.vertices[source.surface.triangles.ravel()], axis=0).max():
+            return Correspondence(surface_map, confidence)
+    raise MeshError(
+        f"The correspondence '{name}' of layer '{mesh.label()}' leads to another source than '{source.label}', or to "
+        "what that was before it changed: find it again, under another name."
+    )

@@ -1,0 +1,97 @@
+"""Textures of a layer: their images, and texture coordinates that tell which of them they refer to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from zoomout_core.files import ply_columns
+from zoomout_core.surface import Floats, Integers
+
+if TYPE_CHECKING:
+    from pymeshlab import Image, Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Textures:
+    """Textures, laid side by side, so that one coordinate tells both the texture and the place in it.
+
+    The core keeps a face of the target within one island, and so within one texture.
+
+    Attributes:
+        names: by number.
+        images: by name; what the MeshSet does not hold is missing.
+        numbers: (t,) the numbers that are in use, rising; -1 stands for no texture.
+        lowest: smallest u of any texture.
+        width: distance from one texture to the next: whole tiles, and twice what is in use, so that
+            coordinates that are continued beyond an island do not reach the next texture.
+    """
+
+    names: tuple[str, ...]
+    images: dict[str, Image]
+    numbers: Integers
+    lowest: float
+    width: float
+
+    @classmethod
+    def of(cls, names: Sequence[str], images: dict[str, Image], uv: Floats, number: Integers) -> Textures:
+        """Textures whose coordinates (3 m, 2) and numbers, of each triangle (m,), are these."""
+        lowest, highest = float(np.nanmin(uv[:, 0])), float(np.nanmax(uv[:, 0]))
+        return cls(tuple(names), images, np.unique(number), lowest, float(2 * np.ceil(highest - lowest + 1)))
+
+    def laid_out(self, uv: Floats, number: Integers) -> Floats:
+        """(3 m, 2) coordinates that tell the texture, too."""
+        return uv + np.repeat(np.searchsorted(self.numbers, number), 3)[:, None] * [self.width, 0]
+
+    def told_apart(self, laid_out: Floats) -> tuple[Floats, Integers]:
+        """(3 m, 2) coordinates within their textures, and (m,) the numbers of these."""
+        middle = laid_out.reshape(-1, 3, 2)[:, :, 0].mean(axis=1)
+        place = np.nan_to_num(np.floor((middle - self.lowest) / self.width + 0.25))
+        place = np.clip(place, 0, len(self.numbers) - 1).astype(np.int64)
+        return laid_out - np.repeat(place, 3)[:, None] * [self.width, 0], self.numbers[place]
+
+
+def texture_coordinates(mesh: Mesh) -> Floats | None:
+    """(3 m, 2) of the corners of triangles, those of vertices if need be; nothing where all are zero."""
+    if mesh.has_wedge_tex_coord():
+        coordinates = mesh.wedge_tex_coord_matrix()
+    elif mesh.has_vertex_tex_coord():
+        coordinates = mesh.vertex_tex_coord_matrix()[mesh.face_matrix().ravel()]
+    else:
+        return None
+    return coordinates if coordinates.any() else None
+
+
+def texture_numbers(mesh: Mesh) -> tuple[list[str], Integers]:
+    """The names of the textures in order, and (m,) the number of each triangle's: to be had from a file only."""
+    import pymeshlab
+
+    scratch = pymeshlab.MeshSet()  # saving from the mesh's own MeshSet would rename it
+    scratch.add_mesh(mesh)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "textures.ply"
+        scratch.save_current_mesh(str(path), save_textures=False)
+        content = path.read_bytes()
+    header = content.partition(b"end_header")[0].decode("utf-8", errors="replace")
+    names = re.findall(r"^comment TextureFile (.*?)\r?$", header, re.MULTILINE)
+    number = ply_columns(content)["face"].get("texnumber", np.zeros(mesh.face_number()))
+    return names, np.asarray(number, dtype=np.int64)
+
+
+def save_images(textures: Textures, folder: Path) -> list[str]:
+    """Write the images without loss, and return their names, free of what MeshLab cannot read in a PLY file."""
+    names: list[str] = []
+    for name in textures.names:
+        stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(name).stem) or "texture"
+        while f"{stem}.png" in names:
+            stem += "_"
+        names.append(f"{stem}.png")
+        if name in textures.images:
+            textures.images[name].save(str(folder / names[-1]))
+    return names

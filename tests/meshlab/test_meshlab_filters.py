@@ -1,0 +1,290 @@
+"""Filters by their names; and what each does, and refuses."""
+
+import inspect
+
+import numpy as np
+import pymeshlab
+import pytest
+from creature import SOURCE_POSE, TARGET_POSE, creature
+
+import meshlab_filter
+from meshlab_filter import apply_filter, filter_list, print_filter_parameter_list
+from meshlab_filter.catalogue import CATALOGUE
+from meshlab_filter.mesh_data import COMPONENTS, custom_names
+from zoomout_core.surface import MeshError
+
+SIZE = 14.2**0.5
+BY_PAIR = [name for name, row in CATALOGUE.items() if row.parameters[0].name == "sourcemesh"]
+BY_STORED = ["compute_color_by_correspondence", "compute_scalar_by_correspondence_error"]
+
+
+@pytest.fixture(scope="module")
+def source():
+    return creature(0.12, SOURCE_POSE)
+
+
+@pytest.fixture(scope="module")
+def target():
+    return creature(0.14, TARGET_POSE)
+
+
+@pytest.fixture
+def pair(source, target):
+    """Meshes 0 and 1 without any attributes."""
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(source.mesh(), "source")
+    ms.add_mesh(target.mesh(), "target")
+    return ms
+
+
+@pytest.fixture(scope="module")
+def found(source, target):
+    """A pair with a correspondence, the true vertices, and what the filter says; not to be changed."""
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(source.mesh(v_scalar_array=source.rest[:, 0]), "source")
+    ms.add_mesh(target.mesh(), "target")
+    return ms, meshlab_filter.compute_correspondence_by_zoomout(ms)
+
+
+def copy_of(ms):
+    """Another MeshSet with the same meshes and the same custom attributes of vertices."""
+    copied = pymeshlab.MeshSet()
+    for number in range(ms.mesh_number()):
+        mesh = ms.mesh(number)
+        copied.add_mesh(pymeshlab.Mesh(mesh.vertex_matrix(), mesh.face_matrix()), mesh.label())
+        for name in custom_names(ms, number):
+            if name.endswith("barycentric"):
+                values = mesh.vertex_custom_point_attribute_matrix(name)
+                copied.mesh(number).add_vertex_custom_point_attribute(values, name)
+            else:
+                values = mesh.vertex_custom_scalar_attribute_array(name)
+                copied.mesh(number).add_vertex_custom_scalar_attribute(values, name)
+    return copied
+
+
+def everything(ms):
+    """What the meshes of a MeshSet consist of."""
+    state = [ms.mesh_number(), ms.current_mesh_id()]
+    for number in range(ms.mesh_number()):
+        mesh = ms.mesh(number)
+        state += [mesh.label(), mesh.vertex_matrix().tobytes(), mesh.face_matrix().tobytes(), *custom_names(ms, number)]
+        state += [getattr(mesh, c.getter)().tobytes() for c in COMPONENTS if c.is_in(mesh)]
+    return state
+
+
+def test_every_filter_is_listed_and_is_a_function_of_the_package():
+    assert set(CATALOGUE) <= set(filter_list())
+    assert "meshing_close_holes" in filter_list()
+    for name, row in CATALOGUE.items():
+        function = getattr(meshlab_filter, name)
+        assert function.row is row
+        assert list(inspect.signature(function).parameters) == ["ms", *(p.name for p in row.parameters)]
+        assert all(f"{p.name}: {p.meaning}" in function.__doc__ for p in row.parameters)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_parameters_are_printed_with_type_default_and_meaning(name, capsys):
+    print_filter_parameter_list(name)
+    printed = capsys.readouterr().out
+    for parameter in CATALOGUE[name].parameters:
+        assert f"\t{parameter.name} : {parameter.type.label} = " in printed
+        assert parameter.meaning in printed
+
+
+def test_the_parameters_of_native_filters_are_printed_by_pymeshlab(capfd):
+    print_filter_parameter_list("create_sphere")
+    assert "subdiv : int = 3" in capfd.readouterr().out
+
+
+def test_native_filters_are_handed_to_pymeshlab(pair):
+    area = apply_filter(pair, "get_geometric_measures")["surface_area"]
+    assert area == pytest.approx(SIZE**2, rel=0.1)
+    apply_filter(pair, "meshing_decimation_quadric_edge_collapse", targetfacenum=100)
+    assert pair.current_mesh().face_number() <= 100
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "sentence"),
+    [
+        ("nothing", {}, "no filter 'nothing'"),
+        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh 9 among the 2"),
+        ("create_sphere", {"radios": 1}, "radios"),
+        ("create_sphere", {"radius": "wide"}, "create_sphere does not take"),
+        ("transfer_attributes_by_zoomout", {"colours": True}, "no parameter 'colours'"),
+        ("transfer_attributes_by_zoomout", {"colortransfer": 1}, "'colortransfer' is 1: give true or false"),
+        ("transfer_attributes_by_zoomout", {"sourcemesh": 0.5}, "'sourcemesh' is 0.5: give the id"),
+        ("transfer_attributes_by_zoomout", {"initial": "magic"}, "give auto or landmarks or"),
+        ("transfer_attributes_by_zoomout", {"correspondence": "none"}, "none of the attributes"),
+        ("compute_scalar_by_correspondence_error", {"selectabove": 3}, "give a PercentageValue"),
+        ("compute_laplacian_eigenfunctions", {"functions": 5, "show": 5}, "from 0 to 4"),
+        ("compute_laplacian_eigenfunctions", {"functions": 10**6, "show": 1}, "vertices"),
+        ("compute_laplacian_eigenfunctions", {"name": "a b"}, "letters, digits"),
+        ("compute_correspondence_by_zoomout", {"landmarks": "nowhere.txt", "initial": "landmarks"}, "nowhere.txt"),
+    ],
+)
+def test_what_cannot_be_applied_is_said_in_a_sentence_and_changes_nothing(pair, name, parameters, sentence):
+    before = everything(pair)
+    with pytest.raises((ValueError, OSError), match=sentence) as refusal:
+        apply_filter(pair, name, **parameters)
+    assert "\n" not in str(refusal.value)
+    assert everything(pair) == before
+
+
+@pytest.mark.parametrize("name", BY_PAIR)
+@pytest.mark.parametrize("side", ["sourcemesh", "targetmesh"])
+@pytest.mark.parametrize(("mesh_id", "sentence"), [(7, "no mesh 7"), (2, "'points'.* no faces"), (3, "'empty'")])
+def test_wrong_ids_point_clouds_and_empty_meshes_are_refused(pair, name, side, mesh_id, sentence):
+    pair.add_mesh(pymeshlab.Mesh(np.eye(3)), "points")
+    pair.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]])), "empty")
+    pair.apply_filter("set_selection_all")
+    pair.apply_filter("meshing_remove_selected_vertices_and_faces")
+    before = everything(pair)
+    with pytest.raises(MeshError, match=sentence):
+        apply_filter(pair, name, **{side: mesh_id})
+    assert everything(pair) == before
+
+
+@pytest.mark.parametrize("name", BY_STORED)
+def test_filters_on_a_correspondence_want_one(pair, name):
+    before = everything(pair)
+    with pytest.raises(ValueError, match="has no correspondence 'correspondence': find it with"):
+        apply_filter(pair, name)
+    assert everything(pair) == before
+
+
+def test_texture_coordinates_that_are_missing_are_named(pair, found):
+    with pytest.raises(ValueError, match="none of the attributes"):
+        meshlab_filter.transfer_attributes_by_zoomout(pair, colortransfer=False, qualitytransfer=False)
+    ms, _ = found
+    copied = copy_of(ms)
+    copied.mesh(0).add_vertex_custom_scalar_attribute(np.arange(copied.mesh(0).vertex_number(), dtype=float), "number")
+    report = meshlab_filter.transfer_attributes_by_zoomout(
+        copied, customattributes="*", correspondence="correspondence"
+    )
+    assert report["transferred"] == ["number"]
+    assert "Layer 'source' has no texcoord." in report["notes"]
+
+
+def test_a_correspondence_is_stored_on_the_target(found, source, target):
+    ms, report = found
+    mesh = ms.mesh(1)
+    assert ms.mesh_number() == 2
+    np.testing.assert_array_equal(
+        mesh.vertex_custom_scalar_attribute_array("correspondence_triangle"), report["triangle"]
+    )
+    np.testing.assert_array_equal(
+        mesh.vertex_custom_scalar_attribute_array("correspondence_confidence"), report["confidence"]
+    )
+    rest = np.einsum("nc,ncx->nx", report["barycentric"], source.rest[source.faces[report["triangle"]]])
+    assert np.linalg.norm(rest - target.rest, axis=1).mean() / SIZE < 0.03
+    place = np.einsum("nc,ncx->nx", report["barycentric"], source.vertices[source.faces[report["triangle"]]])
+    for i, axis in enumerate("xyz"):
+        stored = mesh.vertex_custom_scalar_attribute_array(f"correspondence_{axis}")
+        np.testing.assert_allclose(stored, place[:, i], atol=1e-12)
+    assert 0 <= report["certainty"] <= 1
+    assert {"origin", "reverses_orientation", "total"} <= set(report["candidates"][0])
+    with pytest.raises(ValueError, match="'correspondence_triangle' already: give another name"):
+        meshlab_filter.compute_correspondence_by_zoomout(ms)
+
+
+def test_a_stored_correspondence_transfers_as_a_new_one_does(found):
+    ms, report = found
+    old = meshlab_filter.transfer_attributes_by_zoomout(ms, correspondence="correspondence")
+    new = meshlab_filter.transfer_attributes_by_zoomout(ms)
+    for first, second in ((old, new),):
+        np.testing.assert_allclose(
+            ms.mesh(first["mesh_id"]).vertex_scalar_array(), ms.mesh(second["mesh_id"]).vertex_scalar_array(), atol=1e-9
+        )
+    np.testing.assert_array_equal(old["confidence"], report["confidence"])
+    assert "correspondence_triangle" in custom_names(ms, old["mesh_id"])
+
+
+def test_a_correspondence_with_another_source_is_refused(found):
+    copied = copy_of(found[0])
+    copied.set_current_mesh(0)
+    copied.apply_filter("compute_coord_by_function", x="x+0.1", y="y", z="z")
+    with pytest.raises(ValueError, match="leads to another source than 'source'"):
+        meshlab_filter.compute_color_by_correspondence(copied)
+
+
+def test_corresponding_places_are_coloured_alike(found, source):
+    ms, report = found
+    copied = copy_of(ms)
+    copied.set_current_mesh(0)
+    meshlab_filter.compute_color_by_correspondence(copied)
+    assert copied.current_mesh_id() == 0
+    place = (source.vertices - source.vertices.min(axis=0)) / np.ptp(source.vertices, axis=0)
+    colors = copied.mesh(0).vertex_color_matrix()
+    np.testing.assert_allclose(colors[:, :3], place, atol=0.5001 / 255)
+    expected = np.einsum("nc,ncx->nx", report["barycentric"], place[source.faces[report["triangle"]]])
+    np.testing.assert_allclose(copied.mesh(1).vertex_color_matrix()[:, :3], expected, atol=0.5001 / 255)
+
+
+def test_the_error_against_the_truth_is_the_distance_to_it(found, source, target):
+    ms, report = found
+    copied = copy_of(ms)
+    true = np.argmin(np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2), axis=1)
+    copied.mesh(1).add_vertex_custom_scalar_attribute(true.astype(float), "true")
+    said = meshlab_filter.compute_scalar_by_correspondence_error(
+        copied, truth="true", selectabove=pymeshlab.PercentageValue(2)
+    )
+    image = np.einsum("nc,ncx->nx", report["barycentric"], source.vertices[source.faces[report["triangle"]]])
+    error = np.linalg.norm(image - source.vertices[true], axis=1)
+    np.testing.assert_allclose(said["error"], error, atol=1e-9)
+    np.testing.assert_allclose(copied.mesh(1).vertex_scalar_array(), error, atol=1e-9)
+    diagonal = np.linalg.norm(np.ptp(target.vertices, axis=0))
+    selected = copied.mesh(1).vertex_selection_array()
+    np.testing.assert_array_equal(selected, error > 0.02 * diagonal)
+    assert selected.any()
+    assert said["median"] <= said["percentile_95"]
+    with pytest.raises(ValueError, match="attribute 'correspondence_confidence'"):
+        meshlab_filter.compute_scalar_by_correspondence_error(copied, truth="correspondence_confidence", name="other")
+
+
+def test_the_way_back_finds_what_is_off(found, target):
+    """The images of one limb's tip are swapped for others': going there and back shows it."""
+    copied = copy_of(found[0])
+    mesh = copied.mesh(1)
+    tip = target.rest[:, 1] > 1.5
+    spoilt = {}
+    for part in ("triangle", "x", "y", "z", "confidence"):
+        spoilt[part] = mesh.vertex_custom_scalar_attribute_array(f"correspondence_{part}")
+    spoilt["barycentric"] = mesh.vertex_custom_point_attribute_matrix("correspondence_barycentric")
+    elsewhere = np.argmin(target.rest[:, 1])
+    for values in spoilt.values():
+        values[tip] = values[elsewhere]
+    for part, values in spoilt.items():
+        add = mesh.add_vertex_custom_scalar_attribute if values.ndim == 1 else mesh.add_vertex_custom_point_attribute
+        add(values, f"spoilt_{part}")
+    error = meshlab_filter.compute_scalar_by_correspondence_error(copied, correspondence="spoilt")["error"]
+    assert np.median(error[tip]) / SIZE > 0.3
+    assert np.median(error[~tip]) / SIZE < 0.05
+
+
+def test_eigenfunctions_become_attributes_and_quality(pair, target):
+    said = meshlab_filter.compute_laplacian_eigenfunctions(pair, functions=6, show=2)
+    assert said["eigenvalues"].shape == (6,)
+    assert said["eigenvalues"][0] == pytest.approx(0, abs=1e-6)
+    assert (np.diff(said["eigenvalues"]) > 0).all()
+    mesh = pair.current_mesh()
+    second = mesh.vertex_custom_scalar_attribute_array("eigenfunction_2")
+    np.testing.assert_array_equal(mesh.vertex_scalar_array(), second)
+    assert np.ptp(mesh.vertex_custom_scalar_attribute_array("eigenfunction_0")) < 1e-3 * np.ptp(second)
+    assert not pair.mesh(0).vertex_scalar_array().any()
+    before = everything(pair)
+    with pytest.raises(ValueError, match="'eigenfunction_0' already"):
+        meshlab_filter.compute_laplacian_eigenfunctions(pair)
+    assert everything(pair) == before
+
+
+def test_the_target_takes_on_the_shape_of_the_source(found, source, target):
+    copied = copy_of(found[0])
+    conformed = meshlab_filter.apply_conform_by_zoomout(copied, correspondence="correspondence")
+    mesh = copied.mesh(conformed["mesh_id"])
+    assert mesh.label() == "target_conformed"
+    np.testing.assert_array_equal(mesh.face_matrix(), target.faces)
+    true = np.argmin(np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2), axis=1)
+    off = np.linalg.norm(mesh.vertex_matrix() - source.vertices[true], axis=1) / SIZE
+    before = np.linalg.norm(target.vertices - source.vertices[true], axis=1) / SIZE
+    assert np.mean(off) < 0.2 * np.mean(before)
+    np.testing.assert_array_equal(copied.mesh(1).vertex_matrix(), target.vertices)
