@@ -1,4 +1,4 @@
-"""The filters on files: `python -m meshlab_filter transfer SOURCE TARGET -o OUT.ply`."""
+"""The filters on files: `python -m meshlab_filter transfer SOURCE TARGET -o OUT.ply`, and scripts of them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meshlab_filter.filters import transfer_attributes_by_zoomout
+from meshlab_filter.mesh_data import custom_in_ply
+from meshlab_filter.script import read_script, run_script_steps
 from zoomout_core.cli import DETAIL, match_options, start_arguments, with_progress_bar
 from zoomout_core.surface import MeshError
 
@@ -54,14 +56,44 @@ def transfer(source: str, target: str, output: str, candidate: int, **options: A
     click.echo(f"Written to {output}")
 
 
+@main.command()
+@click.argument("script", type=click.Path())
+@click.argument("inputs", nargs=-1, required=True, type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The mesh file to write.")
+def run(script: str, inputs: tuple[str, ...], output: str) -> None:
+    """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current in the end.
+
+    The script may mix the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
+    current.
+    """
+    try:
+        _check_folder(output)
+        read_script(script)
+        ms = _loaded(*inputs)
+        reports = with_progress_bar(run_script_steps(ms, script))
+        if ms.mesh_number() == 0:
+            raise MeshError("No mesh is left to write: keep one.")
+        _save(ms, output)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    for report in reports:
+        for note in report.get("notes", ()):
+            click.echo(f"Line {report['line']}, {report['name']}: {note}")
+    click.echo(f"Written to {output}")
+
+
 def _kept_in(output: str) -> set[str]:
     """What the format of the output can hold; said before the work begins, not after."""
     path = Path(output)
     if path.suffix.lower() not in FORMATS:
         raise MeshError(f"{output} ends in '{path.suffix}': choose {' or '.join(FORMATS)}, which can hold the results.")
-    if not path.parent.is_dir():
-        raise MeshError(f"There is no folder {path.parent}: create it, or write elsewhere.")
+    _check_folder(output)
     return FORMATS[path.suffix.lower()]
+
+
+def _check_folder(output: str) -> None:
+    if not Path(output).parent.is_dir():
+        raise MeshError(f"There is no folder {Path(output).parent}: create it, or write elsewhere.")
 
 
 def _loaded(*paths: str) -> MeshSet:
@@ -83,10 +115,12 @@ def _loaded(*paths: str) -> MeshSet:
 
 
 def _save(ms: MeshSet, output: str) -> None:
+    """Write the current mesh; to PLY with its custom attributes, which other programs can read, not MeshLab."""
     from pymeshlab import PyMeshLabException
 
+    custom = dict.fromkeys(custom_in_ply(ms), True) if Path(output).suffix.lower() == ".ply" else {}
     try:
-        ms.save_current_mesh(output)
+        ms.save_current_mesh(output, **custom)
     except PyMeshLabException as error:
         raise MeshError(f"{output} could not be written ({' '.join(str(error).split())}): write elsewhere.") from error
 

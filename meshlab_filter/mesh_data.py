@@ -178,9 +178,9 @@ def custom_names(ms: MeshSet, mesh_id: int) -> list[str]:
     check_mesh(ms, mesh_id)
     current = ms.current_mesh_id()
     ms.set_current_mesh(mesh_id)
-    offered = ms.filter_parameter_values("ply")
+    offered = custom_in_ply(ms)
     ms.set_current_mesh(current)
-    names = dict.fromkeys(key.split("__", 2)[2] for key in offered if key.startswith(IN_PLY))
+    names = dict.fromkeys(key.split("__", 2)[2] for key in offered)
     return [name for name in names if _those_of(ms.mesh(mesh_id), name)]
 
 
@@ -199,6 +199,11 @@ def attribute_values(mesh: Mesh, name: str) -> Floats:
         if attribute.domain is Domain.POINT:
             return np.asarray(attribute.values)
     raise MeshError(f"Layer '{mesh.label()}' has the custom attribute '{name}' for faces only: check the name.")
+
+
+def custom_in_ply(ms: MeshSet) -> list[str]:
+    """The parameters by which pymeshlab writes the current mesh's custom attributes to a PLY file."""
+    return [name for name in ms.filter_parameter_values("ply") if name.startswith(IN_PLY)]
 
 
 def _those_of(mesh: Mesh, name: str) -> list[Attribute]:

@@ -1,0 +1,237 @@
+"""MeshLab's filter scripts (`.mlx`), with this project's filters among MeshLab's own.
+
+A script is a list of filters with their parameters in XML. Those that the desktop program saves call filters as its
+menus do ("Simplification: Quadric Edge Collapse Decimation"); pymeshlab runs these, one at a time. Filters may be
+called by pymeshlab's names, too. The whole script is read and checked before the first filter runs, but for what only
+pymeshlab knows: whether there is a filter of a name from the menus.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+from xml.sax import SAXParseException, parseString
+from xml.sax.handler import ContentHandler
+from xml.sax.saxutils import quoteattr
+
+from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh
+from meshlab_filter.parameters import OTHER_RICH, RICH_TYPES, Parameter
+from zoomout_core.progress import Progress, Steps, within
+from zoomout_core.surface import MeshError
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+# What pymeshlab says of a filter that it does not know.
+UNKNOWN = "Something really bad happened"
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """An XML element of a script: a filter, or a parameter.
+
+    Attributes:
+        tag: its name.
+        line: where it begins, from 1.
+        attributes: by name.
+        inside: the elements in it.
+    """
+
+    tag: str
+    line: int
+    attributes: dict[str, str]
+    inside: list[Element] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """A filter that a script calls.
+
+    Attributes:
+        element: what stands in the script.
+        values: of the parameters by name, read; of filters from the menus they are as in the script.
+        meshes: those of the values that are ids of meshes.
+    """
+
+    element: Element
+    values: dict[str, Any]
+    meshes: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """The filter's name."""
+        return self.element.attributes["name"]
+
+
+def read_script(path: str | Path) -> list[Call]:
+    """The filters that a script calls, in order.
+
+    Raises:
+        MeshError: it is no script, or a filter of this project or a value is wrong; the message names the line.
+        OSError: the file cannot be read.
+    """
+    reader = _Reader()
+    try:
+        parseString(Path(path).read_bytes(), reader)
+    except SAXParseException as error:
+        raise MeshError(f"Line {error.getLineNumber()} of {path} is no XML: {error.getMessage()}.") from None
+    root = reader.root
+    if root.tag != "FilterScript":
+        raise MeshError(
+            f"Line {root.line} of {path} begins a {root.tag}, where a FilterScript should: give a .mlx file."
+        )
+    return [_call(path, element) for element in root.inside]
+
+
+def run_script_steps(ms: MeshSet, path: str | Path) -> Steps[list[dict[str, Any]]]:
+    """Run a script on a MeshSet; returns what each filter gives, with its `name` and `line`.
+
+    Raises:
+        MeshError: the script is wrong, or a filter cannot be applied; the message names the line. Filters before it
+            have been applied.
+        OSError: the file cannot be read.
+    """
+    calls = read_script(path)
+    reports = []
+    for number, call in enumerate(calls):
+        yield Progress(number / len(calls), call.name)
+        steps = _at_line(path, call.element, _started, ms, call)
+        try:
+            report = yield from within(steps, number / len(calls), (number + 1) / len(calls))
+        except (ValueError, OSError) as error:
+            raise _placed(path, call.element, error) from error
+        reports.append({"name": call.name, "line": call.element.line, **report})
+    return reports
+
+
+class _Reader(ContentHandler):
+    """Builds the tree of elements, with their lines."""
+
+    root: Element
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._open: list[Element] = []
+        self._locator: Any = None
+
+    def setDocumentLocator(self, locator: Any) -> None:  # noqa: N802  the name that the parser calls
+        self._locator = locator
+
+    def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802
+        element = Element(name, self._locator.getLineNumber(), dict(attrs.items()))
+        if self._open:
+            self._open[-1].inside.append(element)
+        else:
+            self.root = element
+        self._open.append(element)
+
+    def endElement(self, name: str) -> None:  # noqa: N802
+        self._open.pop()
+
+
+def _at_line(path: str | Path, element: Element, function: Any, *arguments: Any) -> Any:
+    """What a function gives; where it fails, the message names the element's line."""
+    try:
+        return function(*arguments)
+    except (ValueError, OSError) as error:
+        raise _placed(path, element, error) from error
+
+
+def _placed(path: str | Path, element: Element, error: Exception) -> MeshError:
+    return MeshError(f"Line {element.line} of {path}: {error}")
+
+
+def _call(path: str | Path, element: Element) -> Call:
+    _at_line(path, element, _check_filter, element)
+    row = CATALOGUE.get(element.attributes["name"])
+    read = [_at_line(path, child, _value, child, row) for child in element.inside]
+    meshes = [
+        value for child, (_, value) in zip(element.inside, read, strict=True) if child.attributes["type"] == "RichMesh"
+    ]
+    return Call(element, dict(read), tuple(meshes))
+
+
+def _check_filter(element: Element) -> None:
+    if element.tag != "filter":
+        raise MeshError(
+            f"there is a {element.tag} where a filter should be: save the script with MeshLab 2022 or later."
+        )
+    if not element.attributes.get("name"):
+        raise MeshError("the filter has no name: give one.")
+
+
+def _value(child: Element, row: Filter | None) -> tuple[str, Any]:
+    """The name and the value of a parameter."""
+    missing = [name for name in ("name", "type", "value") if name not in child.attributes]
+    name, rich = child.attributes.get("name", ""), child.attributes.get("type", "")
+    if child.tag != "Param":
+        raise MeshError(f"there is a {child.tag} where a Param should be: correct it.")
+    if rich in OTHER_RICH and row is None:
+        return name, None  # several attributes hold the value, and pymeshlab reads them
+    if missing:
+        raise MeshError(f"the parameter '{name}' has no {' and no '.join(missing)}: give it.")
+    if rich not in RICH_TYPES:
+        raise MeshError(f"'{name}' is of the type {rich}, which is none: give one of {', '.join(RICH_TYPES)}.")
+    if row is None:
+        return name, Parameter(name, RICH_TYPES[rich], None, "").read(child.attributes["value"])
+    for parameter in row.parameters:
+        if parameter.name == name:
+            if rich not in parameter.type.rich:
+                raise MeshError(f"'{name}' is of the type {rich}: give it as {' or '.join(parameter.type.rich)}.")
+            return name, parameter.read(child.attributes["value"])
+    known = ", ".join(parameter.name for parameter in row.parameters)
+    raise MeshError(f"the filter {row.name} has no parameter '{name}': it has {known}.")
+
+
+def _started(ms: MeshSet, call: Call) -> Steps[dict[str, Any]]:
+    """A call as steps, once the meshes that it names are known to be there."""
+    for mesh_id in call.meshes:
+        check_mesh(ms, mesh_id)
+    if call.name in CATALOGUE:
+        return CATALOGUE[call.name].run(ms, **call.values)
+    return _native_steps(ms, call)
+
+
+def _native_steps(ms: MeshSet, call: Call) -> Steps[dict[str, Any]]:
+    """A filter of MeshLab's, in a single step."""
+    import pymeshlab
+
+    yield Progress(0.0, call.name)
+    if ms.mesh_number() == 0:  # pymeshlab would end the process
+        raise MeshError("there is no mesh left to apply a filter to: keep one.")
+    if call.name in pymeshlab.filter_list():
+        if None in call.values.values():
+            raise MeshError(f"'{call.name}' has a parameter that is read only if it is called as in MeshLab's menus.")
+        return apply_filter(ms, call.name, **call.values)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "filter.mlx"
+        path.write_text(_script_of(call.element), encoding="utf-8")
+        ms.load_filter_script(str(path))
+    try:
+        ms.apply_filter_script()
+    except (pymeshlab.PyMeshLabException, RuntimeError) as error:
+        said = " ".join(str(error).split())
+        if said.startswith(UNKNOWN):
+            raise MeshError(f"neither MeshLab nor this project has a filter '{call.name}': check the name.") from error
+        raise MeshError(
+            f"MeshLab could not apply '{call.name}' ({said}): check its parameters and the mesh."
+        ) from error
+    finally:
+        ms.clear_filter_script()
+    return {}
+
+
+def _script_of(element: Element) -> str:
+    """A script of one filter, as it stands in a longer one."""
+    lines = ["<!DOCTYPE FilterScript>", "<FilterScript>", f"<filter {_attributes(element)}>"]
+    lines += [f"<Param {_attributes(child)}/>" for child in element.inside]
+    return "\n".join([*lines, "</filter>", "</FilterScript>"])
+
+
+def _attributes(element: Element) -> str:
+    # Control characters, such as the line breaks in tooltips, are kept by their numbers.
+    pairs = (f"{name}={quoteattr(value)}" for name, value in element.attributes.items())
+    return re.sub(r"[\n\r\t]", lambda found: f"&#{ord(found[0])};", " ".join(pairs))

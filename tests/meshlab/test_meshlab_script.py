@@ -1,0 +1,175 @@
+"""Filter scripts: saved by MeshLab, written by hand, and wrong."""
+
+import numpy as np
+import pymeshlab
+import pytest
+from click.testing import CliRunner
+from creature import SOURCE_POSE, TARGET_POSE, creature
+
+from meshlab_filter.__main__ import main
+from meshlab_filter.script import read_script, run_script_steps
+from zoomout_core.files import ply_columns
+from zoomout_core.progress import drain
+
+HEAD = "<!DOCTYPE FilterScript>\n<FilterScript>\n"  # so that a filter begins in line 3
+SIZE = 14.2**0.5
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    """A source of which the vertices' quality is the rest position's x, and a target; as files."""
+    folder = tmp_path_factory.mktemp("meshes")
+    source, target = creature(0.12, SOURCE_POSE), creature(0.14, TARGET_POSE)
+    for name, mesh in (("source", source.mesh(v_scalar_array=source.rest[:, 0])), ("target", target.mesh())):
+        ms = pymeshlab.MeshSet()
+        ms.add_mesh(mesh)
+        ms.save_current_mesh(str(folder / f"{name}.ply"))
+    return folder / "source.ply", folder / "target.ply"
+
+
+def loaded(meshes):
+    ms = pymeshlab.MeshSet()
+    for path in meshes:
+        ms.load_new_mesh(str(path))
+    return ms
+
+
+def script(folder, body):
+    path = folder / "script.mlx"
+    path.write_text(f"{HEAD}{body}\n</FilterScript>\n")
+    return path
+
+
+def param(name, rich, value):
+    return f'  <Param name="{name}" type="{rich}" value="{value}"/>\n'
+
+
+def test_a_script_that_meshlab_saved_does_what_it_did(meshes, tmp_path):
+    """Absolute percentages, enumerations, whole numbers, switches, expressions and line breaks in tooltips."""
+    made = loaded(meshes)
+    made.apply_filter("meshing_surface_subdivision_midpoint", iterations=1, threshold=pymeshlab.PercentageValue(3))
+    made.apply_filter("compute_scalar_by_function_per_vertex", q="x<0 ? 1 : y")
+    made.apply_filter("compute_scalar_by_discrete_curvature_per_vertex", curvaturetype="Gaussian Curvature")
+    made.apply_filter("meshing_decimation_quadric_edge_collapse", targetfacenum=900, preservetopology=True)
+    made.apply_filter("transfer_attributes_per_vertex", sourcemesh=0, targetmesh=1, qualitytransfer=True)
+    made.save_filter_script(str(tmp_path / "saved.mlx"))
+    ms = loaded(meshes)
+    reports = drain(run_script_steps(ms, tmp_path / "saved.mlx"))
+    assert len(reports) == 5
+    np.testing.assert_allclose(ms.current_mesh().vertex_matrix(), made.current_mesh().vertex_matrix(), atol=1e-6)
+    np.testing.assert_array_equal(ms.current_mesh().face_matrix(), made.current_mesh().face_matrix())
+    np.testing.assert_allclose(ms.mesh(1).vertex_scalar_array(), made.mesh(1).vertex_scalar_array(), atol=1e-6)
+
+
+MIXED = (
+    '<filter name="compute_correspondence_by_zoomout">\n'
+    + param("sourcemesh", "RichMesh", 0)
+    + param("targetmesh", "RichMesh", 1)
+    + param("detail", "RichEnum", 0)
+    + param("seed", "RichInt", 3)
+    + '</filter>\n<filter name="transfer_attributes_by_zoomout">\n'
+    + param("colortransfer", "RichBool", "false")
+    + param("correspondence", "RichString", "correspondence")
+    + '</filter>\n<filter name="compute_scalar_by_correspondence_error">\n'
+    + param("selectabove", "RichAbsPerc", 0.5)
+    + '</filter>\n<filter name="Per Vertex Quality Function">\n'
+    + param("q", "RichString", "q * 2")
+    + '</filter>\n<filter name="meshing_surface_subdivision_midpoint">\n'
+    + param("iterations", "RichInt", 1)
+    + param("threshold", "RichAbsPerc", 0)
+    + "</filter>"
+)
+
+
+def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
+    output = tmp_path / "out.ply"
+    ran = CliRunner().invoke(main, ["run", str(script(tmp_path, MIXED)), *map(str, meshes), "-o", str(output)])
+    assert ran.exit_code == 0, ran.output
+    assert "Line 9, transfer_attributes_by_zoomout: Layer 'source.ply' has no texcoord." in ran.output
+    target = creature(0.14, TARGET_POSE)
+    vertex = ply_columns(output.read_bytes())["vertex"]
+    assert len(vertex["quality"]) > 3 * len(target.rest)
+    error = np.abs(vertex["quality"][: len(target.rest)] / 2 - target.rest[:, 0]) / SIZE
+    assert error.mean() < 0.03
+    assert vertex["correspondence_confidence"].max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("body", "sentence"),
+    [
+        ('<filter name="Sphere">', "Line 4 of .* is no XML"),
+        ('<xmlfilter name="Sphere"/>', "Line 3 of .*there is a xmlfilter where a filter should be"),
+        ("<filter/>", "Line 3 of .*the filter has no name"),
+        ('<filter name="Nothing"/>', "Line 3 of .*neither MeshLab nor this project has a filter 'Nothing'"),
+        (
+            '<filter name="Sphere">\n' + param("subdiv", "RichInt", "many") + "</filter>",
+            "Line 4 of .*'subdiv' is 'many': give a whole number",
+        ),
+        (
+            '<filter name="Sphere">\n' + param("radius", "RichLong", 1) + "</filter>",
+            "Line 4 of .*RichLong, which is none",
+        ),
+        ('<filter name="Sphere">\n <Param name="radius" type="RichFloat"/></filter>', "Line 4 of .*has no value"),
+        (
+            '<filter name="Vertex Attribute Transfer">\n' + param("SourceMesh", "RichMesh", 5) + "</filter>",
+            "Line 3 of .*no mesh 5 among the 2",
+        ),
+        (
+            '<filter name="Delete ALL Faces"/>\n<filter name="Simplification: Quadric Edge Collapse Decimation"/>',
+            "Line 4 of .*could not apply 'Simplification: Quadric Edge Collapse Decimation'",
+        ),
+        (
+            '<filter name="transfer_attributes_by_zoomout">\n\n' + param("colour", "RichBool", "true") + "</filter>",
+            "Line 5 of .*has no parameter 'colour': it has sourcemesh",
+        ),
+        (
+            '<filter name="transfer_attributes_by_zoomout">\n' + param("initial", "RichEnum", 7) + "</filter>",
+            "Line 4 of .*'initial' is '7': give auto or",
+        ),
+        (
+            '<filter name="transfer_attributes_by_zoomout">\n' + param("seed", "RichFloat", 7) + "</filter>",
+            "Line 4 of .*'seed' is of the type RichFloat: give it as RichInt",
+        ),
+        (
+            '<filter name="compute_scalar_by_correspondence_error">\n'
+            + param("targetmesh", "RichMesh", 1)
+            + "</filter>",
+            "Line 3 of .*has no correspondence",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence_with_its_line(meshes, tmp_path, body, sentence):
+    path = script(tmp_path, body)
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        drain(run_script_steps(loaded(meshes), path))
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_wrong_line_is_found_before_the_first_filter_runs(meshes, tmp_path):
+    body = '<filter name="Delete ALL Faces"/>\n<filter name="compute_color_by_correspondence">\n'
+    path = script(tmp_path, body + param("sourcemesh", "RichMesh", "first") + "</filter>")
+    with pytest.raises(ValueError, match=r"Line 5 of .*'sourcemesh' is 'first'"):
+        read_script(path)
+    output = tmp_path / "out.ply"
+    ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(output)])
+    assert ran.exit_code == 1
+    (line,) = [line for line in ran.output.splitlines() if line.startswith("Error:")]
+    assert "Line 5" in line
+    assert not output.exists()
+
+
+def test_a_script_that_leaves_no_mesh_says_so(meshes, tmp_path):
+    path = script(tmp_path, '<filter name="delete_current_mesh"/>\n' * 3)
+    with pytest.raises(ValueError, match=r"Line 5 of .*no mesh left"):
+        drain(run_script_steps(loaded(meshes), path))
+    path = script(tmp_path, '<filter name="delete_current_mesh"/>\n' * 2)
+    ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(tmp_path / "a.ply")])
+    assert ran.exit_code == 1
+    assert "Error: No mesh is left to write" in ran.output
+
+
+def test_a_folder_that_is_not_there_is_named_first(meshes, tmp_path):
+    path = script(tmp_path, "")
+    ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(tmp_path / "nowhere" / "a.ply")])
+    assert ran.exit_code == 1
+    assert "no folder" in ran.output
