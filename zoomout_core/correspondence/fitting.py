@@ -24,9 +24,9 @@ from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, NORMAL_WEIGHT, l
 from zoomout_core.correspondence.proxy import Proxy, carried
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import project_to_embedding
+from zoomout_core.projection import closest_points, project_to_embedding
 from zoomout_core.rotations import nearest_rotations
-from zoomout_core.surface import Booleans, Floats, Integers
+from zoomout_core.surface import Booleans, Floats, Integers, triangle_normals
 
 # A vertex moves with so many nodes.
 NEAREST_NODES = 5
@@ -75,6 +75,10 @@ WORSE, ALLOWANCE, POOLING = 2.0, 0.02, 0.03
 # A rigid motion is sought in so many rounds; it lays a part into the source where that is nearer than this, at unit
 # area, for at least this part of the surroundings.
 RIGID_ROUNDS, SLIDING, COINCIDING, MOSTLY = 10, 0.02, 0.006, 0.8
+# On the full meshes so many rounds make it exact, if it takes at least this part of the vertices where they are to go.
+SETTLING_ROUNDS, FEWEST_SETTLED = 4, 0.2
+# Two meshes of one surface are no farther apart than this, at unit area.
+FLUSH = 5e-4
 # A vertex of a fine mesh is not brought to what is farther than this, at unit area, from the stand-in's image.
 ELSEWHERE = 0.03
 
@@ -338,7 +342,7 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy) -> SurfaceMap:
     Each vertex of the target's part moves along with its place on the stand-in, and takes the closest point of the
     source's part, unless that is far from where the map between the stand-ins leads: on something that touches.
     """
-    if source.mesh is source.full and target.mesh is target.full:
+    if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
     place, images = target.place, carried(fit.surface_map, source, target)
     fits = fit.fits[target.mesh.triangles[place.triangle]].all(axis=1)
@@ -348,11 +352,66 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy) -> SurfaceMap:
     bent = on.interpolate(fit.positions) + np.einsum("nij,nj->ni", on.interpolate(fit.rotations), off)
     goal = images.copy()
     goal[fits] = image_centre + image_size * bent
-    found = source.closest(goal)
+    settled = goal.copy()
+    settled[fits] = _settled(goal[fits], target.full.vertices[fits], source)
+    found = source.closest(settled)
+    loose = (settled != goal).any(axis=1)
+    loose &= np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > FLUSH
+    found = _replaced(found, loose, source.closest(goal[loose]))
     elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > ELSEWHERE
-    again = source.closest(images[elsewhere])
-    found.triangle[elsewhere], found.barycentric[elsewhere] = again.triangle, again.barycentric
-    return found
+    return _replaced(found, elsewhere, source.closest(images[elsewhere]))
+
+
+def _replaced(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceMap:
+    """A map with other images for some vertices (n,)."""
+    triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
+    triangle[at], barycentric[at] = by.triangle, by.barycentric
+    return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
+
+
+def _settled(goal: Floats, points: Floats, source: Proxy) -> Floats:
+    """Where points are to go (n, 3), made exact for those that a single similarity takes there.
+
+    A stand-in lies off its mesh by more than two meshes of one surface differ, so where most of a body has not moved
+    against the rest, only the full meshes tell exactly how it lies.
+
+    Args:
+        goal: (n, 3) in the frame of the source's part.
+        points: (n, 3) in that of the target's.
+        source: the mesh to lie on.
+    """
+    if len(points) < FEWEST_VERTICES:
+        return goal
+    at = np.linspace(0, len(points) - 1, min(len(points), 2 * PLACES)).astype(int)
+    motion, shift = np.eye(3), np.zeros(3)
+    trust = np.ones(len(at))
+    for _ in range(RIGID_ROUNDS):
+        share = trust / trust.sum()
+        centre, goal_centre = share @ points[at], share @ goal[at]
+        offsets, goals = points[at] - centre, goal[at] - goal_centre
+        turn = nearest_rotations(goals.T @ (share[:, None] * offsets))
+        size = (share @ np.einsum("nx,nx->n", goals, offsets @ turn.T)) / (share @ (offsets**2).sum(axis=1))
+        motion, shift = size * turn, goal_centre - size * turn @ centre
+        trust = 1 / (1 + (np.linalg.norm(points[at] @ motion.T + shift - goal[at], axis=1) / COINCIDING) ** 2) ** 2
+    mesh = source.full
+    for _ in range(SETTLING_ROUNDS):
+        placed = points[at] @ motion.T + shift
+        near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDING)
+        if len(near) < FEWEST_SETTLED * len(at):
+            return goal
+        found = SurfaceMap(*closest_points(placed[near], mesh.vertices, mesh.triangles), mesh.triangles)
+        normals = triangle_normals(mesh.vertices, mesh.triangles[found.triangle])
+        misses = np.einsum("nx,nx->n", normals, found.interpolate(mesh.vertices) - placed[near])
+        away = placed[near] - placed[near].mean(axis=0)
+        columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
+        change = np.linalg.lstsq(np.hstack(columns), misses, rcond=None)[0]
+        grown = (1 + change[3]) * Rotation.from_rotvec(change[:3]).as_matrix()
+        middle = placed[near].mean(axis=0)
+        motion, shift = grown @ motion, grown @ (shift - middle) + middle + change[4:]
+    if np.median(np.abs(misses)) > FLUSH:
+        return goal
+    placed = points @ motion.T + shift
+    return np.where((np.linalg.norm(placed - goal, axis=1) < COINCIDING)[:, None], placed, goal)
 
 
 def _unmoved(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
 
+import zoomout_core as zo
 from zoomout_core.correspondence.fitting import Fit, fit_steps, lifted_fit
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
@@ -86,3 +87,15 @@ def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
     )
     assert moved.max() < 1e-6
     assert unfitted.mean() > 1e-4
+
+
+def test_the_same_shape_elsewhere_is_matched_exactly() -> None:
+    source = creature(6000).surface
+    order = np.random.default_rng(0).permutation(len(source.vertices))
+    number = np.argsort(order)
+    turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    target = Surface(3 * source.vertices[order] @ turn.T + 5, number[source.triangles])
+    result = zo.match(source, target)
+    off = np.linalg.norm(result.surface_map.interpolate(source.vertices) - source.vertices[order], axis=1)
+    assert np.percentile(off, 99) < 1e-4 * np.sqrt(source.area)
