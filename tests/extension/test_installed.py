@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from collections import Counter
 from pathlib import Path
 
 import addon_utils
@@ -36,6 +37,9 @@ with zipfile.ZipFile(ARCHIVE) as opened:
     WHEELS = [name for name in opened.namelist() if name.endswith(".whl")]
 
 EXTENSION = f"bl_ext.user_default.{MANIFEST['id']}"
+
+# What the shape key does to the source.
+TALL = np.array([1, 1, 1.5], np.float32)
 
 # Opens the saved file in a new process, and transfers along the match that was kept. It ends as conftest.py does.
 LATER = """
@@ -89,10 +93,12 @@ def give_data(source):
     add_attribute(source.data, "Height", "FLOAT", "POINT", points[:, 2])
     source.data.materials.append(new_material("Skin"))
     source.shape_key_add(name="Basis")
-    source.shape_key_add(name="Tall").data[int(points[:, 2].argmax())].co.z += 0.1
+    tall = source.shape_key_add(name="Tall")
+    tall.data.foreach_set("co", (points * TALL).ravel())
+    tall.value = 0  # in Blender 5.0 and newer it begins at 1
+    upper = Counter(key for face in source.data.polygons if face.center.z > 0.1 for key in face.edge_keys)
     for edge in source.data.edges:
-        upper = points[list(edge.vertices), 2] > 0.1
-        edge.use_seam = edge.use_edge_sharp = bool(upper.any() and not upper.all())
+        edge.use_edge_sharp = upper[edge.key] == 1
     source.data.normals_split_custom_set_from_vertices(points / np.linalg.norm(points, axis=1)[:, None])
 
 
@@ -166,6 +172,15 @@ def assert_arrived(source, target):
     np.testing.assert_allclose(values(target.data, "Paint")[:, 0], smooth(points), atol=0.05)
     np.testing.assert_allclose(values(target.data, "Height"), points[:, 2], atol=0.05)
     assert list(target.data.materials) == [bpy.data.materials["Skin"]]
+    tall = np.array([vertex.co for vertex in target.data.shape_keys.key_blocks["Tall"].data])
+    np.testing.assert_allclose(tall, points * TALL, atol=0.05)
+    lines = {frozenset(order[list(edge)]) for edge in sharp_edges(target.data)}
+    truth = {frozenset(edge) for edge in sharp_edges(source.data)}
+    assert len(lines & truth) > 0.9 * len(lines | truth) > 0
+
+
+def sharp_edges(mesh):
+    return [edge.key for edge in mesh.edges if edge.use_edge_sharp]
 
 
 def test_a_match_outlives_saving_reopening_and_a_new_process(pair, tmp_path):
