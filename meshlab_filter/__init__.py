@@ -20,6 +20,7 @@ from meshlab_filter.filters import (
     compute_correspondence_by_zoomout,
     compute_laplacian_eigenfunctions,
     compute_scalar_by_correspondence_error,
+    compute_symmetry_by_zoomout,
     transfer_attributes_by_zoomout,
 )
 
@@ -30,6 +31,7 @@ __all__ = [
     "compute_correspondence_by_zoomout",
     "compute_laplacian_eigenfunctions",
     "compute_scalar_by_correspondence_error",
+    "compute_symmetry_by_zoomout",
     "filter_list",
     "print_filter_parameter_list",
     "transfer_attributes_by_zoomout",

@@ -7,6 +7,7 @@ from meshlab_filter.filters.correspondence import (
     compute_scalar_by_correspondence_error,
 )
 from meshlab_filter.filters.spectrum import compute_laplacian_eigenfunctions
+from meshlab_filter.filters.symmetry import compute_symmetry_by_zoomout
 from meshlab_filter.filters.transfer import transfer_attributes_by_zoomout
 
 __all__ = [
@@ -15,5 +16,6 @@ __all__ = [
     "compute_correspondence_by_zoomout",
     "compute_laplacian_eigenfunctions",
     "compute_scalar_by_correspondence_error",
+    "compute_symmetry_by_zoomout",
     "transfer_attributes_by_zoomout",
 ]

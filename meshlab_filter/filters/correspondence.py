@@ -184,7 +184,7 @@ def apply_conform_by_zoomout(
         found = yield from within(match_steps(source, target, **matching), 0.0, 0.95)
         report = report_on(found)
     yield Progress(0.95, "Bending the target")
-    vertices = found.surface_map.interpolate(source.surface.vertices)
+    vertices = zo.conform(found, source.surface, target.surface)
     new = replace(
         target,
         label=f"{target.label}_conformed",

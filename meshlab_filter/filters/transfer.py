@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, match_steps, report_on
@@ -13,13 +15,14 @@ from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, c
 from meshlab_filter.parameters import DATA, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.progress import Progress, Steps, within
-from zoomout_core.transfer import Attribute, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
 # What MeshLab calls the image that it shows in place of one that it cannot read.
 DUMMY = "dummy.png"
+NORMAL = "vertex_normal"
 # Stands for all custom attributes of the source.
 ALL = "*"
 
@@ -73,7 +76,6 @@ def transfer_attributes_by_zoomout(
         "face_color": colortransfer,
         "vertex_scalar": qualitytransfer,
         "face_scalar": qualitytransfer,
-        "vertex_normal": normaltransfer,
         "vertex_selection": selectiontransfer,
         "face_selection": selectiontransfer,
     }
@@ -81,6 +83,8 @@ def transfer_attributes_by_zoomout(
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     missing = [] if TEXCOORD in source.components or not texcoordtransfer else [TEXCOORD]
     source = replace(source, components={name: a for name, a in source.components.items() if wanted[name]})
+    if normaltransfer:
+        source = replace(source, components={**source.components, NORMAL: _normals(source)})
     if not source.components and not source.custom:
         raise zo.MeshError(
             f"Layer '{source.label}' has none of the attributes to transfer: "
@@ -126,14 +130,24 @@ def _transfer_steps(source: Layer, target: Layer, found: zo.MatchResult | Corres
     return received
 
 
+def _normals(layer: Layer) -> Attribute:
+    """Its vertices' normals, in the frame of all layers."""
+    # Normals turn by the inverse's transpose; rows on the left, it is the inverse.
+    values = layer.normals @ np.linalg.inv(layer.transform[:3, :3])
+    length = np.linalg.norm(values, axis=1, keepdims=True)
+    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, values / np.where(length > 0, length, 1))
+
+
 def _merged(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
     """The target with what it received."""
     count = len(source.components)
     components = {attribute.name: attribute for attribute in received[:count]}
+    normal = components.pop(NORMAL, None)
     custom = {(a.name, a.domain, a.kind): a for a in (*target.custom, *received[count:])}
     return replace(
         target,
         label=f"{target.label}_transferred",
+        normals=target.normals if normal is None else normal.values @ target.transform[:3, :3],
         components=target.components | components,
         custom=tuple(custom.values()),
         textures=source.textures if TEXCOORD in components else target.textures,

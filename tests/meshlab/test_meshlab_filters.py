@@ -288,3 +288,37 @@ def test_the_target_takes_on_the_shape_of_the_source(found, source, target):
     before = np.linalg.norm(target.vertices - source.vertices[true], axis=1) / SIZE
     assert np.mean(off) < 0.2 * np.mean(before)
     np.testing.assert_array_equal(copied.mesh(1).vertex_matrix(), target.vertices)
+
+
+def test_normals_turn_with_the_surface(found, target):
+    """The pose turns the limbs: what arrives are the target's own normals, not the source's."""
+    copied = copy_of(found[0])
+    turn = np.array([[0, -2.0, 0, 1], [2, 0, 0, 1 / 3], [0, 0, 2, 0], [0, 0, 0, 1]])
+    away = pymeshlab.Mesh((target.vertices - turn[:3, 3]) @ np.linalg.inv(turn[:3, :3]).T, target.faces)
+    copied.add_mesh(away, "turned")
+    copied.apply_filter("set_matrix", transformmatrix=turn, freeze=False)
+    copied.apply_filter("compute_normal_per_vertex")
+    own = copied.current_mesh().vertex_normal_matrix()
+    report = meshlab_filter.transfer_attributes_by_zoomout(copied, targetmesh=2, normaltransfer=True)
+    assert report["transferred"] == ["vertex_normal"]
+    normals = copied.mesh(report["mesh_id"]).vertex_normal_matrix()
+    cosine = (normals * own).sum(axis=1) / np.linalg.norm(normals, axis=1) / np.linalg.norm(own, axis=1)
+    assert np.median(cosine) > 0.97
+
+
+def test_the_symmetry_tells_left_from_right():
+    """An ellipsoid with a head, whose left is +y."""
+    ms = pymeshlab.MeshSet()
+    ms.create_sphere(subdiv=4)
+    ms.apply_filter("compute_coord_by_function", x="x*2+0.6*exp(0-8*((x-0.7)^2+z^2))*z", y="y*1.1", z="z*0.7+0.5*x*x")
+    said = meshlab_filter.compute_symmetry_by_zoomout(ms, left="y", detail="fast")
+    mesh = ms.current_mesh()
+    place = mesh.vertex_matrix()
+    assert said["candidates"][0]["reverses_orientation"]
+    clear = np.abs(place[:, 1]) > 0.2
+    assert np.mean((said["side"] > 0)[clear] == (place[:, 1] > 0)[clear]) > 0.98
+    np.testing.assert_array_equal(mesh.vertex_scalar_array(), said["side"])
+    image = np.column_stack([mesh.vertex_custom_scalar_attribute_array(f"symmetry_{axis}") for axis in "xyz"])
+    assert np.linalg.norm(image - place * [1, -1, 1], axis=1).mean() < 0.1
+    with pytest.raises(ValueError, match="'symmetry_triangle' already"):
+        meshlab_filter.compute_symmetry_by_zoomout(ms)

@@ -1,0 +1,79 @@
+"""The symmetry of a mesh, as a correspondence of the mesh with itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import zoomout_core as zo
+from meshlab_filter.catalogue import mesh_filter
+from meshlab_filter.filters.common import ACCURACY
+from meshlab_filter.mesh_data import apply_native, read_layer
+from meshlab_filter.parameters import CHOICE, TEXT, WHOLE, Parameter
+from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
+from zoomout_core.cli import DETAIL
+from zoomout_core.progress import Steps
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+DIRECTIONS = {
+    "x": (1, 0, 0),
+    "y": (0, 1, 0),
+    "z": (0, 0, 1),
+    "-x": (-1, 0, 0),
+    "-y": (0, -1, 0),
+    "-z": (0, 0, -1),
+}
+
+
+@mesh_filter(
+    Parameter("left", CHOICE, "x", "The direction to the mesh's own left.", tuple(DIRECTIONS)),
+    Parameter("candidate", WHOLE, 0, "Which of the symmetries found to use."),
+    Parameter("name", TEXT, "symmetry", "The name to store it under, as of a correspondence of the mesh with itself."),
+    *ACCURACY,
+)
+def compute_symmetry_by_zoomout(
+    ms: MeshSet, *, left: str, candidate: int, name: str, detail: str, seed: int
+) -> Steps[dict[str, Any]]:
+    """Find the symmetry of the current mesh, in whatever pose, and tell its left from its right.
+
+    It is stored as a correspondence is, and in the custom attribute NAME_side, which becomes the quality, too: the
+    signed distance from the symmetry line, positive on the left.
+
+    Returns:
+        `triangle`, `barycentric`, `confidence` and `side`, arrays; `candidates`, for each what it came from, whether
+        it reverses orientation, its order and certainty; `notes`, sentences for the user.
+
+    Raises:
+        MeshError: the mesh cannot be analysed, or no symmetry was found.
+        ValueError: there is no candidate of that number.
+    """
+    mesh_id = ms.current_mesh_id()
+    layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
+    check_names(mesh, [*attribute_names(name), f"{name}_side"])
+    sizes: dict[str, Any] = {**DETAIL[detail]}
+    found = yield from zo.detect_symmetry_steps(layer.surface, left=DIRECTIONS[left], seed=seed, **sizes)
+    if not found:
+        raise zo.MeshError(f"No symmetry was found of layer '{layer.label}': it may have none.")
+    if not 0 <= candidate < len(found):
+        raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(found) - 1}.")
+    symmetry = found[candidate]
+    store(mesh, name, Correspondence(symmetry.surface_map, symmetry.confidence), layer)
+    mesh.add_vertex_custom_scalar_attribute(symmetry.distance.astype(float), f"{name}_side")
+    apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=f"{name}_side")
+    return {
+        "triangle": symmetry.surface_map.triangle,
+        "barycentric": symmetry.surface_map.barycentric,
+        "confidence": symmetry.confidence,
+        "side": symmetry.distance,
+        "candidates": [
+            {
+                "origin": one.origin,
+                "reverses_orientation": one.reverses_orientation,
+                "order": one.order,
+                "certainty": one.certainty,
+            }
+            for one in found
+        ],
+        "notes": list(symmetry.notes),
+    }
