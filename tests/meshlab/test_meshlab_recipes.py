@@ -1,0 +1,128 @@
+"""The recipes of docs/meshlab.md, run as they stand there, and the figures beside them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pymeshlab
+import pytest
+from creature import SOURCE_POSE, TARGET_POSE, Creature, creature, rest_of, write_textured_obj
+
+from meshlab_filter import transfer_attributes_by_zoomout
+from meshlab_filter.script import read_script
+
+SIZE = 14.2**0.5
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "meshlab.md").read_text(encoding="utf-8")
+RECIPES = dict(re.findall(r"^### (.*?)$.*?```python\n(.*?)```", DOCUMENT, re.MULTILINE | re.DOTALL))
+
+
+def scanned(made):
+    """A mesh with noise of a tenth of an edge, and a hole on its back."""
+    noise = np.random.default_rng(0).normal(scale=0.01, size=made.vertices.shape)
+    at = made.rest[made.faces].mean(axis=1)
+    keep = np.linalg.norm(at - [0.1, 0, 0.42], axis=1) > 0.2
+    used, faces = np.unique(made.faces[keep], return_inverse=True)
+    return Creature(made.rest[used], (made.vertices + noise)[used], faces.reshape(-1, 3))
+
+
+@pytest.fixture(scope="module")
+def source():
+    return creature(0.08, SOURCE_POSE)
+
+
+@pytest.fixture(scope="module")
+def target():
+    return scanned(creature(0.1, TARGET_POSE))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, source, target):
+    """Where the recipes find their files."""
+    write_textured_obj(tmp_path, source)
+    (tmp_path / "creature.obj").rename(tmp_path / "character.obj")
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(target.mesh())
+    ms.save_current_mesh(str(tmp_path / "retopology.ply"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(title):
+    names = {}
+    exec(compile(RECIPES[title], title, "exec"), names)
+    return names  # to be kept while its meshes are used
+
+
+def texture_error(mesh, target):
+    uv = mesh.wedge_tex_coord_matrix()
+    return np.linalg.norm(rest_of(uv) - target.rest[mesh.face_matrix().ravel(), :2], axis=1) / SIZE
+
+
+def test_every_recipe_has_a_test():
+    assert set(RECIPES) == {"Texture a retopologised scan", "Propagate a selection", "Map quality"}
+
+
+def test_texture_a_retopologised_scan(folder, target):
+    run("Texture a retopologised scan")
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(folder / "textured.obj"))
+    assert texture_error(ms.current_mesh(), target).mean() < 0.02
+    assert sorted(ms.current_mesh().textures()) == ["back.png", "front.png"]
+
+
+def test_propagate_a_selection(folder, source, target):
+    ms = run("Propagate a selection")["ms"]
+    nearest = np.argmin(np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2), axis=1)
+    wanted = (source.vertices[:, 0] > 0.9)[nearest]
+    assert wanted.any()
+    assert np.mean(ms.current_mesh().vertex_selection_array() == wanted) > 0.98
+
+
+def test_map_quality(folder, target):
+    names = run("Map quality")
+    assert names["found"]["certainty"] > 0.5
+    assert names["error"]["median"] / SIZE < 0.02
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(folder / "quality.ply"))
+    np.testing.assert_allclose(ms.current_mesh().vertex_scalar_array(), names["error"]["error"], atol=1e-6)
+
+
+def test_the_script_of_the_document_can_be_read(tmp_path):
+    (xml,) = re.findall(r"```xml\n(.*?)```", DOCUMENT, re.DOTALL)
+    (tmp_path / "script.mlx").write_text(xml)
+    assert [call.element.line for call in read_script(tmp_path / "script.mlx")] == [3, 8, 11]
+
+
+def test_transfer_is_several_times_as_exact_as_by_the_closest_point(folder, source, target):
+    """At another pose; the figures are those of the document's table."""
+    colors = np.column_stack([0.5 + source.rest / 6, np.ones(len(source.rest))])
+    truth = 0.5 + target.rest / 6
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh("character.obj")
+    ms.add_mesh(source.mesh(v_color_matrix=colors, v_scalar_array=source.rest[:, 0]), "source")
+    ms.add_mesh(target.mesh(), "ours")
+    ms.add_mesh(target.mesh(), "closest")
+    ms.set_current_mesh(1)
+    ms.apply_filter("compute_selection_by_condition_per_vertex", condselect="q > 0.5")
+    ms.apply_filter("compute_selection_transfer_vertex_to_face", inclusive=False)
+    ms.apply_filter(
+        "transfer_attributes_per_vertex",
+        sourcemesh=1,
+        targetmesh=3,
+        qualitytransfer=True,
+        selectiontransfer=True,
+        upperbound=pymeshlab.PercentageValue(100),
+    )
+    report = transfer_attributes_by_zoomout(ms, sourcemesh=1, targetmesh=2, selectiontransfer=True)
+    textured = transfer_attributes_by_zoomout(ms, sourcemesh=0, targetmesh=2)
+    figures = {}
+    for name, mesh in (("closest", ms.mesh(3)), ("ours", ms.mesh(report["mesh_id"]))):
+        figures[name] = np.array(
+            [
+                1000 * np.abs(mesh.vertex_scalar_array() - target.rest[:, 0]).mean() / SIZE,
+                255 * np.abs(mesh.vertex_color_matrix()[:, :3] - truth).mean(),
+                np.mean(mesh.vertex_selection_array() != (target.rest[:, 0] > 0.5)),
+            ]
+        )
+    assert (figures["closest"] > 3 * figures["ours"]).all(), figures
+    assert 1000 * texture_error(ms.mesh(textured["mesh_id"]), target).mean() < 10
