@@ -31,10 +31,14 @@ def compute_laplacian_eigenfunctions(
 
     Raises:
         MeshError: the mesh is no surface or has too few vertices, or has an attribute of that name.
-        ValueError: there is no function of the number to show.
+        ValueError: there are not so many functions, or there is none of the number to show.
     """
     mesh_id = ms.current_mesh_id()
     layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
+    if not 1 <= functions < len(layer.vertices):
+        raise ValueError(
+            f"'functions' is {functions}: give a whole number below that of the {len(layer.vertices)} vertices."
+        )
     if not 0 <= show < functions:
         raise ValueError(f"'show' is {show}: give a number from 0 to {functions - 1}, of the functions asked for.")
     names = [f"{name}_{number}" for number in range(functions)]

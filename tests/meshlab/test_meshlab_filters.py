@@ -299,7 +299,8 @@ def test_normals_turn_with_the_surface(found, target):
     copied.apply_filter("set_matrix", transformmatrix=turn, freeze=False)
     copied.apply_filter("compute_normal_per_vertex")
     own = copied.current_mesh().vertex_normal_matrix()
-    report = meshlab_filter.transfer_attributes_by_zoomout(copied, targetmesh=2, normaltransfer=True)
+    turned = copied.current_mesh_id()
+    report = meshlab_filter.transfer_attributes_by_zoomout(copied, targetmesh=turned, normaltransfer=True)
     assert report["transferred"] == ["vertex_normal"]
     normals = copied.mesh(report["mesh_id"]).vertex_normal_matrix()
     cosine = (normals * own).sum(axis=1) / np.linalg.norm(normals, axis=1) / np.linalg.norm(own, axis=1)
