@@ -16,7 +16,7 @@ import zoomout_core as zo
 from benchmarks.generate.remeshing import isotropic
 from benchmarks.transfer.regions import bones, faces_of, islands, regions
 from blender_addon import mesh_data
-from blender_addon.demo.character import PAINT, UV_MAP, build_character, rig, select_only
+from blender_addon.demo.character import PAINT, UV_MAP, build_character, lay_flat, rig
 from blender_addon.demo.target import posed_copy, relax, strike
 from blender_addon.demo.truth import Truth, find_truth
 from zoomout_core.projection import closest_points
@@ -150,15 +150,7 @@ def _unwrap(obj: bpy.types.Object, vertices: Floats, triangles: Integers) -> Non
     marked = {tuple(edge) for edge in edges[seam].tolist()}
     for edge in obj.data.edges:
         edge.use_seam = tuple(sorted(edge.vertices)) in marked
-    obj.data.uv_layers.new(name=UV_MAP)
-    select_only(obj)
-    bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.uv.unwrap(method="ANGLE_BASED", margin=0.01)
-    bpy.ops.uv.select_all(action="SELECT")
-    bpy.ops.uv.average_islands_scale()
-    bpy.ops.uv.pack_islands(margin=0.01)
-    bpy.ops.object.mode_set(mode="OBJECT")
+    lay_flat(obj)
 
 
 def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:

@@ -141,9 +141,13 @@ def _unwrap(character: bpy.types.Object, vertices: Floats, faces: Integers) -> N
     mesh.edges.foreach_get("vertices", edges)
     mesh.loops.foreach_get("edge_index", face_edges)
     mesh.edges.foreach_set("use_seam", seam_edges(vertices, faces, edges.reshape(-1, 2), face_edges.reshape(-1, 4)))
-    mesh.uv_layers.new(name=UV_MAP)
+    lay_flat(character)
 
-    select_only(character)
+
+def lay_flat(obj: bpy.types.Object) -> None:
+    """Give an object an atlas of the islands between its seams."""
+    obj.data.uv_layers.new(name=UV_MAP)
+    select_only(obj)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
     bpy.ops.uv.unwrap(method="ANGLE_BASED", margin=0.01)

@@ -4,13 +4,13 @@ import bpy
 import numpy as np
 import pytest
 from scenes import add_attribute, decimated, ellipsoid, positions, set_weights, values, weight_array
+from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon import stored_match
 from blender_addon.operators.cut_seams import cut_seams
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
-from zoomout_core.projection import closest_points
 
 
 @pytest.fixture
@@ -34,14 +34,6 @@ def target(source):
     obj = decimated()
     keep_true_match(obj)
     return obj
-
-
-def keep_true_match(target):
-    pair = read_pair(bpy.context, "Source", target.name)
-    found = closest_points(pair.target.vertices, pair.source.vertices, pair.source.triangles)
-    surface_map = zo.SurfaceMap(*found, pair.source.triangles)
-    confidence = np.ones(len(pair.target.vertices))
-    stored_match.write(target.data, stored_match.StoredMatch(surface_map, confidence, ()), pair, {})
 
 
 def test_islands_arrive_whole_and_end_at_the_seam(source, target):

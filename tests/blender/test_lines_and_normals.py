@@ -5,13 +5,11 @@ import bpy
 import numpy as np
 import pytest
 from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, values
+from true_match import keep_true_match
 
-import zoomout_core as zo
-from blender_addon import mesh_data, stored_match
+from blender_addon import mesh_data
 from blender_addon.cargo import Settings
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
-from zoomout_core.projection import closest_points
 from zoomout_core.transfer.cut import cut_open
 
 
@@ -26,16 +24,6 @@ def target(source):
     obj = decimated()
     keep_true_match(obj)
     return obj
-
-
-def keep_true_match(target, still=None):
-    """Keep the map by closest points, of the target's vertices where they are or were before it was moved."""
-    pair = read_pair(bpy.context, "Source", target.name)
-    points = pair.target.vertices if still is None else still
-    surface_map = zo.SurfaceMap(
-        *closest_points(points, pair.source.vertices, pair.source.triangles), pair.source.triangles
-    )
-    stored_match.write(target.data, stored_match.StoredMatch(surface_map, np.ones(len(points)), ()), pair, {})
 
 
 def transfer(source, target, *data):

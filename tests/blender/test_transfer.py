@@ -21,15 +21,14 @@ from scenes import (
     weight_array,
     weights,
 )
+from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon import stored_match
 from blender_addon.cargo import DATA
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects, transfer_steps
-from blender_addon.pair import read_pair
 from blender_addon.stored_report import transfer_report
-from zoomout_core.projection import closest_points
 
 
 @pytest.fixture
@@ -41,18 +40,8 @@ def source():
 def target(source):
     """The source's shape with fewer triangles, in the same place, and the true match with it."""
     obj = decimated()
-    keep_true_match(obj)
+    keep_true_match(obj, doubtful=10, notes=["A note."])
     return obj
-
-
-def keep_true_match(target):
-    pair = read_pair(bpy.context, "Source", target.name)
-    surface_map = zo.SurfaceMap(
-        *closest_points(pair.target.vertices, pair.source.vertices, pair.source.triangles), pair.source.triangles
-    )
-    confidence = np.ones(len(pair.target.vertices))
-    confidence[:10] = 0.1
-    stored_match.write(target.data, stored_match.StoredMatch(surface_map, confidence, ("A note.",)), pair, {})
 
 
 def ramp(obj, axis=0):
@@ -174,7 +163,7 @@ def test_vertices_that_locked_groups_take_up_are_counted_in_the_report(source, t
 def test_an_armature_that_is_the_parent_deforms_too(source, target):
     armature = rig(("Left", "Right"))
     source.parent, source.parent_type = armature, "ARMATURE"
-    keep_true_match(target)
+    keep_true_match(target, doubtful=10, notes=["A note."])
     set_weights(source, "Left", 1 - ramp(source))
     set_weights(source, "Right", ramp(source))
     set_weights(source, "Mask", np.full(len(source.data.vertices), 0.4))
@@ -200,7 +189,7 @@ def rig(bones, controls=()):
 
 def test_only_groups_of_deforming_bones_are_normalised(source, target):
     source.modifiers.new("Armature", "ARMATURE").object = rig(("Left", "Right"), ("Control",))
-    keep_true_match(target)
+    keep_true_match(target, doubtful=10, notes=["A note."])
     set_weights(source, "Left", 1 - ramp(source))
     set_weights(source, "Right", ramp(source))
     set_weights(source, "Control", np.full(len(source.data.vertices), 0.9))
@@ -478,7 +467,7 @@ def test_a_source_with_modifiers_gives_the_data_that_they_leave(source, target):
     dress(source)
     finer = source.modifiers.new("Finer", "SUBSURF")
     finer.levels, finer.subdivision_type = 1, "SIMPLE"
-    keep_true_match(target)
+    keep_true_match(target, doubtful=10, notes=["A note."])
     transfer_objects(bpy.context, source, target)
     assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
     assert np.abs(weight_array(target, "Right") - ramp(target)).max() < 0.02
@@ -498,7 +487,7 @@ def test_all_kinds_of_data_at_once_arrive_as_each_alone(source, target):
     finer.levels, finer.subdivision_type = 1, "SIMPLE"
     alone = linked("Alone", target.data.copy())
     for obj in (target, alone):
-        keep_true_match(obj)
+        keep_true_match(obj, doubtful=10, notes=["A note."])
     report = transfer_objects(bpy.context, source, target, DATA)
     assert all(report["written"].values()), report["written"]
     for kinds in (("uv_maps", "edges"), *((kind,) for kind in DATA if kind not in ("uv_maps", "edges"))):

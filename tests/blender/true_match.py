@@ -1,0 +1,26 @@
+"""A match that is known to be true, for tests of what is done along it."""
+
+import bpy
+import numpy as np
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.pair import read_pair
+from zoomout_core.projection import closest_points
+
+
+def keep_true_match(target, still=None, doubtful=0, notes=()):
+    """Keep the map by closest points of "Source" on a target.
+
+    Args:
+        target: the object.
+        still: (n, 3) where its vertices were in world space, if it was moved since.
+        doubtful: so many of its first vertices are of confidence 0.1, all others of 1.
+        notes: of the match.
+    """
+    pair = read_pair(bpy.context, "Source", target.name)
+    points = pair.target.vertices if still is None else still
+    found = closest_points(points, pair.source.vertices, pair.source.triangles)
+    confidence = np.where(np.arange(len(points)) < doubtful, 0.1, 1.0)
+    match = stored_match.StoredMatch(zo.SurfaceMap(*found, pair.source.triangles), confidence, tuple(notes))
+    stored_match.write(target.data, match, pair, {})
