@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from zoomout_core.arrays import Integers
 from zoomout_core.correspondence.dense import embeddings
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
@@ -23,7 +24,6 @@ from zoomout_core.correspondence.pair import Pair
 from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps
 from zoomout_core.correspondence.scores import scores_of, total_score
 from zoomout_core.progress import drain
-from zoomout_core.surface import Integers
 
 SOURCES = {
     "extremities": extremity_hypotheses,

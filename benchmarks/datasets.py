@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import geodesic_error
 from zoomout_core.files import read_surface
-from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.surface import Surface
 
 # A set with this file tells for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array, hstack
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 from zoomout_core.symmetry.mirror import names_flipped, symmetrised
 from zoomout_core.transfer import Attribute
 

@@ -10,7 +10,8 @@ import numpy as np
 
 import zoomout_core as zo
 from benchmarks.pictures import Picture, draw
-from zoomout_core.surface import Floats, Surface
+from zoomout_core.arrays import Floats
+from zoomout_core.surface import Surface
 
 # A symmetry of these things is a rigid motion; a map that is farther from one, over the root of the area, is wrong.
 RIGID = 0.015

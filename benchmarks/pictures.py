@@ -11,8 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Floats, Surface, triangle_normals
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import triangle_normals
 
 COLUMNS = 2
 CELL = 7.0, 2.0  # inches

@@ -19,9 +19,10 @@ from trimesh.remesh import subdivide
 
 import zoomout_core as zo
 from benchmarks.datasets import load_pair
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.cli import DETAIL
 from zoomout_core.files import read_surface
-from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.surface import Surface
 
 Record = dict[str, Any]
 

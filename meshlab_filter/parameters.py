@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ import fast_simplification
 import numpy as np
 from scipy.sparse import coo_array
 
-from zoomout_core.surface import Booleans, Floats, Integers, triangle_areas
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.triangles import triangle_areas
 
 # Thinned are vertices that are closer than this part of the spacing of the result, for as long as it takes away a
 # notable part of them.

@@ -11,15 +11,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap, turned_over
-from zoomout_core.surface import (
-    Floats,
-    Integers,
-    Surface,
-    edge_graph,
-    triangle_areas,
-    unique_edges,
-)
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import edge_graph, triangle_areas, unique_edges
 
 # Distances are sought from at most this many places at once: bounds the memory.
 BLOCK = 256

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from zoomout_core.surface import Floats, Integers, MeshError, PointCloud, Surface
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.surface import MeshError, PointCloud, Surface
 
 # Positions (n, 3), the vertex of each corner (c,), and the first corner of each face (f + 1,).
 Polygons = tuple[Floats, Integers, Integers]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 
 # Pairs of a point and a triangle that are looked at together: bounds the memory.
 BLOCK = 1 << 17

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 
 
 def nearest_rotations(matrices: Floats, handed: ArrayLike = 1.0) -> Floats:

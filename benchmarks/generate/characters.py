@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from zoomout_core.surface import Integers, Surface
+from zoomout_core.arrays import Integers
+from zoomout_core.surface import Surface
 
 from .bodies import Individual, build_template, draw_individual, posed_mesh
 from .folder import Pair, known_on_all, spread, write_set

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.surface import Floats, Integers, Surface, vertex_normals
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import vertex_normals
 
 Pair = tuple[str, str]  # target, source
 

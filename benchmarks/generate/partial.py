@@ -17,8 +17,10 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.files import read_surface
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, edge_graph, triangle_areas, vertex_normals
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import edge_graph, triangle_areas, vertex_normals
 
 from .folder import Pair, class_of, spread, write_set
 

@@ -11,8 +11,8 @@ import numpy as np
 from bpy.types import Object
 
 import zoomout_core as zo
+from zoomout_core.arrays import Floats
 from zoomout_core.progress import Steps, spread
-from zoomout_core.surface import Floats
 from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute
 

@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 
 import zoomout_core as zo
+from zoomout_core.arrays import Floats
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Floats
 
 from .. import mesh_data, register, stored_match, unregister
 from ..pair import read_pair

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import bpy
 
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 
 from .character import select_only
 from .truth import Truth, color_error, uv_error, weight_error

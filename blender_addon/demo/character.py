@@ -8,7 +8,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 
 from . import shape
 from .seams import seam_edges

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .. import mesh_data

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from zoomout_core.surface import Booleans, Floats, Integers, vertex_normals
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.triangles import vertex_normals
 
 from . import shape
 

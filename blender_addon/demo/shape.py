@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.sparse import coo_array
 
-from zoomout_core.surface import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 
 # The space that the character fills, with room to spare: its lowest and highest corner.
 BOUNDS = np.array([[-1.0, -0.6, -0.1], [1.0, 1.1, 1.85]])

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 from bpy.types import FCurve, Key, Mesh, Object
 
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array

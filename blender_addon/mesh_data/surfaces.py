@@ -10,7 +10,7 @@ import numpy as np
 from bpy.types import Depsgraph, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 
 from .arrays import read_array
 

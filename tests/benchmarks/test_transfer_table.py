@@ -9,7 +9,7 @@ from creatures import creature
 
 from benchmarks import transfer
 from benchmarks.transfer import cast, methods, regions
-from zoomout_core.surface import unique_edges
+from zoomout_core.triangles import unique_edges
 
 WAYS = ("true map", "Data Transfer, aligned", "MeshLab")
 

@@ -12,8 +12,8 @@ import zoomout_core as zo
 from blender_addon import mesh_data
 from blender_addon.demo import FULL_SIZE, Size, make_cast, run, shape, summary, truth
 from blender_addon.demo.character import LEFT, PAINT, RIGHT, UV_MAP
-from zoomout_core.surface import unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, cut
+from zoomout_core.triangles import unique_edges
 
 SMALL = Size(cell=0.02, voxel=0.016, target_vertices=7000, width=320, samples=2)
 

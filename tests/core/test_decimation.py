@@ -10,7 +10,8 @@ from trimesh.remesh import subdivide
 from zoomout_core.decimation import decimated_steps
 from zoomout_core.progress import drain
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Surface, triangle_areas
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import triangle_areas
 
 
 def fine_creature() -> Surface:

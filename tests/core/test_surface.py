@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from creatures import Creature
 
-from zoomout_core.surface import MeshError, PointCloud, Surface, triangle_areas, triangle_normals
+from zoomout_core.surface import MeshError, PointCloud, Surface
+from zoomout_core.triangles import triangle_areas, triangle_normals
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 

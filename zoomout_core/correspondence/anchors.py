@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)

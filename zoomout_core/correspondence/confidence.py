@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap, turned_over
 from zoomout_core.spectral.descriptors import sum_at_vertices
-from zoomout_core.surface import Floats, triangle_areas
+from zoomout_core.triangles import triangle_areas
 
 # Expected error, at unit area, at which confidence halves: there about half of the vertices are farther off than
 # 0.05, three times as many as at half of it.

@@ -7,6 +7,7 @@ from collections.abc import Generator
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.confidence import spectral_distance
 from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, Laid, beside_places, lay, lay_and_match
@@ -15,7 +16,6 @@ from zoomout_core.correspondence.ranking import SCREENING_SIZE
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import project_to_embedding
-from zoomout_core.surface import Floats, Integers
 
 # Rounds on samples: size of the functional map, and diffusion length over which images are smoothed. First the target
 # is laid over the source, which settles the sense of its limbs.

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.spectral.eigenbasis import SpectralBasis
-from zoomout_core.surface import Floats, Integers
 
 
 def functional_map_of(

@@ -15,10 +15,12 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.stored_shapes import MOST_BYTES as MOST_BYTES_ON_DISK
 from zoomout_core.correspondence.stored_shapes import ShapeFolder
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, WorkingMesh
+from zoomout_core.surface import Surface
+from zoomout_core.working_mesh import WorkingMesh
 
 # The shapes kept take at most so many bytes: some ten of the usual size. So do the working meshes.
 MOST_BYTES = 512 << 20

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.rotations import nearest_rotations
-from zoomout_core.surface import Booleans, Floats, Integers
 
 # Eigenfunctions that images are smoothed by.
 IMAGE_FUNCTIONS = 100

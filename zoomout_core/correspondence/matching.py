@@ -12,13 +12,14 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import coordinates
 from zoomout_core.correspondence.components.assembly import on_surfaces
 from zoomout_core.correspondence.components.main_parts import main_part_steps
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
-from zoomout_core.correspondence.fitting import Fit, fit_steps
+from zoomout_core.correspondence.fitting.fit import Fit, fit_steps
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.correspondence.initial.given import given_hypothesis, proximity_hypothesis
@@ -34,8 +35,9 @@ from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, scaled, spread
-from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
+from zoomout_core.surface import Surface
 from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
+from zoomout_core.working_mesh import WorkingMesh
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 

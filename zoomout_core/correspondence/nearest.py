@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.projection import SINGLE_PRECISION_DIMENSION
-from zoomout_core.surface import Floats, Integers
 
 # Entries of the block of inner products that is looked at together: bounds the memory.
 BLOCK = 1 << 24

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import vertex_numbers
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Floats, Integers, MeshError, Surface
+from zoomout_core.surface import MeshError, Surface
 
 # A landmark that is farther off its surface than this part of the square root of the area is a mistake.
 OFF_SURFACE = 0.05

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.spectral.descriptors import pseudo_scalars
-from zoomout_core.surface import Floats, Integers, edge_graph
+from zoomout_core.triangles import edge_graph
 
 # Spread of a distance over a shape, as a part of its mean: brings distances to unit scale.
 DISTANCE_SPREAD = 0.3

@@ -11,11 +11,13 @@ from functools import partial
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Steps, drain, spread
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Booleans, Floats, MeshError, Surface, triangle_areas, unique_edges
+from zoomout_core.surface import MeshError, Surface
 from zoomout_core.threads import in_background
+from zoomout_core.triangles import triangle_areas, unique_edges
 
 # The paper allows for a twentieth of the bounding box's diagonal, which is about this for a human figure, and for the
 # same angle. On clothes 0.005 to 0.04 above a body, all distances that reach them were as good, and wider angles worse.

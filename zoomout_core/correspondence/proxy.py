@@ -13,10 +13,12 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.decimation import decimated_steps
 from zoomout_core.projection import Neighbourhoods, closest_points, project_to_embedding
-from zoomout_core.surface import Floats, Integers, Surface, WorkingMesh
+from zoomout_core.surface import Surface
+from zoomout_core.working_mesh import WorkingMesh
 
 # A mesh that is larger by less than this is not worth decimating.
 WORTHWHILE = 1.25

@@ -8,6 +8,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.correspondence.laying import sides_are_known
@@ -22,7 +23,6 @@ from zoomout_core.correspondence.scores import (
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples, upsample
 from zoomout_core.progress import scaled
-from zoomout_core.surface import Floats, Integers
 from zoomout_core.threads import for_each
 
 # Sizes of the functional maps on which hypotheses are screened, and the survivors compared.

@@ -12,11 +12,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.functional_map import commutativity_error, frequency_error
 from zoomout_core.correspondence.laying import lay_and_match
 from zoomout_core.correspondence.shape import Shape
-from zoomout_core.surface import Floats, Integers
 
 # Size of the functional maps that orientation and fit in space are judged by.
 SMOOTH_SIZE = 30

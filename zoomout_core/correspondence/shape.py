@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import dijkstra
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.proxy import Proxy, proxy_steps
 from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.progress import scaled
@@ -19,8 +20,10 @@ from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_sign
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
-from zoomout_core.surface import Booleans, Floats, Integers, MeshError, WorkingMesh, edge_graph
+from zoomout_core.surface import MeshError
 from zoomout_core.threads import side_by_side
+from zoomout_core.triangles import edge_graph
+from zoomout_core.working_mesh import WorkingMesh
 
 # The search for the right map runs on this many samples; distances are known from the first of them.
 SEARCH_SAMPLES = 400

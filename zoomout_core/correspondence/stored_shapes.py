@@ -21,7 +21,7 @@ from zoomout_core.correspondence.proxy import Proxy
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import SampledBasis
 from zoomout_core.spectral.eigenbasis import SpectralBasis
-from zoomout_core.surface import WorkingMesh
+from zoomout_core.working_mesh import WorkingMesh
 
 # To be raised when the same mesh is prepared differently, or stored differently.
 FORMAT = 1

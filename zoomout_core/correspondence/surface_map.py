@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Booleans, Floats, Integers, MeshError, Surface, triangle_normals
+from zoomout_core.surface import MeshError, Surface
+from zoomout_core.triangles import triangle_normals
 
 # Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
 BARYCENTRIC_TOLERANCE = 1e-4

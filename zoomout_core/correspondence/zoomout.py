@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors, beside
 from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.surface_map import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
-from zoomout_core.surface import Floats, Integers
 
 # Size of the functional map that a given pointwise map is taken down to before it is upsampled.
 K_INITIAL = 20

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
-from zoomout_core.surface import Floats, Integers, WorkingMesh
+from zoomout_core.working_mesh import WorkingMesh
 
 # Norm of functions that vanish but for rounding; signatures are of order one.
 NOTHING = 1e-9

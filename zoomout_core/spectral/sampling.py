@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 
 
 def farthest_points(points: Floats, count: int) -> Integers:

@@ -15,11 +15,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.components.assembly import on_surfaces
 from zoomout_core.correspondence.components.main_parts import main_part_steps
 from zoomout_core.correspondence.confidence import confidence_of
 from zoomout_core.correspondence.dense import dense_steps
-from zoomout_core.correspondence.fitting import Fit
+from zoomout_core.correspondence.fitting.fit import Fit
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.correspondence.kept_shapes import kept_shape_steps
 from zoomout_core.correspondence.matching import (
@@ -35,7 +36,7 @@ from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import Progress, Steps, drain, scaled, spread
-from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.surface import Surface
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import in_order, is_no_part_of_identity

@@ -15,6 +15,7 @@ from itertools import permutations, product
 import numpy as np
 from scipy.linalg import block_diag
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
@@ -22,7 +23,6 @@ from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.initial.rotations import ANGLES, SAME_EIGENVALUE, turn
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import SampledBasis, upsample
-from zoomout_core.surface import Floats
 
 # The tree is as deep as takes in so many eigenfunctions, and grows on so many samples. A map is judged by what a few
 # iterations of ZoomOut make of it, to so many functions more; so many are kept at each level, and fewer where no

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import project_to_embedding
-from zoomout_core.surface import Floats, Integers, Surface
+from zoomout_core.surface import Surface
 
 # A normal that is off by a right angle weighs as much as a place that is off by this, at unit area: opposite sides of
 # a thin part are kept apart.

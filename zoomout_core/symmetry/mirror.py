@@ -14,8 +14,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Floats, MeshError, Surface
+from zoomout_core.surface import MeshError, Surface
 from zoomout_core.symmetry.detect import Symmetry
 from zoomout_core.symmetry.flip_name import flip_name
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer

@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.components.carrying import Moments, products
 from zoomout_core.correspondence.proxy import Proxy
-from zoomout_core.surface import Floats, Integers, MeshError, vertex_normals
+from zoomout_core.surface import MeshError
 from zoomout_core.symmetry.detect import Symmetry
 from zoomout_core.symmetry.mirror import OWN_SHARE_ON_LEFT, Winner
+from zoomout_core.triangles import vertex_normals
 
 # Diffusion lengths, at unit area, of the surroundings that say how a displacement turns, and of those against which
 # the shape is asymmetric.

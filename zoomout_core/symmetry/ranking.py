@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.ranking import ANOTHER_MAP, Candidate
 from zoomout_core.correspondence.scores import correlation
 from zoomout_core.correspondence.shape import Shape, once_per_shape
-from zoomout_core.surface import Floats, Integers
 from zoomout_core.symmetry.involution import distance_moved
 
 # A symmetry other than the identity moves nearly everything: a reflection all but a line, a turn all but points. What

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_areas
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import triangle_areas
 
 # Sides are decided by places within about this distance, at unit area; the result is smoothed over a diffusion length,
 # so that the line between them does not follow the noise of the map.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.surface import Booleans
+from zoomout_core.arrays import Booleans
 
 
 class Domain(Enum):

@@ -15,8 +15,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.projection import barycentric_of_closest
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_normals
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import triangle_normals
 
 # Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
 CUT_TOLERANCE = 2.0**-16

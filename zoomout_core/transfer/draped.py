@@ -7,10 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_areas
+from zoomout_core.surface import Surface
 from zoomout_core.transfer.cut import CutSurface, cut_open, nearer_than, ragged
 from zoomout_core.transfer.inpaint import Filling, filling
+from zoomout_core.triangles import triangle_areas
 
 # A corner's side of an edge of the source is asked for this far into the face.
 NUDGE = 0.25

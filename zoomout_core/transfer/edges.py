@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from zoomout_core.surface import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
 from zoomout_core.transfer.cut import ragged
 from zoomout_core.transfer.draped import Draped

@@ -15,8 +15,11 @@ from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, WorkingMesh, triangle_areas
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import triangle_areas
+from zoomout_core.working_mesh import WorkingMesh
 
 # Columns that are solved for together: bounds the memory.
 BLOCK = 16

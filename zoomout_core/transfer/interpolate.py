@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from zoomout_core.surface import Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.cut import adjacent_edges, cut_open, edge_lengths
 from zoomout_core.transfer.draped import Draped

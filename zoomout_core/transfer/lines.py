@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from zoomout_core.surface import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.cut import ragged
 
 

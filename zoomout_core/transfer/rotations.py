@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.frames import rotations

@@ -10,8 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.sparse import issparse
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Floats, MeshError, Surface
+from zoomout_core.surface import MeshError, Surface
 from zoomout_core.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.draped import Draped

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Booleans, Floats, Integers, Surface
+from zoomout_core.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut import CutSurface, cut_open, ragged
 from zoomout_core.transfer.draped import Draped

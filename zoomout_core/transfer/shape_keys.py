@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csc_array
 
+from zoomout_core.arrays import Floats
 from zoomout_core.progress import drain
-from zoomout_core.surface import Floats
 from zoomout_core.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.draped import Draped

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, triangle_areas
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut import (
     CUT_TOLERANCE,
@@ -27,6 +28,7 @@ from zoomout_core.transfer.cut import (
 )
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.voting import LOYALTY, Candidates, circumference, elect
+from zoomout_core.triangles import triangle_areas
 
 # More parts than these do not meet in one face, unless it is larger than islands.
 MOST_SHEETS = 4

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoomout_core.surface import Booleans, Floats, Integers, Surface
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.surface import Surface
 from zoomout_core.transfer.cut import edge_lengths, face_edges, ragged
 
 # A face goes with its neighbours against its own samples, when its part of the border weighs more than

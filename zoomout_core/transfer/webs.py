@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Booleans, Floats, Integers, Surface
+from zoomout_core.surface import Surface
 from zoomout_core.transfer.cut import edge_lengths, face_edges
 from zoomout_core.transfer.draped import Draped
 

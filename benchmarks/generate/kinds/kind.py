@@ -13,7 +13,7 @@ import numpy as np
 
 from blender_addon.demo.character import BoneRow
 from blender_addon.demo.shape import Ellipsoid, Solid, both_sides
-from zoomout_core.surface import Floats
+from zoomout_core.arrays import Floats
 
 Range = tuple[float, float]
 # How far a bone turns about the axes x, y, z (to the left, to the back, up), in this order, seen from its parent.

@@ -7,11 +7,12 @@ import pytest
 from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.correspondence.fitting import Fit, fit_steps, lifted_fit
+from zoomout_core.arrays import Floats
+from zoomout_core.correspondence.fitting.fit import Fit, fit_steps, lifted_fit
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import drain
-from zoomout_core.surface import Floats, Surface
+from zoomout_core.surface import Surface
 
 
 def shape_of(made: Creature, proxy_vertices: int | None = None) -> Shape:

@@ -14,7 +14,8 @@ from zoomout_core.correspondence import kept_shapes
 from zoomout_core.correspondence.kept_shapes import kept_shape_steps, kept_working_mesh
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.progress import drain
-from zoomout_core.surface import Surface, WorkingMesh
+from zoomout_core.surface import Surface
+from zoomout_core.working_mesh import WorkingMesh
 
 
 @pytest.fixture(autouse=True)

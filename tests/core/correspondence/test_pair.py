@@ -11,7 +11,8 @@ from zoomout_core.correspondence.initial.given import given_hypothesis
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.progress import drain
-from zoomout_core.surface import MeshError, Surface, triangle_normals
+from zoomout_core.surface import MeshError, Surface
+from zoomout_core.triangles import triangle_normals
 
 
 def shape_of(surface: Surface, proxy_vertices: int | None = None) -> Shape:

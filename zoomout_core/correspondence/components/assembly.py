@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.components.loose import LooseParts, map_parts
 from zoomout_core.correspondence.components.parts import MOST_PARTS
-from zoomout_core.correspondence.fitting import Fit, lifted_fit
+from zoomout_core.correspondence.fitting.fit import Fit, lifted_fit
 from zoomout_core.correspondence.pair import Pair
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
-from zoomout_core.surface import Booleans, Floats
 
 
 def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:

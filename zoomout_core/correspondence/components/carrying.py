@@ -14,8 +14,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats
 from zoomout_core.spectral.eigenbasis import SpectralBasis
-from zoomout_core.surface import Floats
 
 # Diffusion lengths, at unit area, over which surroundings are pooled: the farther off a point, the wider.
 WIDTHS = (0.04, 0.1, 0.25)

@@ -10,9 +10,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.components.parts import Part
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.surface import Floats, Integers, unique_edges
+from zoomout_core.triangles import unique_edges
 
 # Hems that are farther apart, at unit area of the body, or more unlike in size, belong to another cut.
 REACH, UNLIKE = 0.15, 1.5

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.sparse import csr_array
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.components.carrying import Moments, Motion, moved, products
 from zoomout_core.correspondence.components.hems import hemmed
 from zoomout_core.correspondence.components.parts import MAP_ERROR, MOST_PARTS, Part, Side, paired
@@ -15,7 +16,6 @@ from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import Neighbourhoods, closest_points, project_to_embedding
-from zoomout_core.surface import Booleans, Floats, Integers
 
 # Smaller parts than this, at unit area of the body, move as a whole: its map may bend them by mistake alone.
 RIGID = 0.06

@@ -6,10 +6,13 @@ from collections.abc import Generator
 
 import numpy as np
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.proxy import proxy_steps
 from zoomout_core.progress import drain
 from zoomout_core.spectral.eigenbasis import working_basis_steps
-from zoomout_core.surface import Floats, MeshError, Surface, WorkingMesh, triangle_areas
+from zoomout_core.surface import MeshError, Surface
+from zoomout_core.triangles import triangle_areas
+from zoomout_core.working_mesh import WorkingMesh
 
 SMALLEST_PART = 12
 # A component whose area is at least this part of the largest one's may be the body.

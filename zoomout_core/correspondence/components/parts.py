@@ -16,8 +16,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.spectral.sampling import farthest_points
-from zoomout_core.surface import Booleans, Floats, Integers, Surface, WorkingMesh, edge_graph, triangle_areas
+from zoomout_core.surface import Surface
+from zoomout_core.triangles import edge_graph, triangle_areas
+from zoomout_core.working_mesh import WorkingMesh
 
 # More parts than these are not paired one by one: what has so many is debris, or hair.
 MOST_PARTS = 300

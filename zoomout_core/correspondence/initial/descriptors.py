@@ -11,11 +11,11 @@ from itertools import product
 
 import numpy as np
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis, alike
 from zoomout_core.correspondence.scores import Disagreement, nothing_known, scores_of, total_score
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.zoomout import nearest_samples
-from zoomout_core.surface import Floats
 
 # No choice of the map's size, of the pseudo-scalars' weight and of the mask's is right for all shapes; each is
 # right for about half of those that are nearly isometric.

@@ -14,6 +14,7 @@ from itertools import islice, zip_longest
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.correspondence.initial.landmarks import anchored_hypothesis
@@ -22,7 +23,8 @@ from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import Places, places_on
 from zoomout_core.correspondence.scores import Disagreement, nothing_known, scores_of, total_score
 from zoomout_core.correspondence.shape import Shape, once_per_shape
-from zoomout_core.surface import Floats, Integers, WorkingMesh, unique_edges
+from zoomout_core.triangles import unique_edges
+from zoomout_core.working_mesh import WorkingMesh
 
 # Rise of the average distance above the pass to a higher maximum, at unit area: heads have 0.14 and more,
 # hands and feet 0.34 and more, fingers 0.05.

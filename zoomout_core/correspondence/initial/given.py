@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.pair import Pair, positions_of_part
@@ -13,7 +14,6 @@ from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import checked_start
 from zoomout_core.projection import closest_points
 from zoomout_core.spectral.eigenbasis import eigenbasis
-from zoomout_core.surface import Floats, Integers
 
 # Size of the functional map that a map of all vertices is taken down to.
 SIZE = 20

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.anchors import Anchors
-from zoomout_core.surface import Booleans, Floats
 
 # Maps whose images differ by less than this part of their variance are the same map.
 SAME_MAP = 0.05

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from zoomout_core.arrays import Integers
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.places import places_on
 from zoomout_core.correspondence.shape import Shape
-from zoomout_core.surface import Integers
 
 # Size of the functional map that the first, pointwise guess is taken down to.
 SIZE = 8

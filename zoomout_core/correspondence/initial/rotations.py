@@ -10,9 +10,9 @@ from itertools import product
 
 import numpy as np
 
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
 from zoomout_core.correspondence.shape import Shape
-from zoomout_core.surface import Floats
 
 # Eigenvalues closer than this, relatively, count as one.
 SAME_EIGENVALUE = 0.03

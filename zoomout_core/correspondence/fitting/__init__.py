@@ -1,0 +1,1 @@
+"""The target bent onto the source, limb by limb."""

@@ -1,0 +1,180 @@
+"""Nodes that are spread over a mesh and move it (Sumner, Schmid and Pauly, Embedded deformation for shape manipulation,
+2007), found by Gauss and Newton's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.rotations import nearest_rotations
+
+# A vertex moves with so many nodes.
+NEAREST_NODES = 5
+# What neighbouring nodes' difference in rotation counts against that of where they put each other.
+TURNING = 0.003
+# Neighbours that put each other farther apart than this, at unit area, pull less: joints bend.
+JOINT = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes spread over the target, and what each vertex has to do with them.
+
+    Attributes:
+        vertex: (d,) where they are.
+        near: (n, c) the nodes that move each vertex.
+        weight: (n, c) in what shares.
+        first: (e,) a node and
+        second: (e,) another that moves some of the same vertices; each pair both ways.
+        bond: (e,) how much of what the first moves the second moves, too.
+    """
+
+    vertex: Integers
+    near: Integers
+    weight: Floats
+    first: Integers
+    second: Integers
+    bond: Floats
+
+    @classmethod
+    def on(cls, target: Shape, count: int) -> Nodes:
+        distances = target.distances[:count]
+        c = min(NEAREST_NODES, len(distances) - 1)
+        near = np.argpartition(distances, c, axis=0)[: c + 1]
+        order = np.argsort(np.take_along_axis(distances, near, axis=0), axis=0)
+        near = np.take_along_axis(near, order, axis=0)
+        distance = np.take_along_axis(distances, near, axis=0)
+        weight = np.maximum(1 - distance[:c] / np.maximum(distance[c], 1e-300), 1e-6) ** 2
+        near, weight = near[:c].T, (weight / weight.sum(axis=0)).T
+        shared = np.zeros((len(distances), len(distances)))
+        for i in range(c):
+            for j in range(c):
+                np.add.at(shared, (near[:, i], near[:, j]), target.basis.areas * weight[:, i] * weight[:, j])
+        np.fill_diagonal(shared, 0)
+        first, second = np.nonzero(shared > 1e-3 * np.median(shared[shared > 0]))
+        bond = shared[first, second]
+        bond = bond / np.bincount(first, bond)[first]
+        return cls(target.sampled.samples[: len(distances)], near, weight, first, second, bond)
+
+
+@dataclass(eq=False)
+class Bending:
+    """Nodes in motion.
+
+    Attributes:
+        nodes: the nodes.
+        rest: (n, 3) the target's vertices, mirrored where the map mirrors.
+        normals: (n, 3) its normals, likewise.
+        rotations: (d, 3, 3) of the nodes.
+        images: (d, 3) where the nodes go.
+    """
+
+    nodes: Nodes
+    rest: Floats
+    normals: Floats
+    rotations: Floats
+    images: Floats
+
+    @classmethod
+    def from_images(cls, nodes: Nodes, rest: Floats, normals: Floats, images: Floats, areas: Floats) -> Bending:
+        """The motion that takes the surroundings of each node to the images (n, 3) of the vertices (Kabsch 1976)."""
+        count, c = len(nodes.vertex), nodes.near.shape[1]
+        weight = (areas[:, None] * nodes.weight).ravel()
+        owner = nodes.near.ravel()
+        values = np.hstack([rest, images, (images[:, :, None] * rest[:, None]).reshape(-1, 9), np.ones((len(rest), 1))])
+        sums = np.stack([np.bincount(owner, weight * np.repeat(v, c), minlength=count) for v in values.T], axis=1)
+        # Neighbours have a say, since a few places do not tell a turn.
+        pooled = np.array(sums)
+        np.add.at(pooled, nodes.first, nodes.bond[:, None] * sums[nodes.second])
+        pooled = pooled / pooled[:, 15:]
+        moments = pooled[:, 6:15].reshape(-1, 3, 3) - pooled[:, 3:6, None] * pooled[:, None, :3]
+        rotations = nearest_rotations(moments)
+        own = sums / sums[:, 15:]
+        shift = np.einsum("dij,dj->di", rotations, rest[nodes.vertex] - own[:, :3])
+        return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift)
+
+    def offsets(self, vertex: Integers) -> Floats:
+        """(q, c, 3) some vertices, seen from the nodes that move them, as these turn them."""
+        near = self.nodes.near[vertex]
+        away = self.rest[vertex, None] - self.rest[self.nodes.vertex][near]
+        return np.einsum("qcij,qcj->qci", self.rotations[near], away)
+
+    def moved(self) -> tuple[Floats, Floats, Floats]:
+        """(n, 3) all vertices, (n, 3) their normals, and (n, 3, 3) their rotations."""
+        near, weight = self.nodes.near, self.nodes.weight
+        positions = np.zeros_like(self.rest)
+        blends = np.zeros((len(self.rest), 3, 3))
+        for node, share in zip(near.T, weight.T, strict=True):
+            away = self.rest - self.rest[self.nodes.vertex[node]]
+            turned = np.einsum("nij,nj->ni", self.rotations[node], away)
+            positions += share[:, None] * (turned + self.images[node])
+            blends += share[:, None, None] * self.rotations[node]
+        return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
+
+    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float) -> None:
+        """One step of Gauss and Newton's method.
+
+        Args:
+            vertex: (q,) vertices that should move.
+            misses: (q, 3) by how much.
+            pull: (q, 3, 3) square roots of what a miss counts in each direction.
+            stiffness: see `Round`.
+        """
+        count = len(self.nodes.vertex)
+        near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
+        c = near.shape[1]
+        turning = np.einsum("qij,qcjk->qcik", pull, crossing(self.offsets(vertex)) * weight[..., None, None])
+        shifting = pull[:, None] * weight[..., None, None]
+        jacobian = np.concatenate([turning, shifting], axis=-1).transpose(0, 2, 1, 3).reshape(len(vertex), 3, 6 * c)
+        column = (6 * near[:, :, None] + np.arange(6)).reshape(len(vertex), 6 * c)
+        products = jacobian.transpose(0, 2, 1) @ jacobian
+        matrix = _scattered(column, products, 6 * count)
+        rhs = np.bincount(
+            column.ravel(),
+            np.einsum("qic,qi->qc", jacobian, np.einsum("qij,qj->qi", pull, misses)).ravel(),
+            minlength=6 * count,
+        )
+        self._add_stiffness(matrix, rhs, stiffness)
+        matrix[np.diag_indices_from(matrix)] += 1e-9 * np.trace(matrix) / len(matrix)
+        change = cho_solve(cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False), rhs).reshape(-1, 6)
+        self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
+        self.images = self.images + change[:, 3:]
+
+    def _add_stiffness(self, matrix: Floats, rhs: Floats, stiffness: float) -> None:
+        """Add what neighbouring nodes that disagree count to the normal equations, in place."""
+        first, second = self.nodes.first, self.nodes.second
+        places = self.rest[self.nodes.vertex]
+        away = np.einsum("eij,ej->ei", self.rotations[first], places[second] - places[first])
+        apart = away + self.images[first] - self.images[second]
+        count = stiffness * self.nodes.bond / len(places) / (1 + (np.linalg.norm(apart, axis=1) / JOINT) ** 2)
+        identity = np.broadcast_to(np.eye(3), (len(first), 3, 3))
+        zero = np.zeros_like(identity)
+        placing = np.concatenate([crossing(away), identity, zero, -identity], axis=2)
+        turning = np.sqrt(TURNING) * np.concatenate([identity, zero, -identity, zero], axis=2)
+        jacobian = np.concatenate([placing, turning], axis=1)
+        relative = np.einsum("eij,ekj->eik", self.rotations[second], self.rotations[first])
+        turn = np.stack([relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
+        residual = np.concatenate([apart, -np.sqrt(TURNING) * turn], axis=1)
+        column = np.concatenate([6 * first[:, None] + np.arange(6), 6 * second[:, None] + np.arange(6)], axis=1)
+        weighted = jacobian * count[:, None, None]
+        matrix += _scattered(column, weighted.transpose(0, 2, 1) @ jacobian, len(matrix))
+        rhs -= np.bincount(column.ravel(), np.einsum("eic,ei->ec", weighted, residual).ravel(), minlength=len(rhs))
+
+
+def crossing(vectors: Floats) -> Floats:
+    """(..., 3, 3) what a small turn, as a rotation vector, does to each vector (..., 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(*vectors.shape, 3)
+
+
+def _scattered(column: Integers, blocks: Floats, size: int) -> Floats:
+    """(size, size) the sum of square blocks (b, c, c), each at its own rows and columns (b, c)."""
+    position = column[:, :, None] * size + column[:, None]
+    return np.bincount(position.ravel(), blocks.ravel(), minlength=size * size).reshape(size, size)

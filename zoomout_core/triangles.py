@@ -1,0 +1,103 @@
+"""Areas, normals and edges of triangles on points."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+
+from zoomout_core.arrays import Floats, Integers
+
+
+def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
+    """(m,) areas of the triangles (m, 3) on the points (n, 3)."""
+    return 0.5 * np.linalg.norm(area_normals(vertices, triangles), axis=1)
+
+
+def triangle_normals(vertices: Floats, triangles: Integers) -> Floats:
+    """(m, 3) unit normals of the triangles (m, 3) on the points (n, 3); zero for a degenerate one."""
+    return unit_vectors(area_normals(vertices, triangles))
+
+
+def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
+    """(n, 3) unit normals of the vertices, the triangles' averaged by area; zero where there are none."""
+    weighted = area_normals(vertices, triangles)
+    normals = np.stack(
+        [np.bincount(triangles.ravel(), np.repeat(weighted[:, axis], 3), minlength=len(vertices)) for axis in range(3)],
+        axis=1,
+    )
+    return unit_vectors(normals)
+
+
+def unit_vectors(vectors: Floats) -> Floats:
+    """Vectors (m, 3) of unit length, or zeros where they have none."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
+    """The undirected edges of triangles (m, 3).
+
+    Returns:
+        (e, 2) vertex numbers, the smaller first, and (m, 3) the edge from each corner to the next.
+    """
+    side, first = sides_by_edge(triangles)
+    edge_of = np.empty(triangles.size, dtype=np.int64)
+    edge_of[side] = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    low, high = _ends(triangles)
+    chosen = side[first[:-1]]
+    return np.stack([low[chosen], high[chosen]], axis=1), edge_of.reshape(-1, 3)
+
+
+def _ends(triangles: Integers) -> tuple[Integers, Integers]:
+    """(3m,) the smaller and the larger vertex of each side of triangles (m, 3), from a corner to the next."""
+    following = np.roll(triangles, -1, axis=1)
+    return np.minimum(triangles, following).ravel(), np.maximum(triangles, following).ravel()
+
+
+class Sides(NamedTuple):
+    """The sides of triangles, one undirected edge after the other.
+
+    Attributes:
+        side: (3m,) numbers of the sides, 3 t for that from the first corner of triangle t to the second.
+        first: (e + 1,) where each edge's sides begin among them.
+    """
+
+    side: Integers
+    first: Integers
+
+
+def sides_by_edge(triangles: Integers) -> Sides:
+    """The sides of triangles (m, 3) by the vertices that they connect.
+
+    They are counted into the rows of a sparse matrix, which takes a third of the time that sorting them does.
+    """
+    low, high = _ends(triangles)
+    n = int(high.max(initial=-1)) + 1
+    one_each = np.ones(len(low), dtype=np.int8), low, np.arange(len(low) + 1)
+    by_low = csc_array(one_each, shape=(n, len(low))).tocsr()
+    table = csr_array((by_low.indices, high[by_low.indices], by_low.indptr), shape=(n, n))
+    table.sort_indices()
+    side = table.data
+    begins = np.ones(len(side), dtype=bool)
+    begins[1:] = (np.diff(table.indices) != 0) | (np.diff(low[side]) != 0)
+    return Sides(side, np.append(np.flatnonzero(begins), len(side)))
+
+
+def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
+    """(n, n) graph of a triangle mesh's edges, weighted by their lengths; symmetric, as good as undirected."""
+    edges, _ = unique_edges(triangles)
+    length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    return csr_array((np.concatenate([length, length]), (rows, columns)), shape=(len(vertices), len(vertices)))
+
+
+def area_normals(vertices: Floats, triangles: Integers) -> Floats:
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    return cross(b - a, c - a)
+
+
+def cross(u: Floats, v: Floats) -> Floats:
+    """(m, 3) cross products of vectors (m, 3): several times as fast as numpy's."""
+    return np.stack([u[:, i - 2] * v[:, i - 1] - u[:, i - 1] * v[:, i - 2] for i in range(3)], axis=1)
