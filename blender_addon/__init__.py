@@ -4,21 +4,11 @@ import bpy
 
 import zoomout_core as zo
 
-from .operators.cut_seams import ZOOMOUT_OT_cut_seams
-from .operators.match import ZOOMOUT_OT_match
-from .operators.transfer import ZOOMOUT_OT_transfer
-from .panels import ZOOMOUT_PT_match, ZOOMOUT_PT_transfer
-from .properties import ZOOMOUT_PG_settings
+from . import operators, panels
+from .properties.settings import ZOOMOUT_PG_settings
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (
-        ZOOMOUT_PG_settings,
-        ZOOMOUT_OT_match,
-        ZOOMOUT_OT_transfer,
-        ZOOMOUT_OT_cut_seams,
-        ZOOMOUT_PT_match,
-        ZOOMOUT_PT_transfer,
-    )
+    (ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES)
 )
 
 

@@ -16,7 +16,7 @@ from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 from .. import stored_match
 from ..mesh_data import Role, cut_mesh, evaluated_mesh, read_active_layers, read_layer
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair
-from ..properties import SourceName
+from ..properties.settings import SourceName
 from .stepped import SteppedOperator
 
 

@@ -12,7 +12,8 @@ from zoomout_core.progress import Steps, drain
 from .. import stored_match
 from ..evidence import matching_steps
 from ..pair import check_unedited, choose_source, read_pair
-from ..properties import MatchOptions, SourceName, take_settings
+from ..properties.match import MatchOptions
+from ..properties.settings import SourceName, take_settings
 from .stepped import SteppedOperator
 
 

@@ -16,7 +16,9 @@ from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remar
 from ..evidence import matching_steps
 from ..mesh_data import evaluated_mesh
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
-from ..properties import BlendOptions, MatchOptions, SourceName, TransferOptions, option_label, take_settings
+from ..properties.match import MatchOptions, option_label
+from ..properties.settings import SourceName, take_settings
+from ..properties.transfer import BlendOptions, TransferOptions
 from .stepped import SteppedOperator
 
 # Part of the progress that matching takes, where there is no match yet.

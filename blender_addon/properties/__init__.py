@@ -1,0 +1,1 @@
+"""Options: each is defined once, and is a setting of the scene as well as a property of the operators."""

@@ -1,0 +1,119 @@
+"""Options of a match.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+import math
+from typing import Any
+
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+
+from zoomout_core.correspondence.proximity import MOST_ANGLE, MOST_DISTANCE
+
+from .once import ONCE
+
+# Options that say which evidence an automatic start weighs.
+EVIDENCE = ("names", "same_up", "from_last")
+# Options that say which nearest points are a match.
+NEARNESS = ("most_distance", "most_angle", "either_side")
+
+
+class MatchOptions:
+    """How to match."""
+
+    initial: EnumProperty(
+        name="Start",
+        description="What the match starts from",
+        items=(
+            ("AUTO", "Automatic", "The shapes alone: poses and placements may differ"),
+            ("PROXIMITY", "Nearest Points", "The nearest points in space: for meshes that lie over each other"),
+            (
+                "NEAREST",
+                "Clothes on a Body",
+                "The nearest points are the match, as far as they are near and face the same way, "
+                "and what has none is filled in: for clothes, in the pose of the body that they are on",
+            ),
+        ),
+        default="AUTO",
+        options=ONCE,
+    )
+    k_final: IntProperty(
+        name="Detail",
+        description=(
+            "How many eigenfunctions of each shape the match is refined to: more follow smaller features, "
+            "and take longer"
+        ),
+        default=120,
+        min=20,
+        soft_max=300,
+        max=1000,
+        options=ONCE,
+    )
+    names: BoolProperty(
+        name="Names",
+        description=(
+            "Vertex groups, and materials, of the same name lie at corresponding places. "
+            "Turn this off where names mean something else on either mesh"
+        ),
+        default=True,
+        options=ONCE,
+    )
+    same_up: BoolProperty(
+        name="Same Up Axis",
+        description="Both objects stand upright in the scene, along its Z axis",
+        default=False,
+        options=ONCE,
+    )
+    from_last: BoolProperty(
+        name="Last Match",
+        description="The match of these two that was made before is about right: after a small change of options",
+        default=False,
+        options=ONCE,
+    )
+
+    most_distance: FloatProperty(
+        name="Distance",
+        description=(
+            "How far the nearest point of a body may be, over the square root of the body's area, "
+            "which is about 1.4 m for a human"
+        ),
+        default=MOST_DISTANCE,
+        min=1e-3,
+        soft_max=0.5,
+        options=ONCE,
+    )
+    most_angle: FloatProperty(
+        name="Angle",
+        description="By how much the directions that clothes and body face may differ",
+        default=math.radians(MOST_ANGLE),
+        min=0,
+        max=math.pi,
+        subtype="ANGLE",
+        options=ONCE,
+    )
+    either_side: BoolProperty(
+        name="Either Side",
+        description="Clothes and body may also face each other: for clothes that have an inner side of their own",
+        default=False,
+        options=ONCE,
+    )
+
+    def match_options(self) -> dict[str, Any]:
+        """The arguments of `operators.match.match_objects` that are chosen here."""
+        if self.initial == "NEAREST":
+            return {
+                "initial": "nearest",
+                "most_distance": self.most_distance,
+                "most_angle": round(
+                    math.degrees(self.most_angle), 3
+                ),  # a half turn in single precision is more than one
+                "either_side": self.either_side,
+            }
+        chosen = {name: getattr(self, name) for name in ("k_final", *EVIDENCE)}
+        return {"initial": self.initial.lower(), **chosen}
+
+
+def option_label(name: str) -> str:
+    """What an argument of `match_objects` is called in the interface, or its name if it is not there."""
+    option = MatchOptions.__annotations__.get(name)
+    return option.keywords["name"] if option else name

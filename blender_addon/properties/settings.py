@@ -1,0 +1,50 @@
+"""The settings of a scene, which stand in for what is left open when an operator is called.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from bpy.props import PointerProperty, StringProperty
+from bpy.types import Object, Operator, PropertyGroup
+
+from .match import MatchOptions
+from .once import ONCE
+from .transfer import BlendOptions, TransferOptions
+
+
+class SourceName:
+    """Which object an operator takes as the source."""
+
+    source: StringProperty(
+        name="Source",
+        description=(
+            "Name of the object that has the data; if empty, the one chosen in the sidebar, "
+            "else the mesh that is selected besides the active one"
+        ),
+        options=ONCE,
+    )
+
+
+def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
+    return obj.type == "MESH"
+
+
+class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, BlendOptions, PropertyGroup):
+    """The scene's settings."""
+
+    source: PointerProperty(
+        name="Source",
+        description=(
+            "The mesh that has the data; the active mesh receives it. "
+            "If none is chosen, the mesh that is selected besides the active one"
+        ),
+        type=Object,
+        poll=_may_be_source,
+    )
+
+
+def take_settings(operator: Operator, settings: ZOOMOUT_PG_settings) -> None:
+    """Give an operator the scene's settings for all options that its caller left open."""
+    for options in (MatchOptions, TransferOptions, BlendOptions):
+        for name in options.__annotations__ if isinstance(operator, options) else ():
+            if not operator.properties.is_property_set(name):
+                setattr(operator, name, getattr(settings, name))
