@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, DATA, MESH, SWITCH, TEXT, WHOLE, Parameter
+from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.cli import DETAIL, STARTS, read_axis, read_landmarks, read_vertex_map
 from zoomout_core.progress import Steps, within
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
 
 SOURCE = Parameter("sourcemesh", MESH, 0, "The mesh that gives.")
 TARGET = Parameter("targetmesh", MESH, 1, "The mesh that receives.")
@@ -46,6 +50,17 @@ def match_steps(source: Layer, target: Layer, candidate: int, **matching: Any) -
     if candidate:
         result = yield from within(result.use_steps(candidate), 0.85, 1.0)
     return result
+
+
+def stored_or_new_steps(
+    ms: MeshSet, source: Layer, target: Layer, targetmesh: int, correspondence: str, **matching: Any
+) -> Steps[tuple[Correspondence | zo.MatchResult, dict[str, Any]]]:
+    """The correspondence of two layers, by the parameters STORED_OR_NEW and MATCHING, and what to say of it."""
+    if correspondence:
+        stored = read_stored(ms.mesh(targetmesh), correspondence, source)
+        return stored, {"confidence": stored.confidence, "notes": []}
+    found = yield from match_steps(source, target, **matching)
+    return found, report_on(found)
 
 
 def report_on(result: zo.MatchResult) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from meshlab_filter.filters.common import (
     TARGET,
     match_steps,
     report_on,
+    stored_or_new_steps,
 )
 from meshlab_filter.mesh_data import (
     Layer,
@@ -177,13 +178,8 @@ def apply_conform_by_zoomout(
     """
     source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     check_target(target)
-    found: zo.MatchResult | Correspondence
-    if correspondence:
-        found = read_stored(ms.mesh(targetmesh), correspondence, source)
-        report: dict[str, Any] = {"confidence": found.confidence, "notes": []}
-    else:
-        found = yield from within(match_steps(source, target, **matching), 0.0, 0.95)
-        report = report_on(found)
+    finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
+    found, report = yield from within(finding, 0.0, 0.95)
     yield Progress(0.95, "Bending the target")
     vertices = zo.conform(found, source.surface, target.surface)
     new = replace(

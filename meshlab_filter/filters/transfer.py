@@ -10,12 +10,13 @@ import numpy as np
 
 import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
-from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, match_steps, report_on
+from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, stored_or_new_steps
 from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
 from meshlab_filter.parameters import DATA, SWITCH, Parameter
-from meshlab_filter.stored import Correspondence, read_stored
+from meshlab_filter.stored import Correspondence
 from zoomout_core.progress import Progress, Steps, within
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.triangles import unit_vectors
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -92,13 +93,8 @@ def transfer_attributes_by_zoomout(
         )
     check_target(target)
 
-    found: zo.MatchResult | Correspondence
-    if correspondence:
-        found = read_stored(ms.mesh(targetmesh), correspondence, source)
-        report: dict[str, Any] = {"confidence": found.confidence, "notes": []}
-    else:
-        found = yield from within(match_steps(source, target, **matching), 0.0, 0.8)
-        report = report_on(found)
+    finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
+    found, report = yield from within(finding, 0.0, 0.8)
     received = yield from within(_transfer_steps(source, target, found), 0.8, 1.0)
     new = _merged(target, source, received)
     notes = [note for attribute in received for note in attribute.notes]
@@ -134,8 +130,7 @@ def _normals(layer: Layer) -> Attribute:
     """Its vertices' normals, in the frame of all layers."""
     # Normals turn by the inverse's transpose; rows on the left, it is the inverse.
     values = layer.normals @ np.linalg.inv(layer.transform[:3, :3])
-    length = np.linalg.norm(values, axis=1, keepdims=True)
-    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, values / np.where(length > 0, length, 1))
+    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, unit_vectors(values))
 
 
 def _merged(target: Layer, source: Layer, received: list[Attribute]) -> Layer:
