@@ -6,6 +6,8 @@ products alone (Ericson, Real-Time Collision Detection, 5.1.5), so the same code
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
@@ -40,27 +42,66 @@ def closest_points(
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
     """
-    found = _Closest(points, vertices, triangles)
-    # The triangles at the nearest vertex are a good first guess, and rule out most others.
-    used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
-    nearest = used[_query(_tree(vertices[used]), points, 1)[1]]
-    first, at_vertex = _triangles_at(triangles, len(vertices))
-    for block in np.array_split(np.arange(len(points)), 1 + len(points) * RING // BLOCK):
-        query, candidate, _ = _lists(first, at_vertex, nearest[block])
-        found.improve(block[query], candidate)
-    far = np.flatnonzero(found.distance > tolerance)
-    if len(far) == 0:
+    return SurfaceSearch(vertices, triangles).closest(points, tolerance)
+
+
+class SurfaceSearch:
+    """A triangle mesh, prepared once to look for its points that are closest to places in space.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+    """
+
+    def __init__(self, vertices: Floats, triangles: Integers) -> None:
+        self.vertices, self.triangles = vertices, triangles
+        self._used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
+        self._tree = _tree(vertices[self._used])
+        self._at_vertex = _triangles_at(triangles, len(vertices))
+
+    def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
+        """The closest point for every query point, as `closest_points` finds it."""
+        found = _Closest(points, self.vertices, self.triangles)
+        # The triangles at the nearest vertex are a good first guess, and rule out most others.
+        nearest = self._used[_query(self._tree, points, 1)[1]]
+        for block in np.array_split(np.arange(len(points)), 1 + len(points) * RING // BLOCK):
+            query, candidate, _ = _lists(*self._at_vertex, nearest[block])
+            found.improve(block[query], candidate)
+        far = np.flatnonzero(found.distance > tolerance)
+        if len(far):
+            for group in self._groups:
+                # A small triangle cannot be closer by more than the tolerance than the vertex that is nearest.
+                if group.radius.max() > tolerance:
+                    _search(found, far, group)
         return found.triangle, found.barycentric
-    # A small triangle cannot be closer by more than the tolerance than the vertex that is nearest.
-    corners = vertices[triangles]
-    centre = corners.mean(axis=1)
-    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
-    # The others by size, so that a few large ones do not widen the search among the small ones.
-    size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius))), -2, 6)
-    for group in np.unique(size[radius > tolerance]):
-        members = np.flatnonzero((size == group) & (radius > tolerance))
-        _search(found, far, _tree(centre[members]), members, radius[members])
-    return found.triangle, found.barycentric
+
+    @cached_property
+    def _groups(self) -> list[_Group]:
+        """The triangles by size, so that a few large ones do not widen the search among the small ones."""
+        corners = self.vertices[self.triangles]
+        centre = corners.mean(axis=1)
+        radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+        size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius))), -2, 6)
+        members = (np.flatnonzero(size == each) for each in np.unique(size))
+        return [_Group(centre[chosen], radius[chosen], chosen) for chosen in members]
+
+
+class _Group:
+    """Triangles of about one size.
+
+    Attributes:
+        centre: (g, 3) their centres of gravity.
+        radius: (g,) how far their corners are from there.
+        members: (g,) their numbers.
+    """
+
+    def __init__(self, centre: Floats, radius: Floats, members: Integers) -> None:
+        self.centre, self.radius, self.members = centre, radius, members
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the centres; large meshes are hardly ever asked for that of their small triangles."""
+        return _tree(self.centre)
 
 
 def _tree(points: Floats) -> cKDTree:
@@ -116,14 +157,15 @@ def _pairs_of(ap: Floats, ab: Floats, ac: Floats) -> tuple[tuple[Floats, Floats]
     return (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
 
 
-def _search(found: _Closest, queries: Integers, tree: cKDTree, members: Integers, radius: Floats) -> None:
+def _search(found: _Closest, queries: Integers, group: _Group) -> None:
     """Look among triangles of about one size, more and more of them, until none can be closer to some queries."""
+    members, radius = group.members, group.radius
     reach = float(radius.max())
     count = min(4, len(members))
     while len(queries):
         unresolved = []
         for block in np.array_split(queries, 1 + len(queries) * count // BLOCK):
-            parts = _query(tree, found.points[block], count)
+            parts = _query(group.tree, found.points[block], count)
             distance, near = (np.reshape(part, (len(block), count)) for part in parts)
             row, column = np.nonzero(distance - radius[near] < found.distance[block, None])
             found.improve(block[row], members[near[row, column]])

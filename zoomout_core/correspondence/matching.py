@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from numbers import Integral
 from operator import attrgetter
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,7 @@ from zoomout_core.surface import Surface
 from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
 from zoomout_core.working_mesh import WorkingMesh
 
+Result = TypeVar("Result")
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
 SMALLEST_FINAL = 4
@@ -210,7 +211,7 @@ def match_steps(
     k = max(k_final, FEWEST_FUNCTIONS)
     ahead = ANALYSES if initial in ("auto", "landmarks") else ()
     prepared = (
-        analysis_steps(kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices)), ahead)
+        prepared_steps(kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices)), ahead)
         for part in (source_part, target_part)
     )
     source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
@@ -228,15 +229,15 @@ def match_steps(
     return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
 
 
-def analysis_steps(
-    preparing: Generator[float, None, Shape], ahead: tuple[Callable[[Shape], object], ...]
-) -> Generator[float, None, Shape]:
-    """A prepared shape that has been asked for what will be needed of it."""
-    shape = yield from preparing
-    for analyse in ahead:
+def prepared_steps(
+    steps: Generator[float, None, Result], ahead: tuple[Callable[[Result], object], ...]
+) -> Generator[float, None, Result]:
+    """What steps return, when it has been asked for what will be needed of it."""
+    result = yield from steps
+    for prepare in ahead:
         yield 0.97
-        analyse(shape)
-    return shape
+        prepare(result)
+    return result
 
 
 def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
@@ -285,7 +286,9 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
     forwards = fitted_steps(refining, source, target, candidate.mirrored)
     fewer = candidate.mirrored, min(pair.k_final, MOST_FUNCTIONS_BACK), pair.step
-    backwards = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
+    refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
+    # The way back ends first: there is time to prepare what carrying over needs.
+    backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
     (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
     if pair.exact_landmarks is not None:
         fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))

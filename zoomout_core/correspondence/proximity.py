@@ -17,7 +17,7 @@ from zoomout_core.progress import Steps, drain, spread
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import MeshError, Surface
 from zoomout_core.threads import in_background
-from zoomout_core.triangles import triangle_areas, unique_edges
+from zoomout_core.triangles import triangle_areas, unique_edges, unit_vectors
 
 # The paper allows for a twentieth of the bounding box's diagonal, which is about this for a human figure, and for the
 # same angle. On clothes 0.005 to 0.04 above a body, all distances that reach them were as good, and wider angles worse.
@@ -108,9 +108,8 @@ def _matched(
 
 def _cosines(surface_map: SurfaceMap, source: Surface, target: Surface, near: Booleans) -> Floats:
     """(n_t,) of the angle between each vertex's normal and that of the source at its image; 0 without a normal."""
-    there = surface_map.interpolate(_normals(source))
-    length = np.linalg.norm(there, axis=1)
-    cosine = np.einsum("nx,nx->n", there, _normals(target)) / np.where(length > 0, length, 1)
+    there = unit_vectors(surface_map.interpolate(_normals(source)))
+    cosine = np.einsum("nx,nx->n", there, _normals(target))
     working, used = target.working, target.working.vertex_of >= 0
     component = working.component[working.vertex_of]  # of no meaning where no face uses the vertex
     areas = triangle_areas(working.vertices, working.triangles)

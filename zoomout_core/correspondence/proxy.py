@@ -16,14 +16,14 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.decimation import decimated_steps
-from zoomout_core.projection import Neighbourhoods, closest_points, project_to_embedding
+from zoomout_core.projection import Neighbourhoods, SurfaceSearch, project_to_embedding
 from zoomout_core.surface import Surface
 from zoomout_core.working_mesh import WorkingMesh
 
 # A mesh that is larger by less than this is not worth decimating.
 WORTHWHILE = 1.25
 # An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
-NEAR_ENOUGH = 1e-3
+NEAR_ENOUGH = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +73,12 @@ class Proxy:
 
     def closest(self, images: Floats) -> SurfaceMap:
         """The points of the part that are closest to places (q, 3) on, or next to, the stand-in."""
-        triangles = self.full.triangles
-        return SurfaceMap(*closest_points(images, self.full.vertices, triangles, NEAR_ENOUGH), triangles)
+        return SurfaceMap(*self.search.closest(images, NEAR_ENOUGH), self.full.triangles)
+
+    @cached_property
+    def search(self) -> SurfaceSearch:
+        """For the closest points of the part."""
+        return SurfaceSearch(self.full.vertices, self.full.triangles)
 
     @cached_property
     def full_vertex(self) -> Integers:

@@ -26,9 +26,9 @@ from zoomout_core.correspondence.kept_shapes import kept_shape_steps
 from zoomout_core.correspondence.matching import (
     ANALYSES,
     FEWEST_FUNCTIONS,
-    analysis_steps,
     check_sizes,
     fitted_steps,
+    prepared_steps,
     proxy_size,
 )
 from zoomout_core.correspondence.pair import Pair
@@ -166,7 +166,7 @@ def detect_symmetry_steps(
     part, _ = yield from spread(main_part_steps(surface, surface, seed), 0.01, 0.02, "Comparing the parts")
     k = max(k_final, FEWEST_FUNCTIONS)
     preparing = kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices))
-    preparing = analysis_steps(preparing, ANALYSES)
+    preparing = prepared_steps(preparing, ANALYSES)
     shape, _ = yield from spread(side_by_side(preparing, _nothing()), 0.02, 0.5, "Analysing the shape")
     pair = Pair(surface, surface, shape, shape, k_final, step)
     candidates = yield from spread(candidate_steps(shape), 0.5, 0.7, "Comparing candidates")

@@ -12,6 +12,7 @@ from zoomout_core.correspondence.laying import NORMAL_WEIGHT
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import project_to_embedding
+from zoomout_core.triangles import unit_vectors
 
 # Places that are farther than this from their partner, at unit area, pull less; some pull is left to all.
 REACH, LEAST_PULL = 0.03, 1e-3
@@ -96,7 +97,7 @@ def pulls(
     vertex = np.concatenate([at, back])
     partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[around.samples]])
     partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[around.samples]])
-    partner_normal /= np.maximum(np.linalg.norm(partner_normal, axis=1, keepdims=True), 1e-300)
+    partner_normal = unit_vectors(partner_normal)
     leap = leaps.are(vertex, np.concatenate([found.vertex, around.samples]))
     misses = partner - positions[vertex]
     agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)

@@ -11,17 +11,16 @@ from zoomout_core.correspondence.fitting.partners import Leaps, Surroundings, pu
 from zoomout_core.correspondence.proxy import Proxy
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
 from zoomout_core.rotations import nearest_rotations
 from zoomout_core.triangles import triangle_normals
 
 # A rigid motion is sought in so many rounds; it lays a part into the source where that is nearer than this, at unit
 # area, for at least this part of the surroundings, which reach as far as this diffusion length.
-RIGID_ROUNDS, SLIDING, COINCIDING, MOSTLY, POOLING = 10, 0.02, 0.006, 0.8, 0.03
+RIGID_ROUNDS, SLIDING, COINCIDING, MOSTLY, POOLING = 5, 0.02, 0.006, 0.8, 0.03
 # On the full meshes so many rounds make it exact, if it takes at least this part of the vertices where they are to go.
 SETTLING_ROUNDS, FEWEST_SETTLED = 4, 0.2
 # They look at so many vertices, and at no mesh with fewer than that.
-SETTLING_POINTS, FEWEST_VERTICES = 2000, 400
+SETTLING_POINTS, FEWEST_VERTICES = 1000, 400
 # Two meshes of one surface are no farther apart than this, at unit area.
 FLUSH = 5e-4
 
@@ -91,7 +90,7 @@ def settle(goal: Floats, points: Floats, source: Proxy) -> Floats:
         near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDING)
         if len(near) < FEWEST_SETTLED * len(at):
             return goal
-        found = SurfaceMap(*closest_points(placed[near], mesh.vertices, mesh.triangles), mesh.triangles)
+        found = SurfaceMap(*source.search.closest(placed[near]), mesh.triangles)
         normals = triangle_normals(mesh.vertices, mesh.triangles[found.triangle])
         misses = np.einsum("nx,nx->n", normals, found.interpolate(mesh.vertices) - placed[near])
         away = placed[near] - placed[near].mean(axis=0)
