@@ -8,9 +8,10 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.proxy import proxy_steps
-from zoomout_core.progress import drain
+from zoomout_core.progress import drain, scaled
 from zoomout_core.spectral.eigenbasis import working_basis_steps
 from zoomout_core.surface import MeshError, Surface
+from zoomout_core.threads import for_each
 from zoomout_core.triangles import triangle_areas
 from zoomout_core.working_mesh import WorkingMesh
 
@@ -44,14 +45,13 @@ def main_part_steps(
     Raises:
         MeshError: a component is too small.
     """
-    ours, theirs = _comparable(source, "source"), _comparable(target, "target")
+    roles = (source, "source"), (target, "target")
+    ours, theirs = yield from scaled(for_each(lambda each: _comparable(*each), roles), 0.0, 0.2)
     if len(ours) == len(theirs) == 1:
         return ours[0], theirs[0]
     count = min(EIGENVALUES + 1, *(len(part.vertices) - 1 for part in (*ours, *theirs)))
-    spectra = []
-    for number, part in enumerate((*ours, *theirs)):
-        yield number / (len(ours) + len(theirs))
-        spectra.append(_spectrum(part, count, seed))
+    comparing = for_each(lambda part: _spectrum(part, count, seed), (*ours, *theirs))
+    spectra = yield from scaled(comparing, 0.2, 1.0)
     of_source, of_target = np.array(spectra[: len(ours)]), np.array(spectra[len(ours) :])
     difference = np.abs(of_source[:, None] - of_target).mean(axis=2)
     pairs = [(ours[i], theirs[j]) for i, j in np.argwhere(difference <= difference.min() + ALIKE)]
