@@ -17,7 +17,7 @@ from zoomout_core.rotations import nearest_rotations
 # A vertex moves with so many nodes.
 NEAREST_NODES = 5
 # What neighbouring nodes' difference in rotation counts against that of where they put each other.
-TURNING = 0.003
+TURNING = 0.0005
 # Neighbours that put each other farther apart than this, at unit area, pull less: joints bend.
 JOINT = 0.01
 

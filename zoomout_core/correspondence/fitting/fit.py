@@ -45,10 +45,12 @@ class Round(NamedTuple):
     stiffness: float
 
 
-# First with few nodes, so that a limb moves as a whole and takes its turn about its axis from the body.
+# First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else tells how a round part lies.
 ROUNDS = (
+    Round(40, 1.0, 0.3),
+    *[Round(40, 0.01, 0.3)] * 8,
     Round(100, 1.0, 0.3),
-    *[Round(100, 0.05, 0.3)] * 6,
+    *[Round(100, 0.02, 0.3)] * 3,
     Round(200, 1.0, 0.3),
     *[Round(200, 0.05, 0.3)] * 3,
     *[Round(200, 0.02, 0.1)] * 4,
