@@ -16,8 +16,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.progress import drain
 from zoomout_core.projection import barycentric_of_closest
 from zoomout_core.surface import Surface
+from zoomout_core.threads import for_each
 from zoomout_core.triangles import triangle_normals
 
 # Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
@@ -30,8 +32,8 @@ RIM = 1e-9
 UPRIGHT = 0.5
 # Faces that share one edge and are compared with one another; more happen only on broken meshes.
 MOST_FACES_AT_EDGE = 8
-# Points that walk together: bounds the memory.
-BLOCK = 1 << 15
+# Points that walk together: what is worked on stays in a processor's cache.
+BLOCK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +58,34 @@ class CutSurface:
         return self.island[self.surface.triangle_face]
 
     @cached_property
+    def _vertices(self) -> Integers:
+        """(m, 3) the cut vertices of the triangles."""
+        return self.cut_vertex[self.surface.triangle_corners]
+
+    @cached_property
     def _fan(self) -> tuple[Integers, Integers]:
         """Triangles around the cut vertices: (v + 1,) where each vertex's start, and the triangles."""
-        vertex = self.cut_vertex[self.surface.triangle_corners].ravel()
+        vertex = self._vertices.ravel()
         start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=self.cut_vertex.max() + 1))])
         return start, np.argsort(vertex, kind="stable") // 3
 
     @cached_property
     def _folded(self) -> Booleans:
-        """(v,) whether triangles around a cut vertex stand up or fold over, as slivers do, seen from its normal."""
-        vertex = self.cut_vertex[self.surface.triangle_corners].ravel()
+        """(m,) whether triangles around a triangle stand up or fold over, as slivers do, seen from its corners."""
+        vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
         sums = np.stack([np.bincount(vertex, axis) for axis in normal.T], axis=1)
         lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= UPRIGHT * np.linalg.norm(sums, axis=1)[vertex]
         folded = np.zeros(len(sums), dtype=bool)
         folded[vertex[~lying]] = True
-        return folded
+        return np.asarray(folded[self._vertices].any(axis=1))
+
+    @cached_property
+    def _geometry(self) -> Floats:
+        """(12, m) of triangles: a corner, the sides that leave it (three rows each), and their inner products."""
+        a, b, c = self.surface.vertices[self.surface.triangles].transpose(1, 2, 0)
+        ab, ac = b - a, c - a
+        return np.concatenate([a, ab, ac, [_dot(ab, ab), _dot(ab, ac), _dot(ac, ac)]])
 
     @cached_property
     def _size(self) -> float:
@@ -89,44 +103,61 @@ class CutSurface:
             zero for points that were reached.
         """
         triangle = np.array(start)
-        barycentric = np.empty((len(points), 3))
+        weights = np.empty((len(points), 3))
         distance = np.empty(len(points))
-        for block in np.array_split(np.arange(len(points)), max(1, -(-len(points) // BLOCK))):
-            barycentric[block], distance[block] = self._closest(triangle[block], points[block])
-            walking = block
-            while len(walking := walking[self._may_improve(triangle, barycentric, distance, walking)]):
-                query, candidate = self._around(triangle[walking], barycentric[walking])
-                weights, gap = self._closest(candidate, points[walking[query]])
-                first = np.flatnonzero(np.diff(query, prepend=-1))
-                lowest = np.minimum.reduceat(gap, first)
-                better = lowest < distance[walking] * (1 - ON_SURFACE)
-                hit = np.flatnonzero((gap <= lowest[query]) & better[query])
-                hit = hit[np.flatnonzero(np.diff(query[hit], prepend=-1))]
-                walking = walking[better]
-                triangle[walking], barycentric[walking], distance[walking] = candidate[hit], weights[hit], gap[hit]
-        return triangle, barycentric, np.where(distance > self._size * ON_SURFACE, distance, 0)
+        columns = np.ascontiguousarray(points.T)
 
-    def _may_improve(self, triangle: Integers, barycentric: Floats, distance: Floats, walking: Integers) -> Booleans:
+        def walk_on(first: int) -> None:
+            block = slice(first, first + BLOCK)
+            triangle[block], weights[block], distance[block] = self._walked(triangle[block], columns[:, block])
+
+        drain(for_each(walk_on, range(0, len(points), BLOCK)))
+        return triangle, weights, np.where(distance > self._size * ON_SURFACE, distance, 0)
+
+    def _walked(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
+        """`walk` to points (3, q)."""
+        triangle = start.copy()
+        weights, distance = self._closest(triangle, points)
+        walking = np.arange(len(triangle))
+        while len(walking := walking[self._may_improve(triangle, weights, distance, walking)]):
+            query, candidate = self._around(triangle[walking], weights[walking])
+            found, gap = self._closest(candidate, points[:, walking[query]])
+            first = np.flatnonzero(np.diff(query, prepend=-1))
+            lowest = np.minimum.reduceat(gap, first)
+            better = lowest < distance[walking] * (1 - ON_SURFACE)
+            hit = np.flatnonzero((gap <= lowest[query]) & better[query])
+            hit = hit[np.flatnonzero(np.diff(query[hit], prepend=-1))]
+            walking = walking[better]
+            triangle[walking], weights[walking], distance[walking] = candidate[hit], found[hit], gap[hit]
+        return triangle, weights, distance
+
+    def _may_improve(self, triangle: Integers, weights: Floats, distance: Floats, walking: Integers) -> Booleans:
         """Whether a walk is off its point, and its foot on a rim, or where another triangle may cover it."""
-        vertices = self.cut_vertex[self.surface.triangle_corners[triangle[walking]]]
-        leads_on = (barycentric[walking] <= RIM).any(axis=1) | self._folded[vertices].any(axis=1)
+        on_rim = (weights <= RIM)[walking]
+        leads_on = on_rim[:, 0] | on_rim[:, 1] | on_rim[:, 2] | self._folded[triangle[walking]]
         return leads_on & (distance[walking] > self._size * ON_SURFACE)
 
     def _closest(self, triangle: Integers, points: Floats) -> tuple[Floats, Floats]:
-        """Barycentric coordinates of the point of each triangle that is closest, and its distance."""
-        a, b, c = (self.surface.vertices[self.surface.triangles[triangle, i]] for i in range(3))
-        ap, ab, ac = points - a, b - a, c - a
-        dots = [np.einsum("qx,qx->q", x, y) for x, y in ((ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac))]
-        weights = barycentric_of_closest(tuple(dots))
-        offset = ap - weights[:, 1:2] * ab - weights[:, 2:] * ac
-        return weights, np.sqrt(np.einsum("qx,qx->q", offset, offset))
+        """(q, 3) barycentric coordinates of the points of triangles closest to points (3, q), and the distances."""
+        geometry = np.take(self._geometry, triangle, axis=1)
+        ab, ac = geometry[3:6], geometry[6:9]
+        offset = points - geometry[:3]
+        weights = barycentric_of_closest((_dot(offset, ab), _dot(offset, ac), *geometry[9:]))
+        offset -= weights[:, 1] * ab
+        offset -= weights[:, 2] * ac
+        return weights, np.sqrt(_dot(offset, offset))
 
-    def _around(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Integers]:
+    def _around(self, triangle: Integers, weights: Floats) -> tuple[Integers, Integers]:
         """The triangles at the cut vertices that a foot lies between, with the query of each."""
         start, fan = self._fan
-        query, corner = np.nonzero(barycentric > RIM)
-        vertex = self.cut_vertex[self.surface.triangle_corners[triangle[query], corner]]
+        query, corner = np.divmod(np.flatnonzero(weights > RIM), 3)
+        vertex = self._vertices[triangle[query], corner]
         return ragged(query, start[vertex], start[vertex + 1], fan)
+
+
+def _dot(first: Floats, second: Floats) -> Floats:
+    """(q,) inner products of vectors (3, q)."""
+    return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
 
 
 def ragged(owner: Integers, start: Integers, end: Integers, values: Integers) -> tuple[Integers, Integers]:
@@ -174,7 +205,8 @@ def face_edges(surface: Surface) -> Integers:
 
 def edge_lengths(points: Floats, edges: Integers) -> Floats:
     """(...) lengths of edges (..., 2) between corners that lie at points (c, d)."""
-    return np.asarray(np.linalg.norm(points[edges[..., 1]] - points[edges[..., 0]], axis=-1))
+    along = np.take(points, edges[..., 1], axis=0) - np.take(points, edges[..., 0], axis=0)
+    return np.asarray(np.sqrt(np.einsum("...x,...x->...", along, along)))
 
 
 def cut_open(surface: Surface, values: Floats) -> CutSurface:

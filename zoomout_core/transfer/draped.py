@@ -10,7 +10,15 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import Surface
-from zoomout_core.transfer.cut import CutSurface, cut_open, nearer_than, ragged
+from zoomout_core.transfer.cut import (
+    CutSurface,
+    adjacent_edges,
+    cut_open,
+    edge_lengths,
+    face_edges,
+    nearer_than,
+    ragged,
+)
 from zoomout_core.transfer.inpaint import Filling, filling
 from zoomout_core.triangles import triangle_areas
 
@@ -71,6 +79,26 @@ class Draped:
         return cut_open(self.source, np.zeros((len(self.source.corner_vertex), 1)))
 
     @cached_property
+    def adjacent(self) -> tuple[Integers, Integers]:
+        """Where faces of the target meet, see `adjacent_edges`."""
+        return adjacent_edges(self.target)
+
+    @cached_property
+    def circumference(self) -> Floats:
+        """(f_t,) length around each face of the target."""
+        length = edge_lengths(self.target.vertices[self.target.corner_vertex], face_edges(self.target))
+        return np.asarray(np.bincount(self.target.corner_face, length), dtype=np.float64)
+
+    @cached_property
+    def balls(self) -> tuple[Floats, Floats]:
+        """(f_t, 3) middles and (f_t,) radii of balls around the corners of each face of the target, on the source."""
+        begin, size = self.target.face_start[:-1], np.diff(self.target.face_start)
+        corners = self.points[self.target.corner_vertex]
+        middle = np.add.reduceat(corners, begin) / size[:, None]
+        off = corners - np.repeat(middle, size, axis=0)
+        return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), begin))
+
+    @cached_property
     def filling(self) -> Filling | None:
         """How vertices of too little confidence are filled in, or None where there are none."""
         trusted = self.confidence >= (0 if self.fill_below is None else self.fill_below)
@@ -121,12 +149,8 @@ class Draped:
 
     def near_border(self, cut: CutSurface) -> Booleans:
         """(f_t,) whether a face of the target might lie across a cut of the source."""
-        target = self.target
-        begin, size = target.face_start[:-1], np.diff(target.face_start)
-        corner_points = self.points[target.corner_vertex]
-        centre = np.add.reduceat(corner_points, begin) / size[:, None]
-        reach = np.linalg.norm(corner_points - np.repeat(centre, size, axis=0), axis=1)
         border = self.source.vertices[self.source.corner_vertex[cut.border]]
-        island = cut.triangle_island[self.surface_map.triangle[target.corner_vertex]]
+        island = cut.triangle_island[self.surface_map.triangle][self.target.corner_vertex]
+        begin = self.target.face_start[:-1]
         torn = np.minimum.reduceat(island, begin) < np.maximum.reduceat(island, begin)
-        return torn | nearer_than(centre, np.maximum.reduceat(reach, begin), border[:, 0], border[:, 1])
+        return torn | nearer_than(*self.balls, border[:, 0], border[:, 1])

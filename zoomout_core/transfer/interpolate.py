@@ -13,10 +13,10 @@ from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
-from zoomout_core.transfer.cut import adjacent_edges, cut_open, edge_lengths
+from zoomout_core.transfer.cut import cut_open, edge_lengths
 from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
-from zoomout_core.transfer.voting import LOYALTY, circumference, elect, tally
+from zoomout_core.transfer.voting import LOYALTY, elect, tally
 
 
 def mix_points(attribute: Attribute, draped: Draped) -> Attribute:
@@ -85,11 +85,11 @@ def vote_faces(attribute: Attribute, draped: Draped) -> Attribute:
     samples = draped.samples(np.arange(len(target.face_start) - 1))
     candidates, island = tally(samples.face, island[draped.source.triangle_face[samples.triangle]], samples.weight)
     label = label_of[island]
-    edges, opposite = candidates.contested(*adjacent_edges(target), target.corner_face)
+    edges, opposite = candidates.contested(*draped.adjacent, target.corner_face)
     edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
     chosen = elect(
         candidates,
-        LOYALTY * circumference(target),
+        LOYALTY * draped.circumference,
         first,
         second,
         edge_lengths(target.vertices[target.corner_vertex], edges)[edge],

@@ -10,6 +10,7 @@ seams only where the source has one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from zoomout_core.transfer.cut import (
     ragged,
 )
 from zoomout_core.transfer.draped import Draped
-from zoomout_core.transfer.voting import LOYALTY, Candidates, circumference, elect
+from zoomout_core.transfer.voting import LOYALTY, Candidates, elect
 from zoomout_core.triangles import triangle_areas
 
 # More parts than these do not meet in one face, unless it is larger than islands.
@@ -108,6 +109,12 @@ class Sheets:
     uv: Floats
     gap: Floats
 
+    @cached_property
+    def size(self) -> Floats:
+        """(k,) the larger extent of each candidate's face in the atlas."""
+        extent = [np.maximum.reduceat(axis, self.row) - np.minimum.reduceat(axis, self.row) for axis in self.uv.T]
+        return np.maximum(*extent)
+
     def rows(self, candidate: Integers, corner: Integers, target: Surface) -> Integers:
         """The row of a corner for a candidate of its face."""
         return self.row[candidate] + corner - target.face_start[self.candidates.face[candidate]]
@@ -118,8 +125,8 @@ def transfer_uv(attribute: Attribute, draped: Draped) -> Attribute:
     target = draped.target
     chart = chart_of(draped.source, np.asarray(attribute.values, dtype=np.float64))
     sheets = _sheets(chart, draped)
-    first, second = adjacent_edges(target)
-    chosen = _elected(sheets, chart, target, first, second)
+    first, second = draped.adjacent
+    chosen = _elected(sheets, chart, draped)
     corner = np.arange(len(target.corner_vertex))
     row = sheets.rows(chosen[target.corner_face], corner, target)
     agree = _agree(
@@ -234,13 +241,14 @@ def _sampled_sheets(cut: CutSurface, draped: Draped, faces: Integers) -> tuple[I
     return samples.face[seed], samples.triangle[seed], points[seed], share
 
 
-def _elected(sheets: Sheets, chart: Chart, target: Surface, first: Integers, second: Integers) -> Integers:
+def _elected(sheets: Sheets, chart: Chart, draped: Draped) -> Integers:
     """(f,) the candidate that each face takes, so that the seams on the target are short."""
-    first, second = sheets.candidates.contested(first, second, target.corner_face)
+    target = draped.target
+    first, second = sheets.candidates.contested(*draped.adjacent, target.corner_face)
     edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
     return elect(
         sheets.candidates,
-        LOYALTY * circumference(target),
+        LOYALTY * draped.circumference,
         one,
         other,
         edge_lengths(target.vertices[target.corner_vertex], first)[edge],
@@ -258,22 +266,30 @@ def _agree(
     second: Integers,
 ) -> Booleans:
     """(e,) whether two candidates run on into each other over their common edge."""
-    low, high = (side.reduceat(sheets.uv, sheets.row) for side in (np.minimum, np.maximum))
-    size = (high - low).max(axis=1)
-    ends = sheets.uv[sheets.rows(one[:, None], first, target)] - sheets.uv[sheets.rows(other[:, None], second, target)]
-    island = chart.cut.triangle_island[sheets.seed]
+    size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
     tolerance = AGREEMENT * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
-    return (island[one] == island[other]) & (np.abs(ends).max(axis=(1, 2)) <= tolerance)
+    agree = island[one] == island[other]
+    for mine, theirs in zip(first.T, second.T, strict=True):
+        apart = sheets.uv[sheets.rows(one, mine, target)] - sheets.uv[sheets.rows(other, theirs, target)]
+        for axis in apart.T:
+            agree &= np.abs(axis) <= tolerance
+    return agree
 
 
 def _shared(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Floats:
     """(c, 2) UVs, where joined corners that are one, or lie beyond a border, have what the nearest of them has."""
     group = joined_groups(len(uv), first.ravel(), second.ravel())
-    order = np.lexsort((gap, group))
-    nearest = order[np.flatnonzero(np.diff(group[order], prepend=-1))]
+    nearest = np.empty(group.max() + 1, dtype=np.int64)
+    nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each, which is the nearest if it has no gap
+    others = np.flatnonzero(gap[nearest[group]] > 0)
+    others = others[np.lexsort((gap[others], group[others]))]
+    others = others[np.flatnonzero(np.diff(group[others], prepend=-1))]
+    nearest[group[others]] = others
+    of_nearest = uv[nearest[group]]
     rounding = SAME_CORNER * float(np.ptp(uv, axis=0).max())
-    taken = (gap > 0) | (np.abs(uv - uv[nearest[group]]).max(axis=1) <= rounding)
-    return np.where(taken[:, None], uv[nearest[group]], uv)
+    off = np.abs(uv - of_nearest)
+    taken = (gap > 0) | (np.maximum(off[:, 0], off[:, 1]) <= rounding)
+    return np.where(taken[:, None], of_nearest, uv)
 
 
 def _notes(name: str, chart: Chart, draped: Draped, seed: Integers, uv: Floats) -> tuple[str, ...]:
@@ -312,7 +328,7 @@ def _faults(chart: Chart, draped: Draped, seed: Integers, uv: Floats) -> tuple[B
     in_space = edge_lengths(source.vertices[source.corner_vertex], around_seed).sum(axis=1)
     in_uv = edge_lengths(chart.uv, around_seed).sum(axis=1)
     local = np.divide(in_uv, in_space, out=np.zeros(len(seed)), where=in_space > 0)
-    length = circumference(target) * np.sqrt(source.area / target.area)
+    length = draped.circumference * np.sqrt(source.area / target.area)
     found = np.bincount(target.corner_face, edge_lengths(uv, around_face))
     long = found > STRETCHED * length * np.maximum(local, chart.density[island])
     short = found * STRETCHED < length * np.minimum(local, chart.density[island])

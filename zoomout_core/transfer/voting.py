@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.surface import Surface
-from zoomout_core.transfer.cut import edge_lengths, face_edges, ragged
+from zoomout_core.transfer.cut import ragged
 
 # A face goes with its neighbours against its own samples, when its part of the border weighs more than
 # this many times its circumference times the share of samples that it overrules.
@@ -83,12 +82,6 @@ def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, 
     votes = np.bincount(inverse, weight)
     owner, code = np.divmod(key, count)
     return Candidates(owner, votes / np.bincount(owner, votes)[owner]), code
-
-
-def circumference(surface: Surface) -> Floats:
-    """(f,) length around each face."""
-    length = edge_lengths(surface.vertices[surface.corner_vertex], face_edges(surface))
-    return np.asarray(np.bincount(surface.corner_face, length), dtype=np.float64)
 
 
 def elect(
