@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import bsr_array, csc_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.progress import drain
@@ -44,11 +44,11 @@ def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
     if not moved.any():
         return replace(attribute, values=carried)
     frames = frames_on(draped, moved | doubtful)
-    turns = frames.turns
+    loading = _loading(frames)
 
     def carry(first: int) -> None:
         some = slice(first, first + KEYS_AT_ONCE)
-        carried[:, some] = _carried(offsets[:, some].astype(np.float64), frames, turns)
+        carried[:, some] = _carried(offsets[:, some].astype(np.float64), frames, loading)
 
     drain(for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE)))
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
@@ -63,9 +63,9 @@ def conformed(draped: Draped) -> Floats:
     target = draped.target
     frames = frames_on(draped, np.ones(len(target.vertices), dtype=bool))
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
-    own = on_working_mesh(target.working, target.vertices)[:, None]
-    gradients = _gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns), own)[:, 0]
-    gradients += frames.trusted_stiffness @ frames.points
+    own = on_working_mesh(target.working, target.vertices)
+    gradients = _turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
+    gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
     laid = frames.smooth((frames.trust * frames.areas)[:, None] * frames.points + REACH**2 * gradients)
     number = target.working.vertex_of
     return np.where((number >= 0)[:, None], laid[number], draped.points)
@@ -73,50 +73,50 @@ def conformed(draped: Draped) -> Floats:
 
 def _without_noise(offsets: Floats, area: float) -> Floats:
     """Offsets (n, keys, 3) on a surface of an area; those that are too short to be seen are set to zero."""
-    length = np.linalg.norm(offsets, axis=2)
+    length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
     least = np.maximum(SMALLEST_OF_KEY * length.max(axis=0), SMALLEST_OF_SURFACE * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
 
 
-def _carried(offsets: Floats, frames: Frames, turns: Floats) -> Floats:
-    """(n_t, keys, 3) offsets of the target's vertices, for (n_s, keys, 3) of the source's and the frames' turns."""
+def _carried(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
+    """(n_t, keys, 3) offsets of the target's vertices, for (n_s, keys, 3) of the source's."""
     target = frames.draped.target
     plain = frames.draped.surface_map.interpolate(offsets)
     here = on_working_mesh(target.working, plain)[frames.number]
-    loads: Floats = (frames.trust * frames.areas)[:, None, None] * _turned(turns, here)
-    loads += REACH**2 * _gradients(frames.trusted_stiffness, turns, here)
-    solved = frames.smooth(loads.reshape(len(loads), -1)).reshape(loads.shape)
-    solved[~here.any(axis=2) & (frames.trust == 1)[:, None]] = 0
-    motion = np.zeros((len(target.working.vertices), *solved.shape[1:]))
-    motion[frames.number] = solved
+    n, keys, _ = here.shape
+    loads = loading @ here.transpose(0, 2, 1).reshape(3 * n, keys)
+    solved = frames.smooth(loads.reshape(n, 3 * keys)).reshape(n, 3, keys).transpose(0, 2, 1)
+    motion = np.zeros((len(target.working.vertices), keys, 3))
+    motion[frames.number] = solved * (here.any(axis=2) | (frames.trust < 1)[:, None])[:, :, None]
 
     number = target.working.vertex_of
     carried = motion[number]
     loose = np.flatnonzero(number < 0)
     if len(loose):
-        carried[loose] = _turned(turns[frames.nearest(target.vertices[loose])], plain[loose])
+        carried[loose] = plain[loose] @ frames.turns[frames.nearest(target.vertices[loose])].transpose(0, 2, 1)
     return _without_noise(carried, target.area)
 
 
-def _turned(turns: Floats, vectors: Floats) -> Floats:
-    """(n, k, 3) vectors (n, k, 3), each turned by the matrix (n, 3, 3) of its vertex."""
-    return vectors @ turns.transpose(0, 2, 1)
+def _loading(frames: Frames) -> bsr_array:
+    """(3n, 3n) what makes the right-hand sides of `Frames.smooth` of offsets, which it turns: (n, 3), as one column."""
+    own = (frames.trust * frames.areas)[:, None, None] * frames.turns
+    blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
+    return bsr_array(blocks + REACH**2 * _turned_gradients(frames.trusted_stiffness, frames.turns))
 
 
-def _gradients(stiffness: csc_array, turns: Floats, values: Floats) -> Floats:
-    """The divergence of turned gradients: what the stiffness makes of values that have these gradients.
+def _turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
+    """(3n, 3n) the divergence of turned gradients: what the stiffness makes of values that have these gradients.
 
     For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, w_ij being the weights of the
-    edges and M the matrices.
+    edges and M the matrices; of values (n, 3), as one column.
 
     Args:
-        stiffness: (n, n).
+        stiffness: (n, n), symmetric; rows sum to zero.
         turns: (n, 3, 3) a matrix for each vertex.
-        values: (n, k, 3) vectors.
     """
-
-    def stiff(array: Floats) -> Floats:
-        return (stiffness @ array.reshape(len(array), -1)).reshape(array.shape)
-
-    sums: Floats = _turned(turns, stiff(values)) + stiff(_turned(turns, values)) - _turned(stiff(turns), values)
-    return sums / 2
+    n = len(turns)
+    row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices
+    blocks = stiffness.data[:, None, None] * (turns[row] + turns[column]) / 2
+    sums = (stiffness @ turns.reshape(n, 9)).reshape(n, 3, 3) / 2
+    blocks[row == column] -= sums[row[row == column]]
+    return bsr_array((blocks, column, stiffness.indptr), shape=(3 * n, 3 * n))
