@@ -87,6 +87,15 @@ def transfer(data: Path, pairs: int | None, json_file: Path | None) -> None:
 
 
 @main.command()
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
+def load(json_file: Path | None) -> None:
+    """How long a character's 60 groups, 3 UV maps, 50 shape keys and the rest take onto 100k vertices, by kind."""
+    from benchmarks.transfer import load as load_table  # it starts Blender
+
+    report(load_table.run(), None, json_file)
+
+
+@main.command()
 @common_options
 @click.option("--things/--no-things", default=True, help="Build things and characters in Blender, and measure those.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the vase's symmetries here.")
@@ -95,7 +104,7 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
     report(symmetry_tables.run(data, pairs, things, figure), data, json_file)
 
 
-def report(tables: dict[str, list[dict[str, Any]]], data: Path, json_file: Path | None) -> None:
+def report(tables: dict[str, list[dict[str, Any]]], data: Path | None, json_file: Path | None) -> None:
     """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
     if not tables["rows"]:
         raise click.ClickException(f"{data} holds nothing that this table is made from: give the folder of the sets.")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from time import perf_counter
 
 import bpy
 import numpy as np
 from mathutils import Matrix
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.transfer.cast import Cast
@@ -43,6 +45,17 @@ def by_truth(cast: Cast, target: bpy.types.Object) -> float:
     return perf_counter() - start
 
 
+def by_proximity(cast: Cast, target: bpy.types.Object) -> float:
+    """Ours by the nearest points, where these are near and face the same way, and filled in elsewhere.
+
+    Of weights it is the robust transfer by inpainting of Abdrashitov et al. (2023).
+    """
+    start = perf_counter()
+    match_objects(bpy.context, cast.source, target, initial="nearest")
+    transfer_objects(bpy.context, cast.source, target, DATA)
+    return perf_counter() - start
+
+
 def by_data_transfer(cast: Cast, target: bpy.types.Object) -> float:
     """Blender's Data Transfer, each kind of data with the mapping that errs least."""
     start = perf_counter()
@@ -52,7 +65,7 @@ def by_data_transfer(cast: Cast, target: bpy.types.Object) -> float:
 
 
 def by_meshlab(cast: Cast, target: bpy.types.Object) -> float:
-    """MeshLab's transfer of vertex attributes, of which we have colours."""
+    """MeshLab's transfer of vertex attributes: colours, and weights as the quality of vertices, group by group."""
     import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
 
     start = perf_counter()
@@ -60,13 +73,24 @@ def by_meshlab(cast: Cast, target: bpy.types.Object) -> float:
     source = mesh_data.read_source_surface(cast.source, depsgraph)
     bare = mesh_data.read_target_surface(target, depsgraph)
     paint = mesh_data.read_layer(cast.source.data, PAINT).attribute.values.astype(float)
+    weights = mesh_data.read_weights(cast.source, cast.source.data)
     meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(source.vertices, source.triangles, v_color_matrix=paint))
     meshes.add_mesh(pymeshlab.Mesh(bare.vertices, bare.triangles))
-    meshes.apply_filter("transfer_attributes_per_vertex", sourcemesh=0, targetmesh=1, colortransfer=True)
-    colors = np.array(meshes.mesh(1).vertex_color_matrix())
+    columns: list[np.ndarray] = []
+    for column in weights.values.toarray().T.astype(float):
+        meshes.add_mesh(pymeshlab.Mesh(source.vertices, source.triangles, v_color_matrix=paint, v_scalar_array=column))
+        meshes.apply_filter(
+            "transfer_attributes_per_vertex",
+            sourcemesh=meshes.current_mesh_id(),
+            targetmesh=0,
+            colortransfer=not columns,
+            qualitytransfer=True,
+        )
+        columns.append(meshes.mesh(0).vertex_scalar_array())
+    colors = np.array(meshes.mesh(0).vertex_color_matrix())
     layer = mesh_data.Layer(Attribute(PAINT, Domain.POINT, Kind.COLOR, colors), mesh_data.Role.COLOR, "FLOAT_COLOR")
     mesh_data.write_layer(target.data, layer)
+    mesh_data.write_weights(target, replace(weights, values=csr_array(np.stack(columns, axis=1))))
     return perf_counter() - start
 
 
@@ -84,6 +108,8 @@ def aligned(way: Way) -> Way:
 WAYS: dict[str, Way] = {
     "ZoomOut": by_match,
     "true map": by_truth,
+    "proximity": by_proximity,
+    "proximity, aligned": aligned(by_proximity),
     "Data Transfer": by_data_transfer,
     "Data Transfer, aligned": aligned(by_data_transfer),
     "MeshLab": by_meshlab,

@@ -63,13 +63,12 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     draped = drape(kept, pair.source, pair.target)
     cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, 1, "Following the seams")
     _, target = check_unedited(context, pair)
+    before = len(target.data.polygons)
     cut_mesh(target.data, cut)
     _keep_match(context, pair, kept, cut)
-    whole = f"; {cut.left} faces, where seams meet, stayed whole" if cut.left else ""
-    return (
-        f"Cut '{target_name}' along the seams of '{uv.name}': "
-        f"{len(cut.edge)} vertices and {len(cut.face)} faces more{whole}"
-    )
+    vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
+    whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
+    return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
 
 
 def _active_uv_map(context: Context, source: Object) -> Attribute:
@@ -81,8 +80,9 @@ def _active_uv_map(context: Context, source: Object) -> Attribute:
 
 
 def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:
-    """Keep the match on the mesh that was cut: new vertices are trusted as the less trusted end of their edge."""
+    """Keep the match on the mesh that was cut: new vertices are trusted as the least trusted of those around them."""
     pair = read_pair(context, before.source_name, before.target_name)
-    confidence = np.concatenate([kept.confidence, kept.confidence[cut.edge].min(axis=1)])
+    of_new = [kept.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
+    confidence = np.concatenate([kept.confidence, *of_new])
     match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)
     stored_match.write(find_mesh(context, before.target_name).data, match, pair, kept.settings)

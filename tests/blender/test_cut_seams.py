@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import add_attribute, decimated, ellipsoid, positions, set_weights, values, weight_array
+from scenes import add_attribute, decimated, ellipsoid, from_pydata, positions, set_weights, values, weight_array
 from true_match import keep_true_match
 
 import zoomout_core as zo
@@ -74,6 +74,50 @@ def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target)
     kept = stored_match.read(target.data, pair)
     images = kept.surface_map.interpolate(pair.source.vertices)
     assert np.linalg.norm(images - pair.target.vertices, axis=1).max() < 0.05
+
+
+def plane(name, count):
+    """A square from -1 to 1 of count x count quads."""
+    places = np.linspace(-1, 1, count + 1)
+    x, y = np.meshgrid(places, places)
+    first = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    faces = first[:, None] + [0, 1, count + 2, count + 1]
+    return from_pydata(name, np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]).tolist(), faces.tolist())
+
+
+def test_where_seams_meet_within_a_face_it_is_divided_from_there():
+    # Six islands, whose borders meet at x = -0.5 and at x = 0.5, where the target's faces have their middles about.
+    source, target = plane("Source", 8), plane("Target", 5)
+    mesh = source.data
+    corners = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    at = positions(mesh)[corners, :2]
+    middle = np.repeat(at.reshape(-1, 4, 2).mean(axis=1), 4, axis=0)
+    island = np.column_stack([np.searchsorted([-0.5, 0.5], middle[:, 0]), middle[:, 1] > 0])
+    mesh.uv_layers.new(name="Atlas").data.foreach_set("uv", (at + 4 * island).astype(np.float32).ravel())
+    keep_true_match(target)
+    before = len(target.data.vertices)
+    add_attribute(target.data, "slope", "FLOAT", "POINT", positions(target.data) @ [1.0, 2.0, 0.0])
+    target.shape_key_add(name="Basis")
+    key = target.shape_key_add(name="Up")
+    key.value = 0
+    key.data.foreach_set("co", (positions(target.data) + np.array([0, 0, 1], np.float32)).ravel())
+
+    cut_seams(bpy.context, source, target)
+    place = positions(target.data)
+    np.testing.assert_allclose(place[-2:], [[-0.5, 0, 0], [0.5, 0, 0]], atol=1e-6)
+    assert len(place) == before + 6 + 2 * 6 + 2  # crossings of the line y = 0, and of two lines across
+    np.testing.assert_allclose(values(target.data, "slope"), place @ [1.0, 2.0, 0.0], atol=1e-5)
+    moved = np.empty(3 * len(place), np.float32)
+    target.data.shape_keys.key_blocks["Up"].data.foreach_get("co", moved)
+    np.testing.assert_allclose(moved.reshape(-1, 3), place + np.array([0, 0, 1]), atol=1e-5)
+    transfer_objects(bpy.context, source, target, ("uv_maps",))
+    corners = np.empty(len(target.data.loops), np.int32)
+    target.data.loops.foreach_get("vertex_index", corners)
+    sides = values(target.data, "Atlas").reshape(-1, 2) - place[corners, :2]
+    np.testing.assert_allclose(sides / 4, np.round(sides / 4), atol=1e-5)
+    for face in target.data.polygons:
+        assert np.ptp(sides[list(face.loop_indices)], axis=0).max() < 1e-4
 
 
 def test_without_a_match_or_a_uv_map_nothing_is_cut(source):

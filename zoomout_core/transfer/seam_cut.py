@@ -2,54 +2,71 @@
 
 A face of the target that lies across a seam of the source belongs to one island only, so borders between islands
 are ragged by the size of a face. Where a target's edge crosses a seam, a new vertex on it makes the border exact;
-faces are divided between two such places. Nothing else of the target changes.
+faces are divided between two such places, or, where seams meet in a face, from several to a new vertex at the point
+where they meet. Nothing else of the target changes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import barycentric_of_closest
 from zoomout_core.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut import CutSurface, cut_open, ragged
 from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.frames import on_working_mesh
 
 # A crossing nearer to an edge's end than this part of the edge is at that end: no slivers.
 SNAP = 0.1
+# A point in a face is none where seams meet, if an edge and the point span less than this part of the face.
+LEAST_SHARE = 0.02
 # An edge is halved so many times to find where it crosses a seam.
 HALVINGS = 14
 
 
 @dataclass(frozen=True, eq=False)
 class SeamCut:
-    """New vertices on edges of the target, and cuts through its faces from one place to another.
+    """New vertices on edges of the target and within faces, and cuts through its faces from one place to another.
 
-    Places are numbered: first the target's n vertices, then the new ones.
+    Places are numbered: first the target's n vertices, then the new ones on edges, then those within faces.
 
     Attributes:
         edge: (e, 2) vertices of the edges that receive a new vertex.
         fraction: (e,) where on the edge, from its first vertex.
-        face: (f,) faces that are divided.
+        face: (f,) faces that are divided by one straight cut.
         ends: (f, 2) the places that a face is divided between.
-        surface_map: (n + e) places on the source, also of vertices that were moved onto a seam by rounding.
-        left: how many faces are crossed in ways that one straight cut does not describe; they stay whole.
+        meeting: (h,) faces within which seams meet, and that receive a new vertex there.
+        corners: (h, 3) vertices of each of these faces, and
+        weights: (h, 3) the point between them where the seams meet, in barycentric coordinates.
+        spokes: h arrays of the places around a face, in order, that it is divided from to that point.
+        surface_map: (n + e + h) places on the source, also of vertices that were moved onto a seam by rounding.
+        left: how many faces are crossed in other ways; they stay whole.
     """
 
     edge: Integers
     fraction: Floats
     face: Integers
     ends: Integers
+    meeting: Integers
+    corners: Integers
+    weights: Floats
+    spokes: tuple[Integers, ...]
     surface_map: SurfaceMap
     left: int
 
     def applied(self, target: Surface) -> Surface:
-        """The target, cut open: new vertices after its own, second parts of divided faces after its faces."""
+        """The target, cut open: new vertices after its own, further parts of divided faces after its faces."""
         first, second = (target.vertices[self.edge[:, i]] for i in range(2))
-        added = first + self.fraction[:, None] * (second - first)
+        on_edges = first + self.fraction[:, None] * (second - first)
+        within = np.einsum("hc,hcx->hx", self.weights, target.vertices[self.corners])
         place = {pair: len(target.vertices) + i for i, pair in enumerate(map(tuple, self.edge.tolist()))}
         faces = [part.tolist() for part in np.split(target.corner_vertex, target.face_start[1:-1])]
         if place:
@@ -63,7 +80,14 @@ class SeamCut:
             i, j = sorted((around.index(one), around.index(other)))
             faces[number] = around[i : j + 1]
             faces.append(around[j:] + around[: i + 1])
-        return Surface(np.concatenate([target.vertices, added]), faces)
+        hub = len(target.vertices) + len(self.edge)
+        for number, spokes in zip(self.meeting.tolist(), self.spokes, strict=True):
+            around = faces[number]
+            at = sorted(around.index(place) for place in spokes.tolist())
+            faces[number] = [*around[at[-1] :], *around[: at[0] + 1], hub]
+            faces += [[*around[i : j + 1], hub] for i, j in pairwise(at)]
+            hub += 1
+        return Surface(np.concatenate([target.vertices, on_edges, within]), faces)
 
 
 def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int]:
@@ -99,13 +123,27 @@ def seam_cut(uv: Attribute, draped: Draped) -> SeamCut:
     triangle[nearer[snapped]], barycentric[nearer[snapped]] = place.triangle[snapped], place.barycentric[snapped]
     kept = ~on_seam[edge].any(axis=1)
     edge, fraction = edge[kept], fraction[kept]
+    around = _crossings_around(draped, edge, on_seam)
+    face, ends = _divided(draped, around)
+    meetings = _meetings(cut, draped, around)
+    junctions = SurfaceMap.from_vertices(meetings.vertex, draped.source)
     surface_map = SurfaceMap(
-        np.concatenate([triangle, place.triangle[kept]]),
-        np.concatenate([barycentric, place.barycentric[kept]]),
+        np.concatenate([triangle, place.triangle[kept], junctions.triangle]),
+        np.concatenate([barycentric, place.barycentric[kept], junctions.barycentric]),
         draped.surface_map.source_triangles,
     )
-    face, ends, left = _divided(draped, edge, on_seam)
-    return SeamCut(edge, fraction, face, ends, surface_map, left)
+    return SeamCut(
+        edge,
+        fraction,
+        face,
+        ends,
+        meeting=meetings.face,
+        corners=meetings.corners,
+        weights=meetings.weights,
+        spokes=meetings.spokes,
+        surface_map=surface_map,
+        left=int((around.number > 2).sum()) - len(meetings.face),
+    )
 
 
 def _edges_of(faces: Integers, draped: Draped) -> Integers:
@@ -146,8 +184,26 @@ def _crossings(cut: CutSurface, draped: Draped, edge: Integers) -> tuple[Floats,
     return low, place
 
 
-def _divided(draped: Draped, edge: Integers, on_seam: Booleans) -> tuple[Integers, Integers, int]:
-    """The faces that the seam divides, the two places that each is divided between, and how many stay whole."""
+class _Around(NamedTuple):
+    """Places where seams cross the outlines of faces, face by face and around each.
+
+    Attributes:
+        face: (q,) the face.
+        step: (q,) how far around: its vertices are at even steps, its edges at odd ones.
+        place: (q,) the number of the place.
+        first: (g,) where each face's begin among them, and
+        count: (g,) how many it has.
+    """
+
+    face: Integers
+    step: Integers
+    place: Integers
+    first: Integers
+    number: Integers
+
+
+def _crossings_around(draped: Draped, edge: Integers, on_seam: Booleans) -> _Around:
+    """The places around all faces, of vertices on a seam and of crossings on edges (e, 2)."""
     target = draped.target
     n = len(target.vertices)
     corner = np.arange(len(target.corner_vertex))
@@ -157,20 +213,105 @@ def _divided(draped: Draped, edge: Integers, on_seam: Booleans) -> tuple[Integer
     known = (edge[:, 0] * n + edge[:, 1])[order]
     at = np.minimum(np.searchsorted(known, key), max(0, len(known) - 1))
     crosses = known[at] == key if len(known) else np.zeros(len(key), dtype=bool)
-    # Around each face: its vertices that are on a seam, at even steps, and the crossings of its edges, at odd ones.
     face = np.concatenate([target.corner_face[on_seam[vertex]], target.corner_face[crosses]])
     step = 2 * (corner - target.face_start[target.corner_face])
     steps = np.concatenate([step[on_seam[vertex]], step[crosses] + 1])
     place = np.concatenate([vertex[on_seam[vertex]], n + order[at[crosses]] if len(known) else np.empty(0, np.int64)])
     order = np.lexsort((steps, face))
-    face, steps, place = face[order], steps[order], place[order]
+    face = face[order]
     first = np.flatnonzero(np.diff(face, prepend=-1))
-    count = np.diff(first, append=len(face))
-    pair = first[count == 2]
-    around = 2 * np.diff(target.face_start)[face[pair]]
-    gap = steps[pair + 1] - steps[pair]
+    return _Around(face, steps[order], place[order], first, np.diff(first, append=len(face)))
+
+
+def _divided(draped: Draped, around: _Around) -> tuple[Integers, Integers]:
+    """The faces that the seam divides straight, and the two places that each is divided between."""
+    pair = around.first[around.number == 2]
+    length = 2 * np.diff(draped.target.face_start)[around.face[pair]]
+    gap = around.step[pair + 1] - around.step[pair]
     # Two vertices at the ends of one edge are joined by that edge.
-    corners = (steps[pair] % 2 == 0) & (steps[pair + 1] % 2 == 0)
-    apart = ~corners | (np.minimum(gap, around - gap) > 2)
-    whole = int((count > 2).sum())
-    return face[pair[apart]], np.stack([place[pair[apart]], place[pair[apart] + 1]], axis=1), whole
+    corners = (around.step[pair] % 2 == 0) & (around.step[pair + 1] % 2 == 0)
+    pair = pair[~corners | (np.minimum(gap, length - gap) > 2)]
+    return around.face[pair], np.stack([around.place[pair], around.place[pair + 1]], axis=1)
+
+
+class _Meetings(NamedTuple):
+    """Points within faces at which seams meet.
+
+    Attributes:
+        face: (h,) the face.
+        vertex: (h,) the vertex of the source that lies there.
+        corners: (h, 3) the corners of the target's triangle that it lies in, and
+        weights: (h, 3) its barycentric coordinates.
+        spokes: h arrays of the places around the face.
+    """
+
+    face: Integers
+    vertex: Integers
+    corners: Integers
+    weights: Floats
+    spokes: tuple[Integers, ...]
+
+
+def _meetings(cut: CutSurface, draped: Draped, around: _Around) -> _Meetings:
+    """Where seams meet within faces that they cross at three places or more."""
+    target, n = draped.target, len(draped.target.vertices)
+    crossed = np.logical_or.reduceat(around.place >= n, around.first) if len(around.first) else around.first > 0
+    group = np.flatnonzero((around.number > 2) & crossed)
+    face = around.face[around.first[group]]
+    junction = _junctions(cut)
+    if len(junction) == 0 or len(face) == 0:
+        none = np.empty(0, dtype=np.int64)
+        return _Meetings(none, none, none.reshape(0, 3), np.empty((0, 3)), ())
+    middle, radius = (part[face] for part in draped.balls)
+    distance, nearest = cKDTree(draped.source.vertices[junction]).query(middle)
+    vertex = junction[nearest]
+    corners, weights = _within(draped.source.vertices[vertex], face, draped)
+    point = np.einsum("hc,hcx->hx", weights, target.vertices[corners])
+    inside = (np.asarray(distance) <= radius) & _sees_all(point, face, draped)
+    spokes = np.split(around.place, around.first[1:])
+    return _Meetings(
+        face[inside], vertex[inside], corners[inside], weights[inside], tuple(spokes[i] for i in group[inside].tolist())
+    )
+
+
+def _junctions(cut: CutSurface) -> Integers:
+    """(j,) vertices of the source at which three borders or more meet; of those in one place, one."""
+    source = cut.surface
+    knots = np.sort(source.working.vertex_of[source.corner_vertex[cut.border]], axis=1)
+    knots = np.unique(knots[(knots[:, 0] >= 0) & (knots[:, 0] < knots[:, 1])], axis=0)
+    meeting = np.bincount(knots.ravel(), minlength=len(source.working.vertices)) > 2
+    return on_working_mesh(source.working, np.arange(len(source.vertices)))[meeting]
+
+
+def _within(points: Floats, face: Integers, draped: Draped) -> tuple[Integers, Floats]:
+    """For points (h, 3) of the source the nearest one of each face (h,) of the target, as it is laid onto the source.
+
+    Returns:
+        (h, 3) the corners of a triangle of the face, and (h, 3) the barycentric coordinates in it.
+    """
+    target = draped.target
+    order = np.argsort(target.triangle_face, kind="stable")
+    start, end = (np.searchsorted(target.triangle_face[order], face, side) for side in ("left", "right"))
+    owner, triangle = ragged(np.arange(len(face)), start, end, order)
+    corners = target.triangles[triangle]
+    a, b, c = draped.points[corners].transpose(1, 0, 2)
+    ap, ab, ac = points[owner] - a, b - a, c - a
+    dots = [np.einsum("qx,qx->q", x, y) for x, y in ((ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac))]
+    weights = barycentric_of_closest(tuple(dots))
+    gap = np.linalg.norm(ap - weights[:, 1:2] * ab - weights[:, 2:] * ac, axis=1)
+    best = np.lexsort((gap, owner))
+    best = best[np.flatnonzero(np.diff(owner[best], prepend=-1))]
+    return corners[best], weights[best]
+
+
+def _sees_all(point: Floats, face: Integers, draped: Draped) -> Booleans:
+    """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay within the face."""
+    target = draped.target
+    start, end = target.face_start[face], target.face_start[face + 1]
+    owner, corner = ragged(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
+    here = target.vertices[target.corner_vertex[corner]] - point[owner]
+    there = target.vertices[target.corner_vertex[_next_corner(corner, draped)]] - point[owner]
+    normal = np.cross(here, there)
+    sums = np.stack([np.bincount(owner, axis) for axis in normal.T], axis=1)
+    share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]
+    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > LEAST_SHARE)

@@ -1,0 +1,140 @@
+"""How long a transfer takes once the map is known, by kind of data: all that a character of a film carries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import groupby
+from time import perf_counter, process_time
+from typing import Any, NamedTuple
+
+import bpy
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+
+from blender_addon import mesh_data
+from blender_addon.cargo import DEFAULT, PACK, USUAL_DATA, Cargo, Origin, Remarks, Way
+from blender_addon.demo import Size, make_cast
+from blender_addon.demo.character import select_only
+from blender_addon.pair import read_pair
+from blender_addon.stored_match import StoredMatch
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.progress import drain
+from zoomout_core.spectral.sampling import farthest_points
+from zoomout_core.triangles import edge_graph, triangle_areas, vertex_normals
+
+Record = dict[str, Any]
+
+# The target: rebuilt from voxels of this size in metres, and thinned out to so many vertices.
+SIZE = Size(cell=0.0134, voxel=0.004, target_vertices=100_000)
+# What the source carries.
+GROUPS, KEYS = 60, 50
+# How far groups and keys reach around their places, and how far keys swell the source, over the root of its area.
+REACH, SWELLING = 0.12, 0.015
+
+
+class Cost(NamedTuple):
+    """Seconds by the clock, and of the processor."""
+
+    clock: float
+    processor: float
+
+
+def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, list[Record]]:
+    """Transfer everything along the true map from the demo's character to itself, posed and remeshed.
+
+    Args:
+        size: of the character and of the target.
+        groups: vertex groups that the source has, those of its bones among them.
+        keys: shape keys that it has, every other one of which moves all of it.
+
+    Returns:
+        `rows`: for each kind of data the seconds in which it is read, carried over and written, and the processor
+        time of all that. What kinds share is on the account of the first that needs it.
+    """
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    cast = make_cast(size)
+    source, target = cast.character, cast.target
+    _burden(source, groups, keys)
+    match = StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())
+    pair, cost = _timed(partial(read_pair, bpy.context, source.name, target.name))
+    way = Way(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
+    rows = [_row("(surfaces)", 2, {"read": cost})]
+    with mesh_data.evaluated_mesh(source, bpy.context.evaluated_depsgraph_get()) as (evaluated, mesh):
+        origin = Origin(source, evaluated, mesh, target, USUAL_DATA, DEFAULT, way.blend)
+        packed = [_timed(partial(pack, origin, Remarks())) for pack in PACK]
+    for cargo, read in packed:
+        for kind, group in groupby(cargo, key=lambda one: one.kind):
+            of_kind = list(group)
+            costs = {"read": read, "carry": _timed(partial(_carry, of_kind, way))[1]}
+            costs["write"] = _timed(partial(_write, of_kind, target))[1]
+            rows.append(_row(kind, sum(len(one.names) for one in of_kind), costs))
+            read = Cost(0, 0)  # layers of all kinds are read together
+    totals = {name: sum(row[name] or 0 for row in rows) for name in rows[0] if name != "kind"}
+    return {"rows": [*rows, {"kind": "all", **totals}]}
+
+
+def _carry(cargo: list[Cargo], way: Way) -> None:
+    for one in cargo:
+        drain(one.carry(way))
+
+
+def _write(cargo: list[Cargo], target: bpy.types.Object) -> None:
+    for one in cargo:
+        one.write(target)
+
+
+def _timed(work: Callable[[], Any]) -> tuple[Any, Cost]:
+    clock, processor = perf_counter(), process_time()
+    result = work()
+    return result, Cost(perf_counter() - clock, process_time() - processor)
+
+
+def _row(kind: str, count: int, costs: dict[str, Cost]) -> Record:
+    steps = {step: costs[step].clock if step in costs else None for step in ("read", "carry", "write")}
+    seconds, processor = (sum(column) for column in zip(*costs.values(), strict=True))
+    return {"kind": kind, "count": count, **steps, "seconds": seconds, "processor": processor}
+
+
+# --- what the source carries --------------------------------------------------------------------------------
+
+
+def _burden(source: bpy.types.Object, groups: int, keys: int) -> None:
+    """Give the source more vertex groups, UV maps and shape keys than the demo's character has."""
+    vertices = mesh_data.read_positions(source.data).astype(float)
+    triangles = mesh_data.read_surface_at_rest(source).triangles
+    scale = float(np.sqrt(triangle_areas(vertices, triangles).sum()))
+    near = _around(vertices / scale, triangles, max(groups, keys))
+    for number in range(groups - len(source.vertex_groups)):
+        group = source.vertex_groups.new(name=f"Mask {number}")
+        for vertex in np.flatnonzero(near[:, number]).tolist():
+            group.add((vertex,), near[vertex, number], "REPLACE")
+    _unwrap(source)
+    wave = 2 * np.pi * vertices / np.ptp(vertices, axis=0).max()
+    normals = vertex_normals(vertices, triangles)
+    source.shape_key_add(name="Basis")
+    for number in range(keys):
+        strength = near[:, number] if number % 2 else 0.5 + 0.5 * np.sin((1 + number / 2) * wave[:, number % 3])
+        key = source.shape_key_add(name=f"Key {number}")
+        key.value = 0  # Blender 5 plays new keys
+        shape = vertices + SWELLING * scale * strength[:, None] * normals
+        key.points.foreach_set("co", shape.astype(np.float32).ravel())
+
+
+def _around(vertices: Floats, triangles: Integers, count: int) -> Floats:
+    """(n, count) strengths around so many evenly spread places of a surface of unit area: 1 there, 0 out of reach."""
+    places = farthest_points(vertices, count)
+    distance = dijkstra(edge_graph(vertices, triangles), indices=places, limit=REACH)
+    part = np.clip(1 - distance.T / REACH, 0, 1)
+    return np.asarray(part * part * (3 - 2 * part))
+
+
+def _unwrap(source: bpy.types.Object) -> None:
+    """Add two atlases to the one of the demo, of hundreds of islands."""
+    select_only(source)
+    for name, unwrap in (("Smart", bpy.ops.uv.smart_project), ("Cube", bpy.ops.uv.cube_project)):
+        source.data.uv_layers.active = source.data.uv_layers.new(name=name)
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.mesh.select_all(action="SELECT")
+        unwrap()
+        bpy.ops.object.mode_set(mode="OBJECT")
