@@ -96,6 +96,15 @@ def load(json_file: Path | None) -> None:
 
 
 @main.command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+def limb(file: Path) -> None:
+    """Draw the checker on an arm that a seam runs along, as it arrives by us and by Data Transfer, to an image file."""
+    from benchmarks.transfer import picture
+
+    picture.draw(file)
+
+
+@main.command()
 @common_options
 @click.option("--things/--no-things", default=True, help="Build things and characters in Blender, and measure those.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the vase's symmetries here.")

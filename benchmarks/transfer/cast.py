@@ -234,7 +234,7 @@ def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast
         material=slots.values[source_surface.triangle_face[triangle]],
         keys=truth.surface_map.interpolate(swelling * vertex_normals(posed, triangles)[:, None]),
         seam=float(np.linalg.norm(posed[begin] - posed[end], axis=1).sum()),
-        aligned=_rigid_motion(posed, rest),
+        aligned=rigid_motion(posed, rest),
     )
 
 
@@ -244,7 +244,7 @@ def seams(obj: bpy.types.Object, surface: zo.Surface) -> Integers:
     return surface.edges[uv_seams(surface, uv)]
 
 
-def _rigid_motion(points: Floats, onto: Floats) -> Floats:
+def rigid_motion(points: Floats, onto: Floats) -> Floats:
     """(4, 4) the motion that takes points (n, 3) as near to others as it can (Kabsch 1976)."""
     centre, other = points.mean(axis=0), onto.mean(axis=0)
     u, _, v = np.linalg.svd((points - centre).T @ (onto - other))

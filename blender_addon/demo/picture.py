@@ -51,7 +51,7 @@ def arrange(
     ]
     rows = [
         ("Paint", "color", _attribute_material(PAINT)),
-        ("UV map", "uv", _checker_material()),
+        ("UV map", "uv", checker_material()),
         ("Skin weights", "weights", _attribute_material(WEIGHT_COLORS)),
     ]
     podium = _podium()
@@ -61,8 +61,8 @@ def arrange(
         _color_weights(figure)
         figure.data.materials.clear()
         figure.data.materials.append(rows[0][2])
-        _write(title, (x, 0, 1.98), 0.17, INK)
-        _write(subtitle, (x, 0, 1.82), 0.085, FAINT)
+        write(title, (x, 0, 1.98), 0.17, INK)
+        write(subtitle, (x, 0, 1.82), 0.085, FAINT)
         for row, (_, kind, material) in enumerate(rows):
             place = Vector((x, 0, -row * DOWN))
             standing = place - Vector((0, 0, sole))
@@ -71,14 +71,14 @@ def arrange(
                 rig.data.display_type = "STICK"
             else:
                 _duplicate(figure, material, standing)
-            _link("Podium", podium, place)
+            link("Podium", podium, place)
             if column:
                 verdict = _verdict(report, kind, ours=column == 1)
-                _write(verdict, place + Vector((0, -0.6, -0.19)), 0.085, FAINT)
+                write(verdict, place + Vector((0, -0.6, -0.19)), 0.085, FAINT)
     for row, (name, _, _) in enumerate(rows):
-        label = _write(name, (-1.5 * ACROSS - 0.12, 0, 0.85 - row * DOWN), 0.13, INK)
+        label = write(name, (-1.5 * ACROSS - 0.12, 0, 0.85 - row * DOWN), 0.13, INK)
         label.rotation_euler.rotate_axis("Z", radians(90))
-    _light()
+    light()
     _aim_camera(len(columns), len(rows))
 
 
@@ -117,7 +117,7 @@ def _verdict(report: dict[str, Any], kind: str, ours: bool) -> str:
 # --- figures ------------------------------------------------------------------------------------------------
 
 
-def _link(name: str, data: bpy.types.ID, place: Vector) -> bpy.types.Object:
+def link(name: str, data: bpy.types.ID, place: Vector) -> bpy.types.Object:
     obj = bpy.data.objects.new(name, data)
     obj.location = place
     bpy.context.scene.collection.objects.link(obj)
@@ -126,7 +126,7 @@ def _link(name: str, data: bpy.types.ID, place: Vector) -> bpy.types.Object:
 
 def _duplicate(figure: bpy.types.Object, material: bpy.types.Material, place: Vector) -> None:
     """The same mesh once more, in another material."""
-    copy = _link(f"{figure.name} {material.name}", figure.data, place)
+    copy = link(f"{figure.name} {material.name}", figure.data, place)
     copy.rotation_euler = (0, 0, radians(TURN))
     copy.material_slots[0].link = "OBJECT"
     copy.material_slots[0].material = material
@@ -186,7 +186,7 @@ def _attribute_material(attribute: str) -> bpy.types.Material:
     return material
 
 
-def _checker_material() -> bpy.types.Material:
+def checker_material() -> bpy.types.Material:
     """Blender's own colour grid: letters and numbers tell where in the atlas, and whether mirrored."""
     image = bpy.data.images.new("Color Grid", 1536, 1536)
     image.generated_type = "COLOR_GRID"
@@ -202,18 +202,18 @@ def _checker_material() -> bpy.types.Material:
 # --- around them --------------------------------------------------------------------------------------------
 
 
-def _write(text: str, place: Any, size: float, color: tuple[float, float, float]) -> bpy.types.Object:
+def write(text: str, place: Any, size: float, color: tuple[float, float, float]) -> bpy.types.Object:
     """A line of text, centred at a place and facing the camera."""
     curve = bpy.data.curves.new("Label", "FONT")
     curve.body, curve.size = text, size
     curve.align_x = "CENTER"
-    curve.materials.append(_ink(color))
-    label = _link("Label", curve, Vector(place))
+    curve.materials.append(ink(color))
+    label = link("Label", curve, Vector(place))
     label.rotation_euler = (radians(90), 0, 0)
     return label
 
 
-def _ink(color: tuple[float, float, float]) -> bpy.types.Material:
+def ink(color: tuple[float, float, float]) -> bpy.types.Material:
     name = f"Ink {color}"
     if name not in bpy.data.materials:
         _, shader = _material(name)
@@ -224,14 +224,14 @@ def _ink(color: tuple[float, float, float]) -> bpy.types.Material:
     return bpy.data.materials[name]
 
 
-def _light() -> None:
+def light() -> None:
     for name, towards, strength, softness in (
         ("Key", (0.7, 1.0, -1.1), 2.6, 12),
         ("Fill", (-1.0, 0.9, -0.3), 0.7, 40),
     ):
         sun = bpy.data.lights.new(name, "SUN")
         sun.energy, sun.angle = strength, radians(softness)
-        lamp = _link(name, sun, Vector((0, -4, 3)))
+        lamp = link(name, sun, Vector((0, -4, 3)))
         lamp.rotation_euler = Vector(towards).to_track_quat("-Z", "Y").to_euler()
     world = bpy.data.worlds.new("World")
     if world.node_tree is None:
@@ -249,7 +249,7 @@ def _aim_camera(columns: int, rows: int) -> None:
     scene.render.resolution_x, scene.render.resolution_y = 1600, round(1600 * height / width)
     lens = bpy.data.cameras.new("Camera")
     lens.type, lens.ortho_scale = "ORTHO", max(width, height)
-    camera = _link("Camera", lens, Vector((-0.17, -12, 0)))
+    camera = link("Camera", lens, Vector((-0.17, -12, 0)))
     tilt = radians(7)
     camera.location.z = 2.22 - height / 2 + 12 * np.tan(tilt)
     camera.rotation_euler = (radians(90) - tilt, 0, 0)

@@ -90,6 +90,6 @@ def test_a_rigid_motion_is_found_again() -> None:
     points = np.random.default_rng(0).normal(size=(50, 3))
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
-    motion = cast._rigid_motion(points, points @ turn.T + [1, 2, 3])
+    motion = cast.rigid_motion(points, points @ turn.T + [1, 2, 3])
     np.testing.assert_allclose(motion[:3, :3], turn, atol=1e-9)
     np.testing.assert_allclose(motion[:3, 3], [1, 2, 3], atol=1e-9)
