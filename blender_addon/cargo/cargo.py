@@ -78,6 +78,7 @@ class Way:
     settings: Settings
     blend: Blend
     uv_maps: dict[str, Attribute] = field(default_factory=dict)
+    _others: dict[tuple[Surface | None, Surface | None], Draped] = field(default_factory=dict)
 
     @cached_property
     def draped(self) -> Draped:
@@ -101,13 +102,19 @@ class Way:
             target: the target, where that matters to the attribute.
             options: of the attribute's kind.
         """
-        draped = self.draped
-        if source is not None or target is not None:
-            draped = replace(draped, source=source or draped.source, target=target or draped.target)
-        steps = transfer_steps(attribute, draped, **options)
+        steps = transfer_steps(attribute, self._between(source, target), **options)
         carried = yield from spread(steps, 0, 1, f"Transferring {what}")
         self.remarks.add(carried.notes)
         return carried
+
+    def _between(self, source: Surface | None, target: Surface | None) -> Draped:
+        """`draped` with other surfaces in place of its own, kept for the next attribute that takes the same two."""
+        if source is None and target is None:
+            return self.draped
+        if (source, target) not in self._others:
+            own = self.draped
+            self._others[source, target] = replace(own, source=source or own.source, target=target or own.target)
+        return self._others[source, target]
 
     def blended(self, carried: Attribute, present: Attribute | None, sharing: Collection[str] = ()) -> Attribute:
         """An attribute that was carried, blended with the one that the target has, see `blend`."""

@@ -19,6 +19,7 @@ from zoomout_core.transfer.cut import (
     nearer_than,
     ragged,
 )
+from zoomout_core.transfer.frames import Frames, frames_on
 from zoomout_core.transfer.inpaint import Filling, filling
 from zoomout_core.triangles import triangle_areas
 
@@ -97,6 +98,11 @@ class Draped:
         middle = np.add.reduceat(corners, begin) / size[:, None]
         off = corners - np.repeat(middle, size, axis=0)
         return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), begin))
+
+    @cached_property
+    def frames(self) -> Frames:
+        """How the target turns and grows at each of its vertices."""
+        return frames_on(self, np.ones(len(self.target.vertices), dtype=bool))
 
     @cached_property
     def filling(self) -> Filling | None:

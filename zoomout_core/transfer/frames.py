@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array
@@ -18,8 +19,10 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.rotations import nearest_rotations
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
-from zoomout_core.transfer.draped import Draped
 from zoomout_core.working_mesh import WorkingMesh
+
+if TYPE_CHECKING:  # which keeps its frames
+    from zoomout_core.transfer.draped import Draped
 
 # How wide neighbourhoods are, over the square root of the area: about a wrist. Half as wide or twice as wide, keys
 # err by a fifth to a quarter more on posed characters, as noise remains or bones are mixed.
@@ -173,8 +176,7 @@ def rotations(draped: Draped, domain: Domain) -> Floats:
 
     They are reflections where the map mirrors the source.
     """
-    target = draped.target
-    frames = frames_on(draped, np.ones(len(target.vertices), dtype=bool))
+    target, frames = draped.target, draped.frames
     place = target.working.vertex_of.copy()
     loose = np.flatnonzero(place < 0)
     if len(loose):

@@ -60,8 +60,7 @@ def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
 
 def conformed(draped: Draped) -> Floats:
     """(n_t, 3) positions that lay the target onto the source; where confidence is low it keeps more of its shape."""
-    target = draped.target
-    frames = frames_on(draped, np.ones(len(target.vertices), dtype=bool))
+    target, frames = draped.target, draped.frames
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
     own = on_working_mesh(target.working, target.vertices)
     gradients = _turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
