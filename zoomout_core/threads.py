@@ -57,6 +57,12 @@ def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> Gener
     return results
 
 
+def alone(steps: Generator[float, None, Result]) -> Generator[float, None, Result]:
+    """Run a stepped computation in a thread, so that the caller has the word again soon however long its steps are."""
+    (result,) = yield from _in_threads((steps,))
+    return result
+
+
 def in_background(work: Callable[[], Result]) -> Generator[float, None, Result]:
     """Run a function that takes long in a thread; yields 0 now and then, and returns what it returns."""
 
@@ -64,8 +70,7 @@ def in_background(work: Callable[[], Result]) -> Generator[float, None, Result]:
         yield from ()
         return work()
 
-    (result,) = yield from _in_threads((single_step(),))
-    return result
+    return (yield from alone(single_step()))
 
 
 def _in_threads(computations: Sequence[Generator[float, None, Any]]) -> Generator[float, None, list[Any]]:

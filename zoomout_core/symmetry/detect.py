@@ -15,40 +15,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.components.assembly import on_surfaces
-from zoomout_core.correspondence.components.main_parts import main_part_steps
 from zoomout_core.correspondence.confidence import confidence_of
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.fitting.fit import Fit
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
-from zoomout_core.correspondence.kept_shapes import kept_shape_steps
-from zoomout_core.correspondence.matching import (
-    ANALYSES,
-    FEWEST_FUNCTIONS,
-    check_sizes,
-    fitted_steps,
-    prepared_steps,
-    proxy_size,
-)
+from zoomout_core.correspondence.matching import check_sizes, fitted_steps
 from zoomout_core.correspondence.pair import Pair
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import Progress, Steps, drain, scaled, spread
+from zoomout_core.progress import Steps, drain, scaled, spread, within
 from zoomout_core.surface import Surface
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import in_order, is_no_part_of_identity
-from zoomout_core.symmetry.sides import (
-    CLEARLY_LEFT,
-    Line,
-    leftward,
-    on_whole_surface,
-    signed_distance,
-    zero_line,
-)
-from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
+from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, main_shape_steps
+from zoomout_core.symmetry.sides import CLEARLY_LEFT, leftward, on_whole_surface, signed_distance
+from zoomout_core.threads import alone, for_each, in_background, on_one_blas_thread, side_by_side
 
 # A character of Blender's faces -y, so that its left is +x.
 LEFT = (1.0, 0.0, 0.0)
@@ -62,62 +47,38 @@ LEAST_CERTAINTY = 0.05
 LOW = 20
 
 
-@dataclass(frozen=True, eq=False)
-class Symmetry:
-    """A map of a surface onto itself, and what else is known about it.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Symmetry(SelfMap):
+    """A symmetry of a surface as it was found: what `SelfMap` has, and what else is known about it.
 
     Attributes:
-        surface_map: for every vertex the point that corresponds to it.
-        confidence: (n,) in [0, 1].
         functional_map: (k, k), in the basis of the main part.
-        reverses_orientation: whether it is a reflection, as left and right are, and not a turn.
         order: how often it has to be repeated to lead back: 2 for a reflection; 0 where no small number does.
         certainty: probability, in [0, 1], that the surface has this symmetry.
         scores: what it was ranked by, and `commutativity` and `orthonormality` of the functional map, also of its
             leading 20 functions (`low ...`).
         return_error: mean distance between a vertex and where going round `order` times leads, over the square root
             of the area; for a reflection that of T(T(x)).
-        distance: (n,) signed distance along the surface from the symmetry line, in the surface's unit, positive on the
-            left; it grows no more some way off the line, and is zero throughout where there are no two sides.
-        line: the symmetry line, where `distance` is zero; without points where there are no two sides.
         origin: what it was found by, in words.
         notes: what a user should know, a sentence each.
-        surface: that it is a symmetry of.
-        shape: the surface's main part.
     """
 
-    surface_map: SurfaceMap
-    confidence: Floats
     functional_map: Floats
-    reverses_orientation: bool
     order: int
     certainty: float
     scores: dict[str, float]
     return_error: float
-    distance: Floats
-    line: Line
     origin: str
     notes: tuple[str, ...]
-    surface: Surface
-    shape: Shape
-
-    @property
-    def has_sides(self) -> bool:
-        """Whether a line divides the surface into left and right."""
-        return len(self.line.points) > 0
-
-    def sides(self, width: float = 0.0) -> Integers:
-        """(n,) 1 on the left, -1 on the right, 0 in the middle: no farther from the line than `width`, in its unit."""
-        return np.where(np.abs(self.distance) <= width, 0, np.sign(self.distance)).astype(np.int8)
 
 
 def detect_symmetry(
     surface: Surface,
     most: int = 8,
     left: ArrayLike = LEFT,
-    k_final: int = 120,
+    k_final: int = K_FINAL,
     step: int = 20,
-    samples: int = 1000,
+    samples: int = SAMPLES,
     seed: int = 0,
     proxy_vertices: int | Literal["auto"] | None = "auto",
 ) -> tuple[Symmetry, ...]:
@@ -150,9 +111,9 @@ def detect_symmetry_steps(
     surface: Surface,
     most: int = 8,
     left: ArrayLike = LEFT,
-    k_final: int = 120,
+    k_final: int = K_FINAL,
     step: int = 20,
-    samples: int = 1000,
+    samples: int = SAMPLES,
     seed: int = 0,
     proxy_vertices: int | Literal["auto"] | None = "auto",
 ) -> Steps[tuple[Symmetry, ...]]:
@@ -161,13 +122,8 @@ def detect_symmetry_steps(
     if most < 1:
         raise ValueError(f"most is {most}: ask for one symmetry or more.")
     to_the_left = _unit_vector(left)
-    yield Progress(0.0, "Reading the mesh")
-    yield from spread(in_background(lambda: surface.working), 0.0, 0.01, "Reading the mesh")
-    part, _ = yield from spread(main_part_steps(surface, surface, seed), 0.01, 0.02, "Comparing the parts")
-    k = max(k_final, FEWEST_FUNCTIONS)
-    preparing = kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices))
-    preparing = prepared_steps(preparing, ANALYSES)
-    shape, _ = yield from spread(side_by_side(preparing, _nothing()), 0.02, 0.5, "Analysing the shape")
+    preparing = main_shape_steps(surface, k_final, samples, seed, proxy_vertices)
+    shape = yield from within(preparing, 0.0, 0.5)
     pair = Pair(surface, surface, shape, shape, k_final, step)
     candidates = yield from spread(candidate_steps(shape), 0.5, 0.7, "Comparing candidates")
     chosen = [entry for i, entry in enumerate(candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
@@ -200,7 +156,7 @@ def _symmetry_steps(pair: Pair, candidate: Candidate, left: Floats) -> Generator
     refining = dense_steps(shape, shape, candidate.functional_map, None, *how, finishing=FINISHING)
     forwards = fitted_steps(refining, shape, shape, candidate.mirrored)
     if order == 2:  # it is its own inverse
-        (fit, functional_map), _ = yield from scaled(side_by_side(forwards, _nothing()), 0.0, 0.7)
+        fit, functional_map = yield from scaled(alone(forwards), 0.0, 0.7)
         back = fit.surface_map
     else:
         backwards = dense_steps(shape, shape, candidate.reverse_functional_map, None, *how, finishing=1)
@@ -233,20 +189,19 @@ def _finished(
         if abs(towards) < CLEARLY_LEFT:
             notes = ("The axis hardly tells left from right: check the sides, or give another axis.", *notes)
     return Symmetry(
+        surface=surface,
         surface_map=surface_map,
         confidence=confidence,
-        functional_map=functional_map,
         reverses_orientation=reverses,
+        distance=distance,
+        prepared=shape,
+        functional_map=functional_map,
         order=order,
         certainty=candidate.certainty,
         scores=candidate.scores | energies(functional_map, shape.basis.eigenvalues),
         return_error=return_error(surface_map, order, surface),
-        distance=distance,
-        line=zero_line(distance, surface),
         origin=candidate.origin,
         notes=notes,
-        surface=surface,
-        shape=shape,
     )
 
 
@@ -267,8 +222,3 @@ def energies(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
         "low commutativity": commutativity_error(low, eigenvalues, eigenvalues),
         "low orthonormality": orthonormality_error(low),
     }
-
-
-def _nothing() -> Generator[float, None, None]:
-    """No steps. What runs beside them runs in a thread, and leaves the caller the word however long it takes."""
-    yield from ()

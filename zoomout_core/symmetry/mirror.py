@@ -17,8 +17,8 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import MeshError, Surface
-from zoomout_core.symmetry.detect import Symmetry
 from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 # Which side's values both get, or what lies half way between the two.
@@ -28,7 +28,7 @@ OWN_SHARE_ON_LEFT = {"left": 1.0, "right": 0.0, "average": 0.5}
 MIXABLE = (Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT)
 
 
-def mirrored(attribute: Attribute, symmetry: Symmetry, **options: Any) -> Attribute:
+def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
     """An attribute as it would be with both sides exchanged.
 
     Args:
@@ -45,7 +45,7 @@ def mirrored(attribute: Attribute, symmetry: Symmetry, **options: Any) -> Attrib
     return transfer(attribute, symmetry, symmetry.surface, symmetry.surface, **options)
 
 
-def symmetrised(attribute: Attribute, symmetry: Symmetry, winner: Winner = "left", **options: Any) -> Attribute:
+def symmetrised(attribute: Attribute, symmetry: SelfMap, winner: Winner = "left", **options: Any) -> Attribute:
     """An attribute that is the same on both sides.
 
     Args:
@@ -74,7 +74,7 @@ def symmetrised(attribute: Attribute, symmetry: Symmetry, winner: Winner = "left
     return replace(other, values=own | theirs if winner == "average" else np.where(share >= 0.5, own, theirs))
 
 
-def asymmetry(attribute: Attribute, symmetry: Symmetry) -> Floats:
+def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
     """(count,) how far each value is from that on the other side; of weights the part that lies in other groups.
 
     Args:
@@ -89,6 +89,17 @@ def asymmetry(attribute: Attribute, symmetry: Symmetry) -> Floats:
     if attribute.kind in MIXABLE:
         return np.asarray(np.linalg.norm((theirs - own).reshape(len(own), -1), axis=1))
     return np.asarray((theirs != own).reshape(len(own), -1).any(axis=1).astype(float))
+
+
+def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
+    """(count,) signed distance of elements from the symmetry line; a face, with its corners, lies on one side."""
+    surface, distance = symmetry.surface, symmetry.distance
+    if domain is Domain.POINT:
+        return distance
+    if domain is Domain.EDGE:
+        return distance[surface.edges].mean(axis=1)
+    of_face = np.add.reduceat(distance[surface.corner_vertex], surface.face_start[:-1]) / np.diff(surface.face_start)
+    return of_face[surface.corner_face] if domain is Domain.CORNER else of_face
 
 
 def with_partners(weights: Attribute) -> Attribute:
@@ -111,19 +122,13 @@ def names_flipped(weights: Attribute) -> Attribute:
     return replace(weights, values=csr_array(csr_array(weights.values)[:, partner]))
 
 
-def _own_share(domain: Domain, symmetry: Symmetry, winner: Winner) -> Floats:
-    """(count,) what an element's own value counts, against that from the other side; a face lies on one side."""
+def _own_share(domain: Domain, symmetry: SelfMap, winner: Winner) -> Floats:
+    """(count,) what an element's own value counts, against that from the other side."""
     if winner not in OWN_SHARE_ON_LEFT:
         raise ValueError(f"winner is {winner!r}: give one of {', '.join(OWN_SHARE_ON_LEFT)}.")
     if winner != "average" and not symmetry.has_sides:
         raise MeshError("This symmetry has no left and right side: choose a reflection, or average both.")
-    surface = symmetry.surface
-    distance = symmetry.distance
-    if domain is not Domain.POINT:
-        size = np.diff(surface.face_start)
-        distance = np.add.reduceat(distance[surface.corner_vertex], surface.face_start[:-1]) / size
-        distance = distance[surface.corner_face] if domain is Domain.CORNER else distance
-    on_left = OWN_SHARE_ON_LEFT[winner]
+    distance, on_left = distance_of(domain, symmetry), OWN_SHARE_ON_LEFT[winner]
     return np.where(distance > 0, on_left, np.where(distance < 0, 1 - on_left, 0.5))
 
 

@@ -14,8 +14,8 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.components.carrying import Moments, products
 from zoomout_core.correspondence.proxy import Proxy
 from zoomout_core.surface import MeshError
-from zoomout_core.symmetry.detect import Symmetry
 from zoomout_core.symmetry.mirror import OWN_SHARE_ON_LEFT, Winner
+from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.triangles import vertex_normals
 
 # Diffusion lengths, at unit area, of the surroundings that say how a displacement turns, and of those against which
@@ -25,7 +25,7 @@ TURNING, COMPARING = 0.03, 0.1
 BLEND = 0.05
 
 
-def mirrored_offsets(offsets: Floats, symmetry: Symmetry) -> Floats:
+def mirrored_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
     """(n, 3) displacements as they would be with both sides exchanged, in the frame of each place.
 
     Args:
@@ -36,7 +36,7 @@ def mirrored_offsets(offsets: Floats, symmetry: Symmetry) -> Floats:
     return symmetry.surface_map.interpolate(carried)
 
 
-def symmetrised_offsets(offsets: Floats, symmetry: Symmetry, winner: Winner = "left") -> Floats:
+def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, winner: Winner = "left") -> Floats:
     """(n, 3) displacements that are the same on both sides: those of the winning side, or the mean of both.
 
     Args:
@@ -54,7 +54,7 @@ def symmetrised_offsets(offsets: Floats, symmetry: Symmetry, winner: Winner = "l
     return share * offsets + (1 - share) * mirrored_offsets(offsets, symmetry)
 
 
-def split_offsets(offsets: Floats, symmetry: Symmetry, blend: float = BLEND) -> tuple[Floats, Floats]:
+def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> tuple[Floats, Floats]:
     """The left and the right part (n, 3) of displacements; both together are the whole.
 
     Args:
@@ -71,7 +71,7 @@ def split_offsets(offsets: Floats, symmetry: Symmetry, blend: float = BLEND) -> 
     return left, offsets - left
 
 
-def left_share(symmetry: Symmetry, blend: float = BLEND) -> Floats:
+def left_share(symmetry: SelfMap, blend: float = BLEND) -> Floats:
     """(n,) from 0 on the right to 1 on the left, smoothly across the line; of a vertex and its image they sum to one.
 
     Args:
@@ -83,7 +83,7 @@ def left_share(symmetry: Symmetry, blend: float = BLEND) -> Floats:
     return np.asarray(along**2 * (3 - 2 * along))
 
 
-def frames(symmetry: Symmetry) -> Floats:
+def frames(symmetry: SelfMap) -> Floats:
     """(n, 3, 3) orthogonal matrices that take directions at a vertex to those at its image.
 
     Reflections, where the symmetry reverses the orientation, else rotations: the best one of a vertex's surroundings.
@@ -96,7 +96,7 @@ def frames(symmetry: Symmetry) -> Floats:
     return _on_surface(_orthogonal(blended, handedness), symmetry)
 
 
-def shape_asymmetry(symmetry: Symmetry) -> Floats:
+def shape_asymmetry(symmetry: SelfMap) -> Floats:
     """(n,) how far the shape stands off its other side's, in the surface's unit, whatever the pose.
 
     A vertex's surroundings are laid over those of its image by the best rigid motion; what then is left between the
@@ -112,7 +112,7 @@ def shape_asymmetry(symmetry: Symmetry) -> Floats:
     return _on_surface(shape.proxy.place.interpolate(apart), symmetry)
 
 
-def _places_and_images(symmetry: Symmetry) -> tuple[Floats, Floats]:
+def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
     """(n, 3) the vertices of the shape's mesh, and their images, at unit area of the part."""
     surface, proxy = symmetry.surface, symmetry.shape.proxy
     nodes = _surface_vertices(proxy)[proxy.full_vertex]
@@ -128,7 +128,7 @@ def _surface_vertices(proxy: Proxy) -> Integers:
     return vertices
 
 
-def _on_surface(values: Floats, symmetry: Symmetry) -> Floats:
+def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
     """Values (n_part, ...) of the main part's vertices at all of the surface's: loose parts have the nearest ones."""
     surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
     body = np.flatnonzero(vertex_of >= 0)
@@ -145,13 +145,13 @@ def _orthogonal(matrices: Floats, handedness: float) -> Floats:
     return np.asarray(U @ Vt)
 
 
-def _checked(offsets: Floats, symmetry: Symmetry) -> Floats:
+def _checked(offsets: Floats, symmetry: SelfMap) -> Floats:
     array, n = np.asarray(offsets, dtype=np.float64), len(symmetry.surface.vertices)
     if array.shape != (n, 3):
         raise MeshError(f"The displacements have the shape {array.shape}: give three numbers for each of {n} vertices.")
     return array
 
 
-def _need_sides(symmetry: Symmetry) -> None:
+def _need_sides(symmetry: SelfMap) -> None:
     if not symmetry.has_sides:
         raise MeshError("This symmetry has no left and right side: choose a reflection.")

@@ -117,7 +117,7 @@ def test_asymmetry_is_where_the_sides_differ(reflection: zo.Symmetry, bent: Crea
 
 
 def test_what_has_no_sides_can_only_be_averaged(reflection: zo.Symmetry, bent: Creature) -> None:
-    turn = replace(reflection, line=replace(reflection.line, points=np.zeros((0, 3))))
+    turn = replace(reflection, distance=np.zeros_like(reflection.distance))
     values = point(np.abs(bent.directions[:, 0]))
     with pytest.raises(zo.MeshError, match="no left and right"):
         symmetrised(values, turn, "left")

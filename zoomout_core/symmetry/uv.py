@@ -1,0 +1,110 @@
+"""UV maps across a symmetry: one side takes the other's layout, beside it or over it.
+
+The layout of the losing side is that of the winning one, read through the symmetry, so both lie over each other. To
+have texels of its own, each piece of it is then moved to where that side's faces were in the atlas before, by the best
+similarity (Umeyama 1991), mirrored or not. Where an island goes on across the symmetry line it is not torn: corners
+that it shares with the winning side stay where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.surface import MeshError, Surface
+from zoomout_core.symmetry.mirror import Winner, distance_of, mirrored
+from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.transfer import Attribute, Domain
+from zoomout_core.transfer.cut import cut_open
+from zoomout_core.triangles import triangle_areas
+
+# Where the losing side's layout goes: where its own was before, or over that of the winning side.
+Layout: TypeAlias = Literal["own", "over"]
+LAYOUTS = ("own", "over")
+# Corners that an island shares with the winning side weigh so many times as much as others when it is moved.
+SHARED_WEIGHT = 100.0
+# An island that covers less than this part of its new layout's area had no place of its own.
+NO_PLACE = 1e-6
+
+
+def symmetrised_uv(
+    attribute: Attribute, symmetry: SelfMap, winner: Winner = "left", layout: Layout = "own"
+) -> Attribute:
+    """A UV map whose layout is the same on both sides.
+
+    Args:
+        attribute: a UV map of the symmetry's surface.
+        symmetry: of the surface.
+        winner: "left" or "right", whose layout the other side takes. There is no mean of two layouts.
+        layout: "own": each island of the losing side is moved to where its faces lay before, turned, scaled or
+            mirrored. "over": it lies over the winning side's, so that both share their texels.
+
+    Raises:
+        MeshError: there are no two sides, or none of them is to win.
+        ValueError: there is no such layout.
+    """
+    if layout not in LAYOUTS:
+        raise ValueError(f"layout is {layout!r}: give one of {', '.join(LAYOUTS)}.")
+    if winner == "average":
+        raise MeshError(f"'{attribute.name}' is a UV map, and two have no mean: let the left or the right side win.")
+    if not symmetry.has_sides:
+        raise MeshError("This symmetry has no left and right side: choose a reflection.")
+    other = mirrored(attribute, symmetry)
+    before, laid = np.asarray(attribute.values, dtype=np.float64), np.asarray(other.values, dtype=np.float64)
+    distance = distance_of(Domain.CORNER, symmetry)
+    losing = distance < 0 if winner == "left" else distance > 0
+    if layout == "own":
+        laid = _at_own_places(before, laid, losing, symmetry.surface)
+    values = np.where(losing[:, None], laid, before)
+    return replace(other, values=values.astype(np.asarray(attribute.values).dtype))
+
+
+def _at_own_places(before: Floats, laid: Floats, losing: Booleans, surface: Surface) -> Floats:
+    """UVs (c, 2) laid over the winning side's, of each piece moved to where most of it was before."""
+    own = cut_open(surface, before)
+    island = own.island[surface.corner_face]
+    piece = cut_open(surface, np.column_stack([laid, losing])).island[surface.corner_face]
+    area = _corner_areas(surface) * losing
+    at_home = island == _most(piece, island, area)[piece]
+    winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)
+    winners[own.cut_vertex[~losing]] = True
+    shared = winners[own.cut_vertex] & losing & at_home
+    weight = area * at_home * np.where(shared, SHARED_WEIGHT, 1.0)
+    moved, placed = _fitted(laid, before, piece, weight)
+    moved = np.where((placed[piece] & losing)[:, None], moved, laid)
+    kept = shared & placed[piece]
+    moved[kept] = before[kept]
+    return moved
+
+
+def _fitted(start: Floats, end: Floats, group: Integers, weight: Floats) -> tuple[Floats, Booleans]:
+    """Points (c, 2) of each group (c,) moved by the similarity that fits best, and which groups have one."""
+    count = int(group.max()) + 1
+    total = np.maximum(np.bincount(group, weight, count), 1e-300)
+
+    def mean(values: Floats) -> Floats:
+        columns = [np.bincount(group, weight * column, count) / total for column in values.reshape(len(values), -1).T]
+        return np.stack(columns, axis=1)
+
+    centre, end_centre = mean(start), mean(end)
+    x, y = start - centre[group], end - end_centre[group]
+    U, singular, Vt = np.linalg.svd(mean(y[:, :, None] * x[:, None]).reshape(-1, 2, 2))
+    spread, end_spread = mean((x**2).sum(axis=1))[:, 0], mean((y**2).sum(axis=1))[:, 0]
+    linear = (singular.sum(axis=1) / np.maximum(spread, 1e-300))[:, None, None] * (U @ Vt)
+    return np.einsum("cij,cj->ci", linear[group], x) + end_centre[group], end_spread > NO_PLACE * spread
+
+
+def _most(group: Integers, label: Integers, weight: Floats) -> Integers:
+    """The label of most weight in each group, of items (c,) with a group, a label and a weight each."""
+    votes = coo_array((weight, (group, label)), shape=(group.max() + 1, label.max() + 1)).tocsr()
+    return np.asarray(votes.argmax(axis=1)).ravel()
+
+
+def _corner_areas(surface: Surface) -> Floats:
+    """(c,) a corner's share of the area of the triangles it belongs to."""
+    areas = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
+    return np.bincount(surface.triangle_corners.ravel(), areas, len(surface.corner_vertex))
