@@ -6,9 +6,10 @@ import zoomout_core as zo
 
 from . import operators, panels
 from .properties.settings import ZOOMOUT_PG_settings
+from .properties.symmetry import ZOOMOUT_PG_symmetry
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES)
+    (ZOOMOUT_PG_symmetry, ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES)
 )
 
 

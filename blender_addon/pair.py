@@ -145,7 +145,11 @@ def users_of_mesh(context: Context, target: Object) -> int:
 def _fingerprint(obj: Object, surface: zo.Surface) -> str:
     # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way.
     mirrored = np.array(mesh_data.is_mirrored(obj))
-    arrays = (mesh_data.read_positions(obj.data), surface.corner_vertex, surface.face_start, mirrored)
+    return fingerprint(mesh_data.read_positions(obj.data), surface.corner_vertex, surface.face_start, mirrored)
+
+
+def fingerprint(*arrays: np.ndarray) -> str:
+    """What tells arrays from others."""
     digest = hashlib.blake2b(digest_size=16)
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape}".encode())

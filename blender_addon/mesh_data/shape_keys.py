@@ -65,6 +65,19 @@ def read_rest_positions(mesh: Mesh) -> Floats:
     return read_array(mesh.shape_keys.reference_key.points, "co", np.float32, 3)
 
 
+def read_key_positions(mesh: Mesh, name: str) -> Floats:
+    """(n, 3) positions of the vertices that a shape key stores."""
+    return read_array(mesh.shape_keys.key_blocks[name].points, "co", np.float32, 3)
+
+
+def move_vertices(mesh: Mesh, offsets: Floats) -> None:
+    """Move the vertices of a mesh by (n, 3), in its own space; its shape keys move along."""
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(read_positions(mesh) + offsets, np.float32).ravel())
+    for block in mesh.shape_keys.key_blocks if mesh.shape_keys else ():
+        moved = read_key_positions(mesh, block.name) + offsets
+        block.points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
+
+
 def read_shape_keys(obj: Object, mesh: Mesh) -> ShapeKeys | None:
     """The shape keys of an object that has some, on the vertices that its modifiers leave.
 
@@ -75,23 +88,21 @@ def read_shape_keys(obj: Object, mesh: Mesh) -> ShapeKeys | None:
     Returns:
         The keys, or None where other modifiers than those that deform make a difference to the mesh's faces.
     """
-    keys = _keys(obj.data.shape_keys)
     faces = read_faces(mesh)
     if faces == read_faces(obj.data):
-        blocks = obj.data.shape_keys.key_blocks
-        rest = read_rest_positions(obj.data)
-        shapes = {key.name: read_array(blocks[key.name].points, "co", np.float32, 3) for key in keys}
-        bases = [rest if key.base < 0 else shapes[keys[key.base].name] for key in keys]
-        offsets = [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)]
-    else:
-        with _growing_copy(obj) as copy:
-            found = _evaluated_offsets(copy, keys, faces)
-        if found is None:
-            return None
-        rest, offsets = found
-    labels = tuple(key.name for key in keys)
-    values = np.stack(offsets, axis=1)
-    return ShapeKeys(keys, Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, labels), rest)
+        return read_own_shape_keys(obj.data)
+    keys = _keys(obj.data.shape_keys)
+    with _growing_copy(obj) as copy:
+        found = _evaluated_offsets(copy, keys, faces)
+    return None if found is None else _shape_keys(keys, *found)
+
+
+def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
+    """The shape keys of a mesh that has some, on its own vertices."""
+    keys, rest = _keys(mesh.shape_keys), read_rest_positions(mesh)
+    shapes = {key.name: read_key_positions(mesh, key.name) for key in keys}
+    bases = [rest if key.base < 0 else shapes[keys[key.base].name] for key in keys]
+    return _shape_keys(keys, rest, [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)])
 
 
 def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> None:
@@ -154,6 +165,11 @@ def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
 def _drivers(key: Key, names: Sequence[str]) -> list[FCurve]:
     paths = tuple(f'key_blocks["{bpy.utils.escape_identifier(name)}"].' for name in names)
     return [curve for curve in key.animation_data.drivers if curve.data_path.startswith(paths)]
+
+
+def _shape_keys(keys: tuple[ShapeKey, ...], rest: Floats, offsets: list[Floats]) -> ShapeKeys:
+    labels, values = tuple(key.name for key in keys), np.stack(offsets, axis=1)
+    return ShapeKeys(keys, Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, labels), rest)
 
 
 def _keys(key: Key) -> tuple[ShapeKey, ...]:

@@ -8,6 +8,7 @@ from bpy.types import Object, Operator, PropertyGroup
 
 from .match import MatchOptions
 from .once import ONCE
+from .symmetry import ZOOMOUT_PG_symmetry
 from .transfer import BlendOptions, TransferOptions
 
 
@@ -40,11 +41,14 @@ class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, BlendOptions, PropertyG
         type=Object,
         poll=_may_be_source,
     )
+    symmetry: PointerProperty(
+        name="Symmetry", description="Settings of what is done along a mesh's own symmetry", type=ZOOMOUT_PG_symmetry
+    )
 
 
-def take_settings(operator: Operator, settings: ZOOMOUT_PG_settings) -> None:
-    """Give an operator the scene's settings for all options that its caller left open."""
-    for options in (MatchOptions, TransferOptions, BlendOptions):
+def take_settings(operator: Operator, settings: PropertyGroup) -> None:
+    """Give an operator a group of the scene's settings, for all options that its caller left open."""
+    for options in type(settings).__bases__:
         for name in options.__annotations__ if isinstance(operator, options) else ():
             if not operator.properties.is_property_set(name):
                 setattr(operator, name, getattr(settings, name))

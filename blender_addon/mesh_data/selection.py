@@ -1,0 +1,39 @@
+"""Which vertices, edges and faces are selected in Edit Mode.
+
+They are written as the attributes that Blender keeps them in. Blender 5.0 gives meshes made by `from_pydata` an
+attribute of another type under the name of selected edges, and `foreach_set` on edges then writes past its end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from bpy.types import Mesh
+
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .arrays import read_array
+from .layers import Layer, Role, write_layer
+
+SELECTED = {Domain.POINT: ".select_vert", Domain.EDGE: ".select_edge", Domain.FACE: ".select_poly"}
+
+
+def read_selection(mesh: Mesh) -> list[Attribute]:
+    """Which vertices, and which faces, are selected; nothing where none is."""
+    found = (
+        Attribute("selection", domain, Kind.BOOLEAN, read_array(elements, "select", np.bool_))
+        for domain, elements in ((Domain.POINT, mesh.vertices), (Domain.FACE, mesh.polygons))
+    )
+    return [attribute for attribute in found if attribute.values.any()]
+
+
+def write_selection(mesh: Mesh, selected: Attribute) -> None:
+    """Select vertices, and the edges between them, or faces, and no others of their kind."""
+    _write(mesh, selected.domain, selected.values)
+    if selected.domain is Domain.POINT:
+        ends = read_array(mesh.edges, "vertices", np.int32, 2)
+        _write(mesh, Domain.EDGE, selected.values[ends].all(axis=1))
+
+
+def _write(mesh: Mesh, domain: Domain, values: np.ndarray) -> None:
+    attribute = Attribute(SELECTED[domain], domain, Kind.BOOLEAN, values)
+    write_layer(mesh, Layer(attribute, Role.GENERIC, "BOOLEAN"))

@@ -1,0 +1,96 @@
+"""Show how asymmetric the active mesh is: its shape, its weights, or a shape key."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Literal, TypeAlias
+
+import numpy as np
+from bpy.types import Context, Object
+
+from zoomout_core.arrays import Floats
+from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.mirror import asymmetry
+from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
+from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.threads import in_background
+
+from ... import mesh_data, preview, stored_symmetry
+from ...properties.settings import take_settings
+from ...properties.symmetry import CheckOptions, KeyName
+from .base import SymmetryOperator, unedited, writable_mesh
+from .shape_keys import read_key
+
+Checked: TypeAlias = Literal["shape", "weights", "key"]
+# The hottest colour stands for the largest value but that of a few vertices, and for no less than these: of lengths
+# over the square root of the area, and of parts of weights.
+FEW, LEAST_LENGTH, LEAST_WEIGHT = 0.2, 2e-3, 0.05
+
+
+class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
+    bl_idname = "zoomout.check_symmetry"
+    bl_label = "Check Symmetry"
+    bl_description = (
+        "Show by colors how far the active mesh is from being symmetric, in its shape whatever the pose, its weights, "
+        "or a shape key"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout.symmetry)
+        obj = context.active_object
+        key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
+        return (yield from check_symmetry_steps(context, obj.name, self.check.lower(), key))
+
+
+def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key: str = "") -> str:
+    """Show by colours how asymmetric an object's mesh is, along the symmetry that is kept on it.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        check: what is compared with its other side: the "shape", "weights", or a "key".
+        key: the name of the key.
+
+    Returns:
+        A sentence for the user, with the mean and the largest value.
+
+    Raises:
+        MeshError: there is no symmetry, or no such key; nothing was written.
+    """
+    return drain(check_symmetry_steps(context, obj.name, check, key))
+
+
+def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) -> Steps[str]:
+    """`check_symmetry` as a generator, which holds no Blender data while it is suspended."""
+    obj = writable_mesh(context, name)
+    symmetry = stored_symmetry.read(obj)
+    if check == "shape":
+        work = partial(shape_asymmetry, symmetry)
+    elif check == "weights":
+        work = partial(asymmetry, mesh_data.read_weights(obj, obj.data), symmetry)
+    else:
+        _, own = read_key(obj, key)
+        partner = flip_name(key) if flip_name(key) in obj.data.shape_keys.key_blocks else key
+        work = partial(_key_asymmetry, own, read_key(obj, partner)[1], symmetry)
+    values = np.nan_to_num((yield from spread(in_background(work), 0, 1, "Comparing the sides")))
+    obj = unedited(context, name, symmetry.surface)
+    least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(symmetry.surface.area)
+    most = max(float(np.percentile(values, 100 - FEW)), least)
+    what = _described(check, key, values, most)
+    preview.show(context, obj.data, preview.heat(values, most), what)
+    return what
+
+
+def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Floats:
+    """(n,) how far a key moves vertices otherwise than its partner moves them on the other side."""
+    return np.asarray(np.linalg.norm(mirrored_offsets(partner, symmetry) - offsets, axis=1))
+
+
+def _described(check: Checked, key: str, values: Floats, most: float) -> str:
+    """The values in words, and what the hottest colour stands for."""
+    head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
+    show = "{:.0%}" if check == "weights" else "{:.4g}"
+    mean, largest, hottest = (show.format(value) for value in (values.mean(), values.max(initial=0), most))
+    return f"{head}: the sides differ by {mean} on average, at most {largest}; red is {hottest} and more"

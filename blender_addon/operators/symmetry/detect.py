@@ -1,0 +1,126 @@
+"""Find the symmetries of the active mesh, keep them on it, and choose among them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.props import IntProperty
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Progress, Steps, drain
+
+from ... import preview, stored_symmetry
+from ...properties.once import ONCE
+from ...properties.settings import take_settings
+from ...properties.symmetry import AXES, DetectOptions
+from ..stepped import SteppedOperator
+from .base import SymmetryOperator, unedited, writable_mesh
+from .preview import show_symmetry
+
+# So many candidates are kept at most: things have more symmetries than characters.
+MOST = 6
+
+
+class ZOOMOUT_OT_detect_symmetry(DetectOptions, SteppedOperator):
+    bl_idname = "zoomout.detect_symmetry"
+    bl_label = "Detect Symmetry"
+    bl_description = (
+        "Find which places of the active mesh correspond to each other, as left and right do, whatever its pose and "
+        "topology. What is found is kept on the mesh, for all that follows"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout.symmetry)
+        name = context.active_object.name
+        found = yield from detect_symmetry_steps(context, name, self.left)
+        first = stored_symmetry.described(found[0])
+        return f"{_count(len(found))} of '{name}'; the first: {summary(first)}"
+
+
+class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
+    bl_idname = "zoomout.choose_symmetry"
+    bl_label = "Use Symmetry"
+    bl_description = "Use this symmetry of the active mesh, of those that were found"
+    bl_options = {"REGISTER", "UNDO"}
+
+    number: IntProperty(name="Number", description="Which one, counted from 0", min=0, default=0, options=ONCE)
+
+    def steps(self, context: Context) -> Steps[str]:
+        obj = writable_mesh(context, context.active_object.name)
+        yield Progress(0.0, "Choosing")
+        return choose_symmetry(context, obj, self.number)
+
+
+class ZOOMOUT_OT_swap_sides(SymmetryOperator):
+    bl_idname = "zoomout.swap_sides"
+    bl_label = "Swap Sides"
+    bl_description = "Take left for right, in the symmetry that is chosen: where the axis told them apart wrongly"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        obj = writable_mesh(context, context.active_object.name)
+        yield Progress(0.0, "Swapping")
+        stored_symmetry.swap_sides(obj)
+        _follow(context, obj)
+        return f"Left and right of '{obj.name}' were swapped"
+
+
+def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.Symmetry, ...]:
+    """Find the symmetries of an object's mesh, and keep them on it.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object, in whatever pose.
+        left: the axis of the object that points to the left of what it shows, of `AXES`.
+
+    Returns:
+        The symmetries, the most likely first.
+
+    Raises:
+        MeshError: the mesh cannot be used, or no symmetry was found; nothing was written.
+    """
+    return drain(detect_symmetry_steps(context, obj.name, left))
+
+
+def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps[tuple[zo.Symmetry, ...]]:
+    """`detect_symmetry` as a generator, which holds no Blender data while it is suspended."""
+    surface = stored_symmetry.rest_surface(writable_mesh(context, name))
+    found = yield from zo.detect_symmetry_steps(surface, most=MOST, left=AXES[left])
+    if not found:
+        raise zo.MeshError(f"No symmetry of '{name}' was found: it may have none.")
+    obj = unedited(context, name, surface)
+    stored_symmetry.write(obj, found, left)
+    _follow(context, obj)
+    return found
+
+
+def choose_symmetry(context: Context, obj: Object, number: int) -> str:
+    """Use another one of the symmetries that are kept on an object's mesh; a sentence for the user.
+
+    Raises:
+        MeshError: there is none of that number.
+    """
+    kept = stored_symmetry.description(obj.data)
+    candidates = kept["candidates"] if kept else []
+    if number >= len(candidates):
+        raise zo.MeshError(f"There is no symmetry number {number} on '{obj.name}': {len(candidates)} were found.")
+    stored_symmetry.choose(obj.data, number)
+    _follow(context, obj)
+    return f"'{obj.name}': {summary(candidates[number])}"
+
+
+def summary(candidate: dict[str, Any]) -> str:
+    """One of `stored_symmetry.description`'s candidates in a few words."""
+    return f"{candidate['name']}, {candidate['certainty']:.0%}"
+
+
+def _follow(context: Context, obj: Object) -> None:
+    """Bring the colours that show the symmetry up to date, if they are there."""
+    if preview.is_shown(obj.data):
+        show_symmetry(context, obj)
+
+
+def _count(number: int) -> str:
+    return "Found one symmetry" if number == 1 else f"Found {number} symmetries"

@@ -1,0 +1,80 @@
+"""Show by colours which places of the active mesh correspond to each other, and take such colours away."""
+
+from __future__ import annotations
+
+import numpy as np
+from bpy.types import Context, Object
+
+from zoomout_core.arrays import Floats
+from zoomout_core.progress import Progress, Steps
+from zoomout_core.symmetry.self_map import SelfMap
+
+from ... import preview, stored_symmetry
+from ..stepped import SteppedOperator
+from .base import SymmetryOperator, writable_mesh
+
+# Colours of the right side are mixed with so much white, so that the line shows.
+PALENESS = 0.45
+WHAT = "Places of the same colour correspond; the left side is darker"
+
+
+class ZOOMOUT_OT_preview_symmetry(SymmetryOperator):
+    bl_idname = "zoomout.preview_symmetry"
+    bl_label = "Show Symmetry"
+    bl_description = (
+        "Show by colours which places of the active mesh correspond: they have the same colour, paler on the right"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        obj = writable_mesh(context, context.active_object.name)
+        yield Progress(0.0, "Colouring")
+        show_symmetry(context, obj)
+        return WHAT
+
+
+class ZOOMOUT_OT_remove_preview(SteppedOperator):
+    bl_idname = "zoomout.remove_preview"
+    bl_label = "Hide Colors"
+    bl_description = "Take away the colors that show a symmetry, or how much is asymmetric; nothing of them is left"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active mesh shows such colours."""
+        if not super().poll(context):
+            return False
+        if not preview.is_shown(context.active_object.data):
+            cls.poll_message_set("The active mesh shows no such colors")
+            return False
+        return True
+
+    def steps(self, context: Context) -> Steps[str]:
+        obj = writable_mesh(context, context.active_object.name)
+        yield Progress(0.0, "Removing")
+        preview.remove(context, obj.data)
+        return f"'{obj.name}' shows its own colors again"
+
+
+def show_symmetry(context: Context, obj: Object) -> None:
+    """Colour an object's mesh so that corresponding places have the same colour.
+
+    Raises:
+        MeshError: its symmetry is not known, or not any more.
+    """
+    preview.show(context, obj.data, symmetry_colours(stored_symmetry.read(obj)), WHAT)
+
+
+def symmetry_colours(symmetry: SelfMap) -> Floats:
+    """(n, 3) colours: of each place that of its left one, by where this lies in the bounding box; the right is paler.
+
+    Where there are no sides, a place and its image have their mean.
+    """
+    places = symmetry.surface.vertices
+    used = places[symmetry.surface.triangles.ravel()]
+    low, extent = used.min(axis=0), np.maximum(np.ptp(used, axis=0), 1e-30)
+    images = symmetry.surface_map.interpolate(places)
+    right = symmetry.distance[:, None] < 0
+    shown = np.where(right, images, places) if symmetry.has_sides else (places + images) / 2
+    colours = np.nan_to_num(np.clip((shown - low) / extent, 0, 1))
+    return np.where(right, PALENESS + (1 - PALENESS) * colours, colours)

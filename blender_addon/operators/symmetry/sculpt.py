@@ -1,0 +1,66 @@
+"""Carry what was sculpted on one side of the active mesh to the other one."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.symmetry.mirror import Winner
+from zoomout_core.symmetry.offsets import symmetrised_offsets
+from zoomout_core.threads import in_background
+
+from ... import mesh_data, stored_symmetry
+from ...properties.settings import take_settings
+from ...properties.symmetry import WinnerOptions
+from .base import SymmetryOperator, unedited, writable_mesh
+
+
+class ZOOMOUT_OT_mirror_sculpt(WinnerOptions, SymmetryOperator):
+    bl_idname = "zoomout.mirror_sculpt"
+    bl_label = "Mirror Sculpt"
+    bl_description = (
+        "Carry to the other side how vertices of the active mesh were moved since its symmetry was detected. "
+        "Displacements turn with the surface, so it may be in any pose"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout.symmetry)
+        return (yield from mirror_sculpt_steps(context, context.active_object.name, self.winner.lower()))
+
+
+def mirror_sculpt(context: Context, obj: Object, winner: Winner = "left") -> str:
+    """Carry to the other side how vertices were moved since the symmetry of an object's mesh was detected.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        winner: the side whose displacements count, "left" or "right", or "average".
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no symmetry, or nothing was moved; nothing was written.
+    """
+    return drain(mirror_sculpt_steps(context, obj.name, winner))
+
+
+def mirror_sculpt_steps(context: Context, name: str, winner: Winner) -> Steps[str]:
+    """`mirror_sculpt` as a generator, which holds no Blender data while it is suspended."""
+    obj = writable_mesh(context, name)
+    symmetry, moved = stored_symmetry.read_with_sculpt(obj)
+    if not moved.any():
+        raise zo.MeshError(f"No vertex of '{name}' was moved since its symmetry was detected: sculpt first.")
+    now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
+    work = in_background(partial(symmetrised_offsets, moved, symmetry, winner))
+    wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
+    obj = unedited(context, name, now)
+    mesh_data.move_vertices(obj.data, wanted - moved)
+    stored_symmetry.keep_shape(obj)
+    count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
+    return f"Carried the sculpt of '{name}' over: {count} vertices moved"

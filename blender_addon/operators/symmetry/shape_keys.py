@@ -1,0 +1,151 @@
+"""Make shape keys of the active mesh for its other side, split them, or make them symmetric."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Literal, TypeAlias
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.mirror import Winner
+from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
+from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.threads import in_background
+
+from ... import mesh_data, stored_symmetry
+from ...mesh_data import ShapeKey
+from ...properties.settings import take_settings
+from ...properties.symmetry import KeyName, KeyOptions, WinnerOptions
+from .base import SymmetryOperator, unedited, writable_mesh
+
+KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
+# Displacements shorter than this part of a key's longest one are noise.
+NOISE = 1e-4
+
+
+class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, WinnerOptions, SymmetryOperator):
+    bl_idname = "zoomout.mirror_shape_key"
+    bl_label = "Mirror Shape Key"
+    bl_description = (
+        "From the active shape key make that of the other side, or a left and a right one, or a symmetric one. "
+        "Displacements turn with the surface, so it may be in any pose"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout.symmetry)
+        obj = context.active_object
+        key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
+        mode, winner = self.key_mode.lower(), self.winner.lower()
+        return (yield from mirror_shape_key_steps(context, obj.name, key, mode, winner, self.blend))
+
+
+def mirror_shape_key(
+    context: Context,
+    obj: Object,
+    key: str,
+    mode: KeyMode = "mirror",
+    winner: Winner = "left",
+    blend: float = BLEND,
+) -> str:
+    """Make shape keys along the symmetry that is kept on an object's mesh.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        key: the name of the key to start from.
+        mode: "mirror" makes the key of the other side, as Smile.R from Smile.L; "split" a left and a right key, as
+            Smile.L and Smile.R from Smile; "symmetrise" makes the key itself the same on both sides.
+        winner: for "symmetrise", the side that stays as it is, "left" or "right", or "average".
+        blend: for "split", see `zoomout_core.symmetry.offsets.split_offsets`.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no symmetry, or no such key; nothing was written.
+    """
+    return drain(mirror_shape_key_steps(context, obj.name, key, mode, winner, blend))
+
+
+def mirror_shape_key_steps(
+    context: Context, name: str, key_name: str, mode: KeyMode, winner: Winner, blend: float
+) -> Steps[str]:
+    """`mirror_shape_key` as a generator, which holds no Blender data while it is suspended."""
+    obj = writable_mesh(context, name)
+    symmetry, (key, offsets) = stored_symmetry.read(obj), read_key(obj, key_name)
+    names = _new_names(key_name, mode)
+    work = in_background(partial(_made, offsets, symmetry, mode, winner, blend))
+    made = yield from spread(work, 0, 1, "Mirroring the key")
+    obj = unedited(context, name, symmetry.surface)
+    for new, shape in zip(names, made, strict=True):
+        _write(obj, replace(key, name=new), shape, new if mode == "symmetrise" else "")
+    obj.data.update()
+    verb = "Made" if mode == "symmetrise" else f"From '{key_name}' made"
+    return f"{verb} {' and '.join(f'{new!r}' for new in names)}{' symmetric' if mode == 'symmetrise' else ''}"
+
+
+def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
+    """A shape key of an object, and how far it moves each vertex (n, 3) from the key that it is relative to.
+
+    Raises:
+        MeshError: there is no such key, or keys are absolute.
+    """
+    present = obj.data.shape_keys
+    if present is None or name not in present.key_blocks or name == present.reference_key.name:
+        raise zo.MeshError(f"'{obj.name}' has no shape key {name!r} beside the first one: make another key active.")
+    if not present.use_relative:
+        raise zo.MeshError(f"The shape keys of '{obj.name}' are absolute: turn on Relative in its shape keys.")
+    keys = mesh_data.read_own_shape_keys(obj.data)
+    number = keys.offsets.labels.index(name)
+    return keys.keys[number], keys.offsets.values[:, number].astype(np.float64)
+
+
+def _new_names(name: str, mode: KeyMode) -> tuple[str, ...]:
+    if mode == "split":
+        return f"{name}.L", f"{name}.R"
+    if mode == "mirror" and flip_name(name) == name:
+        raise zo.MeshError(f"The name {name!r} has no side: end it in .L or .R, or split the key into both.")
+    return (flip_name(name) if mode == "mirror" else name,)
+
+
+def _made(offsets: Floats, symmetry: SelfMap, mode: KeyMode, winner: Winner, blend: float) -> list[Floats]:
+    """The displacements (n, 3) of each key that is made."""
+    if mode == "split":
+        made = list(split_offsets(offsets, symmetry, blend))
+    elif mode == "mirror":
+        made = [mirrored_offsets(offsets, symmetry)]
+    else:
+        made = [symmetrised_offsets(offsets, symmetry, winner)]
+    least = NOISE * np.linalg.norm(offsets, axis=1).max(initial=0)
+    return [np.where(np.linalg.norm(one, axis=1, keepdims=True) < least, 0, one) for one in made]
+
+
+def _write(obj: Object, key: ShapeKey, offsets: Floats, same: str) -> None:
+    """Write a key with displacements from the key that it is relative to; one of its name keeps its value.
+
+    Args:
+        obj: the object.
+        key: as it was read, under its new name.
+        offsets: (n, 3).
+        same: the name of the key if it is written in its own place, so that all else stays.
+    """
+    blocks, settings, base = obj.data.shape_keys.key_blocks, dict(key.settings), key.relative_to
+    if not same:
+        settings["value"] = blocks[key.name].value if key.name in blocks else 0.0
+        settings["vertex_group"] = _other_name(settings["vertex_group"], obj.vertex_groups.keys())
+        base = _other_name(base, blocks.keys()) if base else None
+    if base is not None:
+        offsets = offsets + mesh_data.read_key_positions(obj.data, base) - mesh_data.read_rest_positions(obj.data)
+    mesh_data.write_shape_keys(obj, [ShapeKey(key.name, -1, base, settings)], np.ascontiguousarray(offsets)[:, None])
+
+
+def _other_name(name: str, present: list[str]) -> str:
+    """The name of the other side if there is such a thing, else the name itself."""
+    return flip_name(name) if flip_name(name) in present else name

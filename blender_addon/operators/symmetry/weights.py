@@ -1,0 +1,120 @@
+"""Make the weights of the active mesh the same on both sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.mirror import Winner, symmetrised, with_partners
+from zoomout_core.threads import in_background
+from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.weights import sum_to_one
+
+from ... import mesh_data, stored_symmetry
+from ...properties.settings import take_settings
+from ...properties.symmetry import WeightOptions, WinnerOptions
+from .base import SymmetryOperator, unedited, writable_mesh
+
+
+class ZOOMOUT_OT_symmetrise_weights(WinnerOptions, WeightOptions, SymmetryOperator):
+    bl_idname = "zoomout.symmetrise_weights"
+    bl_label = "Symmetrise Weights"
+    bl_description = (
+        "Give one side's weights to the other one, where Arm.L becomes Arm.R; groups that lack a partner get one, "
+        "and locked ones stay as they are"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout.symmetry)
+        obj = context.active_object
+        active = obj.vertex_groups.active
+        only = active.name if self.only_active and active else ""
+        return (yield from symmetrise_weights_steps(context, obj.name, self.winner.lower(), only))
+
+
+def symmetrise_weights(context: Context, obj: Object, winner: Winner = "left", only: str = "") -> str:
+    """Make an object's vertex groups the same on both sides, along the symmetry that is kept on its mesh.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        winner: the side that stays as it is, "left" or "right", or "average".
+        only: the name of a group, which alone is taken with its partner; "" for all.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no symmetry, or there are no such groups; nothing was written.
+    """
+    return drain(symmetrise_weights_steps(context, obj.name, winner, only))
+
+
+def symmetrise_weights_steps(context: Context, name: str, winner: Winner, only: str = "") -> Steps[str]:
+    """`symmetrise_weights` as a generator, which holds no Blender data while it is suspended."""
+    obj = writable_mesh(context, name)
+    symmetry, chosen = stored_symmetry.read(obj), _choose(obj, only)
+    work = in_background(partial(symmetrised, chosen.weights, symmetry, winner, **chosen.sharing))
+    weights = yield from spread(work, 0, 1, "Mirroring weights")
+    obj = unedited(context, name, symmetry.surface)
+    mesh_data.write_weights(obj, weights)
+    obj.data.update()
+    kept = f"; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else ""
+    return f"Made {len(weights.labels)} vertex groups of '{name}' symmetric{kept}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """The groups that are made symmetric, and what holds for them.
+
+    Attributes:
+        weights: of these groups and their partners.
+        sharing: how they share a vertex among them and with the others, see `zoomout_core.transfer.weights`.
+        locked: names of those that are left out because they, or their partners, are locked.
+    """
+
+    weights: Attribute
+    sharing: dict[str, Any]
+    locked: list[str]
+
+
+def _choose(obj: Object, only: str) -> _Chosen:
+    weights = with_partners(mesh_data.read_weights(obj, obj.data))
+    if not weights.labels:
+        raise zo.MeshError(f"'{obj.name}' has no vertex groups: give it some, or make another mesh active.")
+    wanted = {only, flip_name(only)} if only else set(weights.labels)
+    if only and only not in weights.labels:
+        raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
+    held = mesh_data.locked_groups(obj)
+    locked = [label for label in weights.labels if label in wanted and {label, flip_name(label)} & held]
+    columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
+    if not columns:
+        raise zo.MeshError(f"All of these vertex groups of '{obj.name}' are locked: unlock some.")
+    values, deforming = csr_array(weights.values), _deforming(obj, weights)
+    labels = tuple(weights.labels[i] for i in columns)
+    shared = [i for i, label in enumerate(weights.labels) if label in deforming]
+    others = [i for i in shared if i not in columns]
+    sharing = {
+        "normalised": np.array([label in deforming for label in labels]),
+        "sums": values[:, shared].sum(axis=1),
+        "room": np.clip(1 - values[:, others].sum(axis=1), 0, 1) if others else np.inf,
+    }
+    return _Chosen(replace(weights, values=csr_array(values[:, columns]), labels=labels), sharing, locked)
+
+
+def _deforming(obj: Object, weights: Attribute) -> set[str]:
+    """The groups that share a vertex among them: those of bones, or all of a skin without bones."""
+    bones = mesh_data.deforming_bones(obj)
+    bones |= {flip_name(bone) for bone in bones}
+    if bones.intersection(weights.labels):
+        return bones
+    return set(weights.labels) if sum_to_one(weights.values) else set()

@@ -1,0 +1,220 @@
+"""The symmetries of a mesh, kept on it: attributes for each candidate, and a custom property that says what they are.
+
+Symmetries are found on the mesh itself, as it is without its modifiers, so neither a pose nor a subdivision matters.
+Attributes are named with a leading dot, which Blender's lists leave out. With them are kept the positions of the
+vertices, which tell what was sculpted since.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bpy.types import Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .mesh_data import (
+    SYMMETRY_ATTRIBUTES,
+    Layer,
+    Role,
+    read_layer,
+    read_rest_positions,
+    read_surface_at_rest,
+    write_layer,
+)
+from .pair import fingerprint
+
+PROPERTY = "zoomout_symmetry"
+REST = f"{SYMMETRY_ATTRIBUTES}rest"
+# What each candidate consists of, and how Blender keeps it.
+PARTS = {
+    "triangle": (Kind.LABEL, "INT"),
+    "barycentric": (Kind.VECTOR, "FLOAT_VECTOR"),
+    "confidence": (Kind.SCALAR, "FLOAT"),
+    "distance": (Kind.SCALAR, "FLOAT"),
+}
+
+
+def rest_surface(obj: Object) -> zo.Surface:
+    """The surface of an object's own mesh, in its own space, before shape keys and modifiers move it.
+
+    Raises:
+        MeshError: there is no surface.
+    """
+    return read_surface_at_rest(obj).with_vertices(read_rest_positions(obj.data))
+
+
+def fingerprint_of(surface: zo.Surface) -> str:
+    """What tells a surface from one that was edited."""
+    return fingerprint(surface.vertices, surface.corner_vertex, surface.face_start)
+
+
+def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
+    """Keep the symmetries of an object's mesh, the most likely first, in place of earlier ones.
+
+    Args:
+        obj: the object.
+        found: its symmetries, of the surface that `rest_surface` gave.
+        left: the axis that tells left from right, as the user knows it.
+    """
+    mesh = obj.data
+    forget(mesh)
+    for number, symmetry in enumerate(found):
+        maps = {"triangle": symmetry.surface_map.triangle, "barycentric": symmetry.surface_map.barycentric}
+        _write_parts(mesh, number, maps | {"confidence": symmetry.confidence, "distance": symmetry.distance})
+    mesh[PROPERTY] = json.dumps(
+        {
+            "candidates": [described(symmetry) for symmetry in found],
+            "chosen": 0,
+            "left": left,
+            "vertices": len(mesh.vertices),
+            "faces": len(mesh.polygons),
+        }
+    )
+    keep_shape(obj)
+
+
+def keep_shape(obj: Object) -> None:
+    """Take an object's mesh for symmetric as it is now."""
+    mesh, surface = obj.data, rest_surface(obj)
+    _write(mesh, REST, Kind.VECTOR, "FLOAT_VECTOR", surface.vertices)
+    _update(mesh, topology=_topology(surface), fingerprint=fingerprint_of(surface))
+    mesh.update()
+
+
+def description(mesh: Mesh) -> dict[str, Any] | None:
+    """What is known of a mesh's symmetries, or None without any or if a part of them was removed.
+
+    Returns:
+        `candidates`: for each its `name`, `certainty`, whether it has `sides`, and `notes`, sentences for the user;
+        `chosen`: the number of one of them; `left`: the axis that told the sides apart; `vertices` and `faces`: how
+        many the mesh had.
+    """
+    if PROPERTY not in mesh:
+        return None
+    kept = json.loads(mesh[PROPERTY])
+    needed = [REST, *(_name(number, part) for number in range(len(kept["candidates"])) for part in PARTS)]
+    return kept if all(name in mesh.attributes for name in needed) else None
+
+
+def described(symmetry: zo.Symmetry) -> dict[str, Any]:
+    """What is kept of a symmetry beside its map, one of the candidates of `description`."""
+    turn = "Half turn" if symmetry.order == 2 else f"Turn of order {symmetry.order}" if symmetry.order else "Turn"
+    reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
+    return {
+        "name": reflection if symmetry.reverses_orientation else turn,
+        "reverses_orientation": symmetry.reverses_orientation,
+        "certainty": symmetry.certainty,
+        "sides": symmetry.has_sides,
+        "notes": symmetry.notes,
+    }
+
+
+def is_outdated(mesh: Mesh, kept: dict[str, Any]) -> bool:
+    """Whether a glance tells that a mesh was edited since; `read` looks closer."""
+    return (kept["vertices"], kept["faces"]) != (len(mesh.vertices), len(mesh.polygons))
+
+
+def read(obj: Object) -> SelfMap:
+    """The symmetry that is chosen, of an object whose mesh is as it was then.
+
+    Raises:
+        MeshError: there is none, or the mesh was edited since.
+    """
+    symmetry, now = _read(obj)
+    if _kept(obj)["fingerprint"] != fingerprint_of(now):
+        raise zo.MeshError(
+            f"'{obj.name}' was reshaped since its symmetry was detected: mirror what was sculpted, or detect it again."
+        )
+    return symmetry
+
+
+def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
+    """The symmetry that is chosen, of the mesh as it was when it was detected, and (n, 3) how it was moved since.
+
+    Raises:
+        MeshError: there is none, or the mesh has other vertices or faces since.
+    """
+    symmetry, now = _read(obj)
+    return symmetry, now.vertices - symmetry.surface.vertices
+
+
+def choose(mesh: Mesh, number: int) -> None:
+    """Use another candidate."""
+    _update(mesh, chosen=number)
+
+
+def swap_sides(obj: Object) -> None:
+    """Take left for right, in the symmetry that is chosen.
+
+    Raises:
+        MeshError: there is none, or it has no sides.
+    """
+    number = _kept(obj)["chosen"]
+    if not _kept(obj)["candidates"][number]["sides"]:
+        raise zo.MeshError("This symmetry has no left and right side: choose a reflection.")
+    distance = read_layer(obj.data, _name(number, "distance")).attribute.values
+    _write_parts(obj.data, number, {"distance": -distance})
+    obj.data.update()
+
+
+def forget(mesh: Mesh) -> None:
+    """Remove all that is kept of a mesh's symmetries."""
+    for name in [one.name for one in mesh.attributes if one.name.startswith(SYMMETRY_ATTRIBUTES)]:
+        mesh.attributes.remove(mesh.attributes[name])
+    if PROPERTY in mesh:
+        del mesh[PROPERTY]
+
+
+def _read(obj: Object) -> tuple[SelfMap, zo.Surface]:
+    """The chosen symmetry, of the mesh as it was, and the mesh as it is now."""
+    kept, mesh, surface = _kept(obj), obj.data, rest_surface(obj)
+    if kept["topology"] != _topology(surface):
+        raise zo.MeshError(f"The mesh of '{obj.name}' was edited since its symmetry was detected: detect it again.")
+    values = {name: read_layer(mesh, _name(kept["chosen"], name)).attribute.values for name in PARTS}
+    # Stored in single precision: brought back to a sum of one.
+    barycentric = values["barycentric"].astype(np.float64)
+    barycentric /= barycentric.sum(axis=1, keepdims=True)
+    before = surface.with_vertices(read_layer(mesh, REST).attribute.values)
+    symmetry = SelfMap(
+        surface=before,
+        surface_map=zo.SurfaceMap(values["triangle"].astype(np.int64), barycentric, before.triangles),
+        confidence=values["confidence"].astype(np.float64),
+        reverses_orientation=kept["candidates"][kept["chosen"]]["reverses_orientation"],
+        distance=values["distance"].astype(np.float64),
+    )
+    return symmetry, surface
+
+
+def _kept(obj: Object) -> dict[str, Any]:
+    kept = description(obj.data)
+    if kept is None:
+        raise zo.MeshError(f"The symmetry of '{obj.name}' was not detected yet: detect it first.")
+    return kept
+
+
+def _topology(surface: zo.Surface) -> str:
+    return fingerprint(surface.corner_vertex, surface.face_start)
+
+
+def _name(number: int, part: str) -> str:
+    return f"{SYMMETRY_ATTRIBUTES}{number}_{part}"
+
+
+def _write_parts(mesh: Mesh, number: int, parts: dict[str, np.ndarray]) -> None:
+    for part, values in parts.items():
+        _write(mesh, _name(number, part), *PARTS[part], values)
+
+
+def _write(mesh: Mesh, name: str, kind: Kind, data_type: str, values: np.ndarray) -> None:
+    write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
+
+
+def _update(mesh: Mesh, **values: Any) -> None:
+    mesh[PROPERTY] = json.dumps(json.loads(mesh[PROPERTY]) | values)

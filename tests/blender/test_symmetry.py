@@ -1,0 +1,344 @@
+"""What is done along a mesh's own symmetry, in Blender: posed, and of another topology on either side."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from creatures import creature
+from scenes import (
+    activate,
+    add_attribute,
+    from_pydata,
+    key_shape,
+    positions,
+    set_weights,
+    snapshot,
+    values,
+    weight_array,
+    weights,
+)
+
+import zoomout_core as zo
+from blender_addon import preview, stored_symmetry
+from blender_addon.operators.symmetry.check import check_symmetry
+from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
+from blender_addon.operators.symmetry.layers import mirror_attributes
+from blender_addon.operators.symmetry.sculpt import mirror_sculpt
+from blender_addon.operators.symmetry.shape_keys import mirror_shape_key
+from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
+from blender_addon.operators.symmetry.weights import symmetrise_weights
+from zoomout_core.triangles import vertex_normals
+
+BENT = creature(1500, seed=1, bend=0.9)
+X = BENT.directions[:, 0]
+LEFT, RIGHT = X > 0.1, X < -0.1
+
+
+def new_object():
+    return from_pydata("Creature", BENT.surface.vertices.tolist(), BENT.surface.triangles.tolist())
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The symmetries of the posed creature, in single precision as Blender keeps it."""
+    surface = BENT.surface.with_vertices(BENT.surface.vertices.astype(np.float32))
+    return zo.detect_symmetry(surface)
+
+
+@pytest.fixture
+def body(found):
+    """The posed creature, whose symmetry is known."""
+    obj = new_object()
+    stored_symmetry.write(obj, found, "X")
+    activate(obj)
+    return obj
+
+
+def bumps(shares):
+    """(n, 3) displacements along the normals of the creature, by their sizes (n,)."""
+    return 0.1 * shares[:, None] * vertex_normals(BENT.surface.vertices, BENT.surface.triangles)
+
+
+def add_key(obj, name, offsets):
+    if obj.data.shape_keys is None:
+        obj.shape_key_add(name="Basis")
+    key = obj.shape_key_add(name=name)
+    key.points.foreach_set("co", np.ascontiguousarray(positions(obj.data) + offsets, np.float32).ravel())
+    obj.active_shape_key_index = len(obj.data.shape_keys.key_blocks) - 1
+    return key
+
+
+def key_offsets(obj, name):
+    return key_shape(obj.data, name) - key_shape(obj.data, "Basis")
+
+
+def off_by(found, wanted):
+    """The mean length of what is wrong, against that of what is wanted."""
+    return np.linalg.norm(found - wanted, axis=1).mean() / np.linalg.norm(wanted, axis=1).mean()
+
+
+def test_a_symmetry_is_found_and_kept(found):
+    obj = new_object()
+    activate(obj)
+    assert bpy.ops.zoomout.detect_symmetry() == {"FINISHED"}
+    kept = stored_symmetry.description(obj.data)
+    assert kept["candidates"][0]["name"] == "Reflection"
+    symmetry = stored_symmetry.read(obj)
+    images = symmetry.surface_map.interpolate(BENT.surface.vertices)
+    np.testing.assert_allclose(images, found[0].surface_map.interpolate(BENT.surface.vertices), atol=1e-4)
+    assert ((symmetry.distance > 0) == LEFT)[LEFT | RIGHT].mean() > 0.99
+
+
+def test_the_axis_tells_left_and_sides_can_be_swapped(body):
+    before = stored_symmetry.read(body).distance
+    assert bpy.ops.zoomout.swap_sides() == {"FINISHED"}
+    np.testing.assert_array_equal(stored_symmetry.read(body).distance, -before)
+    detect_symmetry(bpy.context, body, "-X")
+    assert (stored_symmetry.read(body).distance[LEFT] < 0).mean() > 0.99
+
+
+def test_candidates_can_be_chosen(body, found):
+    stored_symmetry.write(body, (found[0], found[0]), "X")
+    assert bpy.ops.zoomout.choose_symmetry(number=1) == {"FINISHED"}
+    assert stored_symmetry.description(body.data)["chosen"] == 1
+    with pytest.raises(zo.MeshError, match="no symmetry number 2 on 'Creature': 2 were found"):
+        choose_symmetry(bpy.context, body, 2)
+
+
+def test_cancelling_or_editing_meanwhile_leaves_the_mesh_as_it_was():
+    obj = new_object()
+    activate(obj)
+    before = snapshot(obj)
+    steps = detect_symmetry_steps(bpy.context, obj.name)
+    next(steps)
+    steps.close()
+    assert snapshot(obj) == before
+    steps = detect_symmetry_steps(bpy.context, obj.name)
+    next(steps)
+    obj.data.vertices[0].co.x += 1
+    before = snapshot(obj)
+    with pytest.raises(zo.MeshError, match="was edited while it was being worked on"):
+        zo.drain(steps)
+    assert snapshot(obj) == before
+
+
+def test_an_edited_mesh_says_so(body):
+    body.data.vertices[0].co.x += 0.1
+    with pytest.raises(zo.MeshError, match="was reshaped since its symmetry was detected"):
+        symmetrise_weights(bpy.context, body)
+    body.data.clear_geometry()
+    body.data.from_pydata(BENT.surface.vertices[:4].tolist(), [], [(0, 1, 2), (0, 2, 3)])
+    assert stored_symmetry.is_outdated(body.data, json.loads(body.data["zoomout_symmetry"]))
+
+
+def test_without_a_symmetry_nothing_can_be_mirrored():
+    obj = new_object()
+    activate(obj)
+    assert not bpy.ops.zoomout.symmetrise_weights.poll()
+    assert not bpy.ops.zoomout.remove_preview.poll()
+    with pytest.raises(zo.MeshError, match="was not detected yet: detect it first"):
+        symmetrise_weights(bpy.context, obj)
+
+
+def test_a_posed_or_subdivided_mesh_keeps_its_symmetry(body):
+    body.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    body.rotation_euler = (1, 2, 3)
+    body.scale = (-1, 1, 1)
+    bpy.context.view_layer.update()
+    assert name_sides(body, 0.01).startswith("'Creature': ")
+
+
+def test_colours_show_the_symmetry_and_leave_no_trace(body):
+    add_attribute(body.data, "Paint", "FLOAT_COLOR", "POINT", np.ones((len(X), 4)))
+    body.data.attributes.active_color_name = "Paint"
+    before = snapshot(body)
+    assert bpy.ops.zoomout.preview_symmetry() == {"FINISHED"}
+    colours = values(body.data, "zoomout_preview")
+    assert body.data.attributes.active_color_name == "zoomout_preview"
+    images = stored_symmetry.read(body).surface_map.vertex
+    paler = preview_of_right(colours)
+    assert np.abs(paler[RIGHT] - colours[images][RIGHT, :3]).mean() < 0.02
+    check_symmetry(bpy.context, body, "shape")
+    assert bpy.ops.zoomout.remove_preview() == {"FINISHED"}
+    assert snapshot(body) == before
+
+
+def preview_of_right(colours):
+    """(n, 3) colours without the white that the right side's are mixed with."""
+    return (colours[:, :3] - 0.45) / 0.55
+
+
+def test_weights_of_one_side_become_those_of_the_other(body):
+    left = np.clip(1.5 * X, 0, 0.9)
+    set_weights(body, "Arm.L", left)
+    set_weights(body, "Spine", 1 - left)
+    assert bpy.ops.zoomout.symmetrise_weights() == {"FINISHED"}
+    right = np.clip(-1.5 * X, 0, 0.9)
+    np.testing.assert_allclose(weight_array(body, "Arm.L"), left, atol=0.02)
+    assert np.abs(weight_array(body, "Arm.R") - right).mean() < 0.01
+    assert np.abs(weight_array(body, "Spine") - (1 - left - right)).mean() < 0.01
+    total = sum(weight_array(body, name) for name in weights(body))
+    np.testing.assert_allclose(total, 1, atol=1e-5)
+
+
+def test_locked_and_other_groups_stay(body):
+    set_weights(body, "Arm.L", np.clip(X, 0, 1))
+    set_weights(body, "Arm.R", 0.5 * np.clip(-X, 0, 1))
+    set_weights(body, "Leg.L", np.clip(X, 0, 1)).lock_weight = True
+    before = weights(body)
+    message = symmetrise_weights(bpy.context, body, "right")
+    assert message == "Made 2 vertex groups of 'Creature' symmetric; locked ones stayed (Leg.L, Leg.R)"
+    assert np.abs(weight_array(body, "Arm.L") - 0.5 * np.clip(X, 0, 1)).mean() < 0.01
+    assert weights(body)["Leg.L"] == before["Leg.L"]
+    set_weights(body, "Hat", np.clip(X, 0, 1))
+    symmetrise_weights(bpy.context, body, "left", only="Arm.L")
+    assert np.abs(weight_array(body, "Hat") - np.clip(X, 0, 1)).max() < 1e-6
+    with pytest.raises(zo.MeshError, match="no vertex group 'Wing'"):
+        symmetrise_weights(bpy.context, body, "left", only="Wing")
+
+
+def test_the_other_sides_key_is_made(body):
+    body.vertex_groups.new(name="Mask.L")
+    body.vertex_groups.new(name="Mask.R")
+    key = add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
+    key.slider_max, key.vertex_group, key.value = 2, "Mask.L", 0.5
+    assert bpy.ops.zoomout.mirror_shape_key() == {"FINISHED"}
+    assert off_by(key_offsets(body, "Smile.R"), bumps(np.clip(-X, 0, 1))) < 0.1
+    made = body.data.shape_keys.key_blocks["Smile.R"]
+    assert (made.slider_max, made.vertex_group, made.value) == (2, "Mask.R", 0)
+    assert off_by(key_offsets(body, "Smile.L"), bumps(np.clip(X, 0, 1))) < 1e-4
+    with pytest.raises(zo.MeshError, match="'Creature' has no shape key 'Frown'"):
+        mirror_shape_key(bpy.context, body, "Frown")
+
+
+def test_a_key_relative_to_another_one_stays_so(body):
+    add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
+    add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
+    more = add_key(body, "Grin.L", bumps(2 * np.clip(X, 0, 1)))
+    more.relative_key = body.data.shape_keys.key_blocks["Smile.L"]
+    mirror_shape_key(bpy.context, body, "Grin.L")
+    made = body.data.shape_keys.key_blocks["Grin.R"]
+    assert made.relative_key.name == "Smile.R"
+    assert off_by(key_offsets(body, "Grin.R"), bumps(2 * np.clip(-X, 0, 1))) < 0.1
+
+
+def test_a_key_is_split_and_made_symmetric(body):
+    add_key(body, "Frown", bumps(np.abs(X)))
+    mirror_shape_key(bpy.context, body, "Frown", "split")
+    both = key_offsets(body, "Frown.L") + key_offsets(body, "Frown.R")
+    np.testing.assert_allclose(both, key_offsets(body, "Frown"), atol=1e-5)
+    far = np.abs(X) > 0.6
+    assert np.abs(key_offsets(body, "Frown.L")[far & (X < 0)]).max() < 1e-5
+    with pytest.raises(zo.MeshError, match="'Frown' has no side"):
+        mirror_shape_key(bpy.context, body, "Frown", "mirror")
+    add_key(body, "Half", bumps(np.clip(X, 0, 1)))
+    mirror_shape_key(bpy.context, body, "Half", "symmetrise", "left")
+    assert off_by(key_offsets(body, "Half"), bumps(np.abs(X))) < 0.1
+
+
+def test_attributes_colours_masks_and_selection_are_mirrored(body):
+    mesh = body.data
+    height = BENT.directions[:, 2]
+    add_attribute(mesh, "height", "FLOAT", "POINT", np.where(X > 0, height, 5))
+    add_attribute(mesh, "Paint", "FLOAT_COLOR", "POINT", np.abs(height)[:, None] * (X > 0)[:, None] * np.ones(4))
+    add_attribute(mesh, ".sculpt_mask", "FLOAT", "POINT", np.clip(X, 0, 1))
+    mesh.vertices.foreach_set("select", np.ascontiguousarray(X > 0.3))
+    assert bpy.ops.zoomout.mirror_attributes(masks=True, selection=True) == {"FINISHED"}
+    clear = LEFT | RIGHT
+    assert np.abs(values(mesh, "height") - height)[clear].mean() < 0.03
+    assert np.abs(values(mesh, "Paint")[:, 0] - np.abs(height))[clear].mean() < 0.03
+    assert np.abs(values(mesh, ".sculpt_mask") - np.abs(X))[clear].mean() < 0.02
+    selected = np.array([vertex.select for vertex in mesh.vertices])
+    assert (selected == (np.abs(X) > 0.3))[np.abs(np.abs(X) - 0.3) > 0.1].mean() > 0.99
+    assert all(edge.select == all(selected[list(edge.vertices)]) for edge in mesh.edges)
+
+
+def test_uv_maps_are_mirrored_in_place_or_over_each_other(body):
+    mesh = body.data
+    corners = BENT.directions[BENT.surface.corner_vertex]
+    left = np.repeat(X[BENT.surface.triangles].mean(axis=1) > 0, 3)
+    layout = corners[:, 1:] / 10 + [0.25, 0.5]
+    mirrored = corners[:, 1:] * [-0.1, 0.1] + [0.75, 0.5]
+    torn = mirrored + 0.01 * np.sin(300 * mirrored[:, ::-1])
+    add_attribute(mesh, "Atlas", "FLOAT2", "CORNER", np.where(left[:, None], layout, torn))
+    clear = np.abs(corners[:, 0]) > 0.2
+    mirror_attributes(bpy.context, body, ["uv_maps"])
+    off = np.linalg.norm(values(mesh, "Atlas") - np.where(left[:, None], layout, mirrored), axis=1)[clear]
+    assert np.median(off) < 0.003
+    mirror_attributes(bpy.context, body, ["uv_maps"], uv_layout="over")
+    assert np.median(np.linalg.norm(values(mesh, "Atlas") - layout, axis=1)[clear]) < 0.003
+    with pytest.raises(zo.MeshError, match="no mean of Atlas"):
+        mirror_attributes(bpy.context, body, ["uv_maps"], "average")
+    with pytest.raises(zo.MeshError, match="none of the data"):
+        mirror_attributes(bpy.context, body, ["color_attributes"])
+
+
+def test_what_was_sculpted_is_carried_over(body):
+    rest = positions(body.data)
+    with pytest.raises(zo.MeshError, match="No vertex of 'Creature' was moved"):
+        mirror_sculpt(bpy.context, body)
+    add_key(body, "Smile", bumps(np.abs(X)))
+    moved = rest + bumps(np.clip(X, 0, 1))
+    for points in (body.data.vertices, body.data.shape_keys.reference_key.points):
+        points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
+    smile = key_shape(body.data, "Smile")
+    assert bpy.ops.zoomout.mirror_sculpt() == {"FINISHED"}
+    assert off_by(positions(body.data) - rest, bumps(np.abs(X))) < 0.1
+    assert off_by(key_shape(body.data, "Smile") - smile, bumps(np.clip(-X, 0, 1))) < 0.15
+    stored_symmetry.read(body)  # which is still good, for the next stroke
+
+
+def test_asymmetry_is_shown_and_told(body):
+    def heat():
+        return values(body.data, "zoomout_preview")[:, 0]
+
+    set_weights(body, "Arm.L", np.clip(X, 0, 1))
+    assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
+    assert heat()[np.abs(X) > 0.8].mean() > 0.5 > 0.1 > heat()[np.abs(X) < 0.1].mean()
+    assert preview.shown(body.data).startswith("Weights: the sides differ by ")
+    add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
+    add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
+    like = check_symmetry(bpy.context, body, "key", "Smile.L")
+    add_key(body, "Frown.L", bumps(np.clip(X, 0, 1)))
+    unlike = check_symmetry(bpy.context, body, "key", "Frown.L")
+    mean_of = [float(text.split(" differ by ")[1].split(" ")[0]) for text in (like, unlike)]
+    assert mean_of[0] < 0.1 * mean_of[1]
+    with pytest.raises(zo.MeshError, match="no shape key 'Basis' beside the first one"):
+        check_symmetry(bpy.context, body, "key", "Basis")
+
+
+def test_the_line_is_selected_and_sides_are_named(body):
+    select_symmetry_line(body)
+    selected = np.array([vertex.select for vertex in body.data.vertices])
+    assert np.abs(X[selected]).max() < 0.12
+    assert selected.sum() > 30
+    assert not any(polygon.select for polygon in body.data.polygons)
+    assert bpy.ops.zoomout.name_sides(middle_width=0.02) == {"FINISHED"}
+    sides = [weight_array(body, name) for name in ("Side.L", "Side.R", "Side Middle")]
+    np.testing.assert_array_equal(sum(sides), 1)
+    assert sides[0][X > 0.2].min() == 1
+    assert sides[1][X < -0.2].min() == 1
+
+
+def test_a_transfer_leaves_symmetry_and_preview_alone(body):
+    from blender_addon.mesh_data import read_layers
+
+    bpy.ops.zoomout.preview_symmetry()
+    layers, skipped = read_layers(body.data)
+    assert not [layer for layer in layers if "zoomout" in layer.attribute.name]
+    assert skipped["symmetry"] == "it maps the source's own mesh onto itself"
+    assert "zoomout_preview" in skipped
+
+
+def test_every_operator_and_panel_explains_itself():
+    from blender_addon.operators.symmetry import CLASSES
+
+    for operator in CLASSES:
+        rna = getattr(bpy.ops.zoomout, operator.bl_idname.split(".")[1]).get_rna_type()
+        assert rna.description
+        assert {"REGISTER", "UNDO"} <= operator.bl_options
+        for option in rna.properties:
+            assert option.description or option.identifier in ("rna_type", "name"), option.identifier
+    for option in bpy.types.Scene.bl_rna.properties["zoomout"].fixed_type.properties["symmetry"].fixed_type.properties:
+        assert option.description or option.identifier in ("rna_type", "name"), option.identifier
