@@ -24,6 +24,7 @@ from blender_addon import preview, stored_symmetry
 from blender_addon.operators.symmetry.check import check_symmetry
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
 from blender_addon.operators.symmetry.layers import mirror_attributes
+from blender_addon.operators.symmetry.preview import PALENESS
 from blender_addon.operators.symmetry.sculpt import mirror_sculpt
 from blender_addon.operators.symmetry.shape_keys import mirror_shape_key
 from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
@@ -166,7 +167,7 @@ def test_colours_show_the_symmetry_and_leave_no_trace(body):
 
 def preview_of_right(colours):
     """(n, 3) colours without the white that the right side's are mixed with."""
-    return (colours[:, :3] - 0.45) / 0.55
+    return (colours[:, :3] - PALENESS) / (1 - PALENESS)
 
 
 def test_weights_of_one_side_become_those_of_the_other(body):

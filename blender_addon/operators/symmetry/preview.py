@@ -14,15 +14,17 @@ from ..stepped import SteppedOperator
 from .base import SymmetryOperator, writable_mesh
 
 # Colours of the right side are mixed with so much white, so that the line shows.
-PALENESS = 0.45
-WHAT = "Places of the same colour correspond; the left side is darker"
+PALENESS = 0.35
+# How far round the circle of hues heights go, and how much darker the places are that lie farthest apart.
+HUES, DARKNESS = 0.8, 0.7
+WHAT = "Places of the same color correspond; the right side is paler"
 
 
 class ZOOMOUT_OT_preview_symmetry(SymmetryOperator):
     bl_idname = "zoomout.preview_symmetry"
     bl_label = "Show Symmetry"
     bl_description = (
-        "Show by colours which places of the active mesh correspond: they have the same colour, paler on the right"
+        "Show by colors which places of the active mesh correspond: they have the same color, paler on the right"
     )
     bl_options = {"REGISTER", "UNDO"}
 
@@ -66,15 +68,25 @@ def show_symmetry(context: Context, obj: Object) -> None:
 
 
 def symmetry_colours(symmetry: SelfMap) -> Floats:
-    """(n, 3) colours: of each place that of its left one, by where this lies in the bounding box; the right is paler.
+    """(n, 3) colours: a hue for how high a place lies, darker the farther it is from its image; the right is paler.
 
-    Where there are no sides, a place and its image have their mean.
+    Height is that of the left one of a place and its image, along the longest side of the bounding box; where there
+    are no sides, that of their middle.
     """
     places = symmetry.surface.vertices
     used = places[symmetry.surface.triangles.ravel()]
-    low, extent = used.min(axis=0), np.maximum(np.ptp(used, axis=0), 1e-30)
+    low, extent = used.min(axis=0), np.ptp(used, axis=0)
     images = symmetry.surface_map.interpolate(places)
     right = symmetry.distance[:, None] < 0
     shown = np.where(right, images, places) if symmetry.has_sides else (places + images) / 2
-    colours = np.nan_to_num(np.clip((shown - low) / extent, 0, 1))
+    longest = int(np.argmax(extent))
+    height = np.nan_to_num(np.clip((shown - low)[:, longest] / extent[longest], 0, 1))
+    apart = np.nan_to_num(np.linalg.norm(images - places, axis=1))
+    light = 1 - DARKNESS * apart / max(apart.max(initial=0), 1e-30)
+    colours = light[:, None] * _hue(HUES * height)
     return np.where(right, PALENESS + (1 - PALENESS) * colours, colours)
+
+
+def _hue(hue: Floats) -> Floats:
+    """(n, 3) pure colours of hues (n,) from 0, red, over green and blue to 1, red again."""
+    return np.clip(np.abs((6 * hue[:, None] + [0, 4, 2]) % 6 - 3) - 1, 0, 1)
