@@ -8,7 +8,7 @@ import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.common import ACCURACY
 from meshlab_filter.mesh_data import apply_native, read_layer
-from meshlab_filter.parameters import CHOICE, TEXT, WHOLE, Parameter
+from meshlab_filter.parameters import CHOICE, SWITCH, TEXT, WHOLE, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
 from zoomout_core.cli import DETAIL
 from zoomout_core.progress import Steps
@@ -24,21 +24,24 @@ DIRECTIONS = {
     "-y": (0, -1, 0),
     "-z": (0, 0, -1),
 }
+# Of 255, what the channels of a colour have that do not stand for a vertex's side, and those that do.
+DIM, BRIGHT = 70, 235
 
 
 @mesh_filter(
     Parameter("left", CHOICE, "x", "The direction to the mesh's own left.", tuple(DIRECTIONS)),
     Parameter("candidate", WHOLE, 0, "Which of the symmetries found to use."),
+    Parameter("colorsides", SWITCH, False, "Colour the vertices by side: left red, right blue."),
     Parameter("name", TEXT, "symmetry", "The name to store it under, as of a correspondence of the mesh with itself."),
     *ACCURACY,
 )
 def compute_symmetry_by_zoomout(
-    ms: MeshSet, *, left: str, candidate: int, name: str, detail: str, seed: int
+    ms: MeshSet, *, left: str, candidate: int, colorsides: bool, name: str, detail: str, seed: int
 ) -> Steps[dict[str, Any]]:
     """Find the symmetry of the current mesh, in whatever pose, and tell its left from its right.
 
     It is stored as a correspondence is, and in the custom attribute NAME_side, which becomes the quality, too: the
-    signed distance from the symmetry line, positive on the left.
+    signed distance from the symmetry line, positive on the left. If wanted, sides are told by colours, too.
 
     Returns:
         `triangle`, `barycentric`, `confidence` and `side`, arrays; `candidates`, for each what it came from, whether
@@ -61,6 +64,10 @@ def compute_symmetry_by_zoomout(
     store(mesh, name, Correspondence(symmetry.surface_map, symmetry.confidence), layer)
     mesh.add_vertex_custom_scalar_attribute(symmetry.distance.astype(float), f"{name}_side")
     apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=f"{name}_side")
+    if colorsides:
+        tests = dict(zip("rgb", ("q<0", "q!=0", "q>0"), strict=True))
+        colors = {channel: f"({test}) ? {DIM} : {BRIGHT}" for channel, test in tests.items()}
+        apply_native(ms, mesh_id, "compute_color_by_function_per_vertex", **colors, a="255")
     return {
         "triangle": symmetry.surface_map.triangle,
         "barycentric": symmetry.surface_map.barycentric,

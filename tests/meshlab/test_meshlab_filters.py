@@ -312,13 +312,16 @@ def test_the_symmetry_tells_left_from_right():
     ms = pymeshlab.MeshSet()
     ms.create_sphere(subdiv=4)
     ms.apply_filter("compute_coord_by_function", x="x*2+0.6*exp(0-8*((x-0.7)^2+z^2))*z", y="y*1.1", z="z*0.7+0.5*x*x")
-    said = meshlab_filter.compute_symmetry_by_zoomout(ms, left="y", detail="fast")
+    said = meshlab_filter.compute_symmetry_by_zoomout(ms, left="y", detail="fast", colorsides=True)
     mesh = ms.current_mesh()
     place = mesh.vertex_matrix()
     assert said["candidates"][0]["reverses_orientation"]
     clear = np.abs(place[:, 1]) > 0.2
     assert np.mean((said["side"] > 0)[clear] == (place[:, 1] > 0)[clear]) > 0.98
     np.testing.assert_array_equal(mesh.vertex_scalar_array(), said["side"])
+    red, _, blue, _ = mesh.vertex_color_matrix().T
+    np.testing.assert_array_equal(red > blue, said["side"] > 0)
+    np.testing.assert_array_equal(red < blue, said["side"] < 0)
     image = np.column_stack([mesh.vertex_custom_scalar_attribute_array(f"symmetry_{axis}") for axis in "xyz"])
     assert np.linalg.norm(image - place * [1, -1, 1], axis=1).mean() < 0.1
     with pytest.raises(ValueError, match="'symmetry_triangle' already"):

@@ -28,8 +28,8 @@ from zoomout_core.correspondence.zoomout import SampledBasis, upsample
 # iterations of ZoomOut make of it, to so many functions more; so many are kept at each level, and fewer where no
 # eigenvalues repeat.
 FUNCTIONS, TREE_SAMPLES, LOOK_AHEAD, WIDTH, PLAIN_WIDTH = 6, 200, 5, 12, 8
-# Eigenvalues are looked at for pairs up to this number.
-LEADING = 12
+# Eigenvalues are looked at for pairs up to this number, and so many of these make a shape that may be round.
+LEADING, FEWEST_REPEATED = 12, 2
 # Maps of the first eigenfunctions that differ by less than this, relatively, are one.
 SAME_CHOICE = 0.5
 
@@ -44,8 +44,7 @@ def turning_pairings(shape: Shape) -> list[Hypothesis]:
 
     Half turns alone are signs of eigenfunctions, and found as these.
     """
-    sizes = _groups(shape.basis.eigenvalues[: LEADING + 1])
-    return extremity_hypotheses(shape, shape, sides=(1,)) if max(sizes, default=2) > 1 else []
+    return extremity_hypotheses(shape, shape, sides=(1,)) if _may_be_round(shape) else []
 
 
 def mirroring_descriptors(shape: Shape) -> list[Hypothesis]:
@@ -56,9 +55,11 @@ def mirroring_descriptors(shape: Shape) -> list[Hypothesis]:
 def blocks_of_eigenfunctions(shape: Shape) -> list[Hypothesis]:
     """Choices of signs, and of turns within repeated eigenvalues, for the first eigenfunctions."""
     groups = _groups(shape.basis.eigenvalues[: FUNCTIONS + 2])
+    if not _may_be_round(shape):
+        groups = [1] * FUNCTIONS
     sampled = SampledBasis.of(shape.basis, shape.sampled.samples[:TREE_SAMPLES])
     most = sampled.rows.shape[1] - LOOK_AHEAD
-    width = WIDTH if max(groups, default=1) > 1 else PLAIN_WIDTH
+    width = WIDTH if _may_be_round(shape) else PLAIN_WIDTH
     kept = [np.ones((1, 1))]
     for size in groups:
         if len(kept[0]) > FUNCTIONS or len(kept[0]) + size > most:
@@ -73,6 +74,12 @@ GUESSES: tuple[Callable[[Shape], list[Hypothesis]], ...] = (
     mirroring_descriptors,
     blocks_of_eigenfunctions,
 )
+
+
+def _may_be_round(shape: Shape) -> bool:
+    """Whether there may be turns of order 3 or more, for which many eigenvalues repeat: two are near by chance, too."""
+    sizes = _groups(shape.basis.eigenvalues[: LEADING + 1])
+    return sum(sizes) < LEADING or sum(size > 1 for size in sizes) >= FEWEST_REPEATED
 
 
 def _groups(eigenvalues: Floats) -> list[int]:
