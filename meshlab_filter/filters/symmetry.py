@@ -65,7 +65,8 @@ def compute_symmetry_by_zoomout(
     mesh.add_vertex_custom_scalar_attribute(symmetry.distance.astype(float), f"{name}_side")
     apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=f"{name}_side")
     if colorsides:
-        tests = dict(zip("rgb", ("q<0", "q!=0", "q>0"), strict=True))
+        # "x", "y" and "z" are what MeshLab calls red, green and blue here.
+        tests = dict(zip("xyz", ("q<0", "q!=0", "q>0"), strict=True))
         colors = {channel: f"({test}) ? {DIM} : {BRIGHT}" for channel, test in tests.items()}
         apply_native(ms, mesh_id, "compute_color_by_function_per_vertex", **colors, a="255")
     return {

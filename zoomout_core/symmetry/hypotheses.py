@@ -15,7 +15,7 @@ from itertools import permutations, product
 import numpy as np
 from scipy.linalg import block_diag
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
@@ -35,8 +35,11 @@ SAME_CHOICE = 0.5
 
 
 def mirroring_pairings(shape: Shape) -> list[Hypothesis]:
-    """Pairings of the shape's extremities among each other that turn it inside out, as a mirror does."""
-    return extremity_hypotheses(shape, shape, sides=(-1,))
+    """Pairings of the shape's extremities among each other that turn it inside out, as a mirror does.
+
+    A mirror that takes one tip to another takes that one back.
+    """
+    return extremity_hypotheses(shape, shape, sides=(-1,), wanted=_there_and_back)
 
 
 def turning_pairings(shape: Shape) -> list[Hypothesis]:
@@ -74,6 +77,12 @@ GUESSES: tuple[Callable[[Shape], list[Hypothesis]], ...] = (
     mirroring_descriptors,
     blocks_of_eigenfunctions,
 )
+
+
+def _there_and_back(first: Integers, second: Integers) -> bool:
+    """Whether a pairing of tips with tips of the same shape, by their numbers in parallel, undoes itself."""
+    partner = dict(zip(first.tolist(), second.tolist(), strict=True))
+    return all(partner.get(there) == here for here, there in partner.items())
 
 
 def _may_be_round(shape: Shape) -> bool:

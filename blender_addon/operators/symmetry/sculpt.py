@@ -55,7 +55,9 @@ def mirror_sculpt_steps(context: Context, name: str, winner: Winner) -> Steps[st
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
     if not moved.any():
-        raise zo.MeshError(f"No vertex of '{name}' was moved since its symmetry was detected: sculpt first.")
+        raise zo.MeshError(
+            f"No vertex of '{name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."
+        )
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
     work = in_background(partial(symmetrised_offsets, moved, symmetry, winner))
     wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")

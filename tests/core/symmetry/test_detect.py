@@ -12,6 +12,7 @@ from shapes import TABLE, VASE, Figure, Shaped, limb, shape
 
 import zoomout_core as zo
 from zoomout_core.surface import Surface
+from zoomout_core.symmetry.hypotheses import _there_and_back
 
 # A letter S: a half turn leads it to itself, and no mirror does.
 S_SHAPE = Figure(
@@ -168,3 +169,10 @@ def test_people_and_animals_are_mirrored(benchmark_data) -> None:
             known = file[name], file[f"{name}.sym"]
         surface = zo.read_surface(benchmark_data / folder / f"{name}.off")
         assert 1000 * zo.geodesic_error(zo.detect_symmetry(surface)[0].surface_map, surface, *known).mean() < 60
+
+
+def test_tips_are_paired_there_and_back() -> None:
+    tips = np.arange(4)
+    assert _there_and_back(tips, np.array([1, 0, 2, 3]))
+    assert not _there_and_back(tips, np.array([1, 2, 0, 3]))
+    assert not _there_and_back(tips[:2], np.array([0, 3]))

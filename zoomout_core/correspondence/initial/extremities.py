@@ -9,6 +9,7 @@ the surface decides which pairings are refined, and they hold the map in place m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice, zip_longest
 
@@ -77,7 +78,11 @@ class Extremities:
 
 
 def extremity_hypotheses(
-    source: Shape, target: Shape, disagreement: Disagreement = nothing_known, sides: tuple[int, ...] | None = None
+    source: Shape,
+    target: Shape,
+    disagreement: Disagreement = nothing_known,
+    sides: tuple[int, ...] | None = None,
+    wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
 ) -> list[Hypothesis]:
     """The maps that pairings of extremities suggest; none where a shape has too few of them.
 
@@ -87,15 +92,16 @@ def extremity_hypotheses(
         disagreement: with what is known of the map.
         sides: 1 for maps that keep the orientation, -1 for those that reverse it. Those that keep it, when not given,
             and where sides are not known the others too.
+        wanted: which pairings are tried, by the numbers of tips in each shape, in parallel.
     """
     tips_source, tips_target = extremities(source), extremities(target)
     if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
         return []
     if sides is None:
         sides = (1,) if sides_are_known(source, target) else (1, -1)
-    return [
-        guess for side in sides for guess in _best_maps(source, target, tips_source, tips_target, side, disagreement)
-    ]
+    found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
+    tips = tips_source, tips_target
+    return [guess for side in sides for guess in _best_maps(source, target, *tips, found, side, disagreement)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +124,7 @@ def _best_maps(
     target: Shape,
     tips_source: Extremities,
     tips_target: Extremities,
+    found: list[tuple[Integers, Integers]],
     side: int,
     disagreement: Disagreement,
 ) -> list[Hypothesis]:
@@ -126,7 +133,7 @@ def _best_maps(
     at_target = tips_target.places.at(target.search.samples)
     size = min(COARSE_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     tried = []
-    for of_target, of_source in _all_pairings(tips_target, tips_source):
+    for of_target, of_source in found:
         sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
         functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
         scores = scores_of(functional_map, sample_map, source, target, side < 0)
