@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from itertools import chain
 from numbers import Integral
@@ -19,7 +19,7 @@ from zoomout_core.correspondence.components.main_parts import main_part_steps
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
-from zoomout_core.correspondence.fitting.fit import ROUNDS, Fit, Round, fit_steps
+from zoomout_core.correspondence.fitting.fit import Fit, fit_steps
 from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
 from zoomout_core.correspondence.initial.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.correspondence.initial.given import given_hypothesis, proximity_hypothesis
@@ -313,15 +313,11 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
 
 
 def fitted_steps(
-    refining: Generator[float, None, tuple[SurfaceMap, Floats]],
-    source: Shape,
-    target: Shape,
-    mirrored: bool,
-    rounds: Sequence[Round] = ROUNDS,
+    refining: Generator[float, None, tuple[SurfaceMap, Floats]], source: Shape, target: Shape, mirrored: bool
 ) -> Generator[float, None, tuple[Fit, Floats]]:
     """A refined map with the target bent onto the source by it, and the functional map of what comes of that."""
     refined, functional_map = yield from scaled(refining, 0.0, 0.6)
-    fit = yield from scaled(fit_steps(refined, source, target, mirrored, rounds), 0.6, 1.0)
+    fit = yield from scaled(fit_steps(refined, source, target, mirrored), 0.6, 1.0)
     k_target, k_source = functional_map.shape
     images = fit.surface_map.interpolate(source.basis.eigenvectors[:, :k_source])
     return fit, target.basis.coefficients(images)[:k_target]

@@ -19,7 +19,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.components.assembly import on_surfaces
 from zoomout_core.correspondence.confidence import confidence_of
 from zoomout_core.correspondence.dense import dense_steps
-from zoomout_core.correspondence.fitting.fit import Fit, Round
+from zoomout_core.correspondence.fitting.fit import Fit
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.correspondence.matching import check_sizes, fitted_steps
 from zoomout_core.correspondence.pair import Pair
@@ -41,14 +41,6 @@ LEFT = (1.0, 0.0, 0.0)
 QUOTAS = (1, 16), (3, 20)
 # Rounds on all vertices; drawing the map to its inverse makes up for one more.
 FINISHING = 2
-# A shape is nearer to its other side than to another shape: about half the usual rounds of the fit do. On generated
-# characters in poses, weights mirrored by it are off by 0.028, instead of 0.025; without any fit by 0.037.
-ROUNDS = (
-    Round(100, 1.0, 0.3),
-    *[Round(100, 0.05, 0.3)] * 3,
-    Round(200, 1.0, 0.3),
-    *[Round(200, 0.02, 0.1)] * 2,
-)
 # What is less likely than this is not shown, but for the most likely one.
 LEAST_CERTAINTY = 0.05
 # Leading block of the functional map whose energies are reported beside those of all of it.
@@ -162,7 +154,7 @@ def _symmetry_steps(pair: Pair, candidate: Candidate, left: Floats) -> Generator
     order = order_of(candidate.sample_map, shape)
     how = candidate.mirrored, pair.k_final, pair.step
     refining = dense_steps(shape, shape, candidate.functional_map, None, *how, finishing=FINISHING)
-    forwards = fitted_steps(refining, shape, shape, candidate.mirrored, ROUNDS)
+    forwards = fitted_steps(refining, shape, shape, candidate.mirrored)
     if order == 2:  # it is its own inverse
         fit, functional_map = yield from scaled(alone(forwards), 0.0, 0.7)
         back = fit.surface_map

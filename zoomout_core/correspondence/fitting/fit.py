@@ -10,7 +10,7 @@ Adams, Guibas and Pauly, Robust single-view geometry and motion reconstruction, 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -87,9 +87,7 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
-def fit_steps(
-    first: SurfaceMap, source: Shape, target: Shape, mirrored: bool, rounds: Sequence[Round] = ROUNDS
-) -> Generator[float, None, Fit]:
+def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -> Generator[float, None, Fit]:
     """Bend a target onto its source, beginning with a map between them.
 
     Args:
@@ -97,7 +95,6 @@ def fit_steps(
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         mirrored: the map reverses the orientation.
-        rounds: of the fit.
 
     Yields:
         The fraction done.
@@ -116,8 +113,8 @@ def fit_steps(
     at, areas = spread_places(target)
     still, placed = unmoved(first, rest, normals, at, areas, around, leaps, target)
     positions, bending = np.where(still[:, None], placed, laid.positions), None
-    for i, (count, sliding, stiffness) in enumerate(rounds):
-        yield (i + 1) / (len(rounds) + 2)
+    for i, (count, sliding, stiffness) in enumerate(ROUNDS):
+        yield (i + 1) / (len(ROUNDS) + 2)
         count = min(count, len(target.distances))
         if bending is None or len(bending.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
@@ -129,7 +126,7 @@ def fit_steps(
             bending.step(at, goal[at] - positions[at], pull, stiffness)
         else:
             bending.step(*pulls(positions, turned, at, areas, around, leaps, sliding), stiffness)
-    yield (len(rounds) + 1) / (len(rounds) + 2)
+    yield (len(ROUNDS) + 1) / (len(ROUNDS) + 2)
     assert bending is not None
     positions, turned, blends = bending.moved()
     found = around.closest(positions, turned)
