@@ -53,6 +53,13 @@ def positions_of_part(surface: Surface, shape: Shape) -> Floats:
     return positions
 
 
+def standing(pair: Pair) -> Floats:
+    """(n, 3) the vertices of the target's part as the two surfaces stand, in the frame of the source's part."""
+    part, scale = pair.source_shape.proxy.full.vertices, pair.source_shape.proxy.full.scale
+    origin = (positions_of_part(pair.source, pair.source_shape) - scale * part).mean(axis=0)
+    return (positions_of_part(pair.target, pair.target_shape) - origin) / scale
+
+
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
     """Paired places of the surfaces as vertices of the shapes' meshes.
 

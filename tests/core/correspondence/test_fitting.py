@@ -12,6 +12,7 @@ from zoomout_core.correspondence.fitting.fit import Fit, fit_steps, lifted_fit
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import drain
+from zoomout_core.projection import closest_points
 from zoomout_core.surface import Surface
 
 
@@ -83,7 +84,10 @@ def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
     itself = SurfaceMap(corner // 3, np.eye(3)[corner % 3], mesh.triangles)
     still = Fit(itself, mesh.vertices, np.tile(np.eye(3), (len(corner), 1, 1)), np.ones(len(corner), dtype=bool))
     moved, unfitted = (
-        np.linalg.norm(lifted_fit(fit, shape.proxy, shape.proxy).interpolate(part.vertices) - part.vertices, axis=1)
+        np.linalg.norm(
+            lifted_fit(fit, shape.proxy, shape.proxy, part.vertices + 1).interpolate(part.vertices) - part.vertices,
+            axis=1,
+        )
         for fit in (still, Fit.unfitted(itself))
     )
     assert moved.max() < 1e-6
@@ -100,3 +104,19 @@ def test_the_same_shape_elsewhere_is_matched_exactly() -> None:
     result = zo.match(source, target)
     off = np.linalg.norm(result.surface_map.interpolate(source.vertices) - source.vertices[order], axis=1)
     assert np.percentile(off, 99) < 1e-4 * np.sqrt(source.area)
+
+
+def test_another_mesh_that_stands_where_the_source_does_takes_the_nearest_points() -> None:
+    source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
+    result = zo.match(source, target)
+    nearest = SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
+    off = result.surface_map.interpolate(source.vertices) - nearest.interpolate(source.vertices)
+    assert np.percentile(np.linalg.norm(off, axis=1), 95) < 1e-9 * np.sqrt(source.area)
+
+
+def test_another_mesh_a_little_beside_the_source_is_matched_as_it_lies_and_not_as_it_stands() -> None:
+    source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
+    size = np.sqrt(source.area)
+    beside = target.with_vertices(target.vertices + np.array([0, 0.003, 0]) * size)
+    off = zo.match(source, beside).surface_map.interpolate(source.vertices) - target.vertices
+    assert np.median(np.linalg.norm(off, axis=1)) < 5e-4 * size

@@ -8,7 +8,7 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.components.loose import LooseParts, map_parts
 from zoomout_core.correspondence.components.parts import MOST_PARTS
 from zoomout_core.correspondence.fitting.fit import Fit, lifted_fit
-from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.pair import Pair, standing
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
 
@@ -25,7 +25,7 @@ def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SurfaceMap, F
         The map, (n_t,) confidence, and what a user should know about loose parts.
     """
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
-    between_parts = lifted_fit(fit, source, target)
+    between_parts = lifted_fit(fit, source, target, standing(pair))
     loose = map_parts(pair, between_parts, confidence)
     confidence = target.place.interpolate(confidence)
     vertex_of = target.full.vertex_of

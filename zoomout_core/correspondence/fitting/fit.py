@@ -20,7 +20,7 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.confidence import spectral_distance
 from zoomout_core.correspondence.fitting.bending import Bending, Nodes
 from zoomout_core.correspondence.fitting.partners import Leaps, Surroundings, pulls, spread_places
-from zoomout_core.correspondence.fitting.rigid import FLUSH, settle, unmoved
+from zoomout_core.correspondence.fitting.rigid import settle, unmoved
 from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, lay
 from zoomout_core.correspondence.proxy import Proxy, carried
 from zoomout_core.correspondence.shape import Shape
@@ -140,11 +140,17 @@ def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -
     return Fit(surface_map, positions, nearest_rotations(blends) * sense, fits)
 
 
-def lifted_fit(fit: Fit, source: Proxy, target: Proxy) -> SurfaceMap:
+def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
     """A fit of stand-ins as a map between the parts that they stand for.
 
     Each vertex of the target's part moves along with its place on the stand-in, and takes the closest point of the
     source's part, unless that is far from where the map between the stand-ins leads: on something that touches.
+
+    Args:
+        fit: of the target's stand-in to the source's.
+        source: the part that the map lands on.
+        target: the part that the map starts from.
+        standing: (n_t, 3) the target's part as the two surfaces stand, in the frame of the source's part.
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
@@ -156,13 +162,13 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy) -> SurfaceMap:
     bent = on.interpolate(fit.positions) + np.einsum("nij,nj->ni", on.interpolate(fit.rotations), off)
     goal = images.copy()
     goal[fits] = image_centre + image_size * bent
-    settled = goal.copy()
-    settled[fits] = settle(goal[fits], target.full.vertices[fits], source)
+    settled, nearness = settle(goal, fits, target.full.vertices, standing, source)
     found = source.closest(settled)
-    loose = (settled != goal).any(axis=1)
-    loose &= np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > FLUSH
-    found = _replaced(found, loose, source.closest(goal[loose]))
+    at_rest = (settled != goal).any(axis=1)
+    at_rest &= np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) < nearness
+    found = _replaced(found, ~at_rest, source.closest(goal[~at_rest]))
     elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > ELSEWHERE
+    elsewhere &= ~at_rest
     return _replaced(found, elsewhere, source.closest(images[elsewhere]))
 
 

@@ -23,6 +23,11 @@ SETTLING_ROUNDS, FEWEST_SETTLED = 4, 0.2
 SETTLING_POINTS, FEWEST_VERTICES = 1000, 400
 # Two meshes of one surface are no farther apart than this, at unit area.
 FLUSH = 5e-4
+# Meshes of one surface that stand as they should miss each other by less than so many times the best motion's miss.
+AS_WELL = 2.0
+# Where a motion takes this part of all vertices where they are to go, they differ by their meshes only, and the others
+# go along if they come to lie on the source: their goals were wrong.
+THROUGHOUT = 0.9
 
 
 def unmoved(
@@ -60,20 +65,26 @@ def unmoved(
     return pooled > MOSTLY, placed
 
 
-def settle(goal: Floats, points: Floats, source: Proxy) -> Floats:
-    """Where points are to go (n, 3), made exact for those that a single similarity takes there.
+def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, source: Proxy) -> tuple[Floats, float]:
+    """Where points are to go, made exact for those that a single similarity takes there.
 
     A stand-in lies off its mesh by more than two meshes of one surface differ, so where most of a body has not moved
     against the rest, only the full meshes tell exactly how it lies.
 
     Args:
         goal: (n, 3) in the frame of the source's part.
+        fits: (n,) which goals tell of the motion.
         points: (n, 3) in that of the target's.
+        standing: (n, 3) where they are if both surfaces stay where they stand; they do if that fits about as well.
         source: the mesh to lie on.
+
+    Returns:
+        (n, 3) positions, and how near to the source, at unit area, those made exact are to lie.
     """
-    if len(points) < FEWEST_VERTICES:
-        return goal
-    at = np.linspace(0, len(points) - 1, min(len(points), SETTLING_POINTS)).astype(int)
+    reliable = np.flatnonzero(fits)
+    if len(reliable) < FEWEST_VERTICES:
+        return goal, FLUSH
+    at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), SETTLING_POINTS)).astype(int)]
     motion, shift = np.eye(3), np.zeros(3)
     trust = np.ones(len(at))
     for _ in range(RIGID_ROUNDS):
@@ -84,22 +95,38 @@ def settle(goal: Floats, points: Floats, source: Proxy) -> Floats:
         size = (share @ np.einsum("nx,nx->n", goals, offsets @ turn.T)) / (share @ (offsets**2).sum(axis=1))
         motion, shift = size * turn, goal_centre - size * turn @ centre
         trust = 1 / (1 + (np.linalg.norm(points[at] @ motion.T + shift - goal[at], axis=1) / COINCIDING) ** 2) ** 2
-    mesh = source.full
     for _ in range(SETTLING_ROUNDS):
         placed = points[at] @ motion.T + shift
         near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDING)
         if len(near) < FEWEST_SETTLED * len(at):
-            return goal
-        found = SurfaceMap(*source.search.closest(placed[near]), mesh.triangles)
-        normals = triangle_normals(mesh.vertices, mesh.triangles[found.triangle])
-        misses = np.einsum("nx,nx->n", normals, found.interpolate(mesh.vertices) - placed[near])
+            return goal, FLUSH
+        misses, normals = _misses(placed[near], source)
         away = placed[near] - placed[near].mean(axis=0)
         columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
         change = np.linalg.lstsq(np.hstack(columns), misses, rcond=None)[0]
         grown = (1 + change[3]) * Rotation.from_rotvec(change[:3]).as_matrix()
         middle = placed[near].mean(axis=0)
         motion, shift = grown @ motion, grown @ (shift - middle) + middle + change[4:]
-    if np.median(np.abs(misses)) > FLUSH:
-        return goal
+    miss = np.median(np.abs(misses))
+    if miss > FLUSH:
+        return goal, FLUSH
     placed = points @ motion.T + shift
-    return np.where((np.linalg.norm(placed - goal, axis=1) < COINCIDING)[:, None], placed, goal)
+    if np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) < FLUSH:
+        as_they_stand, _ = _misses(standing[at[near]], source)
+        if np.median(np.abs(as_they_stand)) < AS_WELL * miss:
+            placed = standing
+    settled = fits & (np.linalg.norm(placed - goal, axis=1) < COINCIDING)
+    if settled.mean() < THROUGHOUT:
+        return np.where(settled[:, None], placed, goal), FLUSH
+    rest = np.flatnonzero(~settled)
+    found = source.closest(placed[rest]).interpolate(source.full.vertices)
+    settled[rest] = np.linalg.norm(found - placed[rest], axis=1) < FLUSH
+    return np.where(settled[:, None], placed, goal), COINCIDING
+
+
+def _misses(points: Floats, source: Proxy) -> tuple[Floats, Floats]:
+    """(n,) how far a mesh lies above points (n, 3), and (n, 3) along which normals."""
+    mesh = source.full
+    found = SurfaceMap(*source.search.closest(points), mesh.triangles)
+    normals = triangle_normals(mesh.vertices, mesh.triangles[found.triangle])
+    return np.einsum("nx,nx->n", normals, found.interpolate(mesh.vertices) - points), normals
