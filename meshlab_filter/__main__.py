@@ -10,7 +10,8 @@ import click
 from meshlab_filter.filters import transfer_attributes_by_zoomout
 from meshlab_filter.mesh_data import custom_in_ply
 from meshlab_filter.script import read_script, run_script_steps
-from zoomout_core.cli import DETAIL, match_options, start_arguments, with_progress_bar
+from zoomout_core.cli import match_options, start_arguments, with_progress_bar
+from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.surface import MeshError
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ from platformdirs import user_cache_dir
 from tqdm import tqdm
 
 from zoomout_core.correspondence.confidence import cycle_error
+from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.correspondence.evidence import checked_axes
 from zoomout_core.correspondence.kept_shapes import store_shapes
 from zoomout_core.correspondence.matching import MatchResult, match_steps
@@ -29,13 +30,6 @@ from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 
-# Arguments of `match` for each preset.
-DETAIL: dict[str, dict[str, int | None]] = {
-    "fast": {"k_final": 60, "samples": 500, "proxy_vertices": 2000},
-    "balanced": {},
-    "fine": {"k_final": 200, "samples": 1500, "proxy_vertices": 8000},
-    "full": {"k_final": 200, "samples": 2000, "proxy_vertices": None},
-}
 STARTS = ("auto", "landmarks", "proximity")
 # A start that nothing follows.
 NEAREST = "nearest"

@@ -10,7 +10,7 @@ from meshlab_filter.filters.common import ACCURACY
 from meshlab_filter.mesh_data import apply_native, read_layer
 from meshlab_filter.parameters import CHOICE, SWITCH, TEXT, WHOLE, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
-from zoomout_core.cli import DETAIL
+from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.progress import Steps
 
 if TYPE_CHECKING:
