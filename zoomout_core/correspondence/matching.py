@@ -29,7 +29,7 @@ from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.kept_shapes import kept_shape_steps, kept_working_mesh
 from zoomout_core.correspondence.nearest import nearest
-from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
+from zoomout_core.correspondence.pair import Pair, landmarks_on_parts, surface_vertices
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape
@@ -103,6 +103,17 @@ class MatchResult:
     def certainty(self) -> float:
         """Probability that the map as a whole is right: no side swapped, nothing turned front to back."""
         return self.candidates[self.chosen].certainty
+
+    def outline(self, candidate: int) -> tuple[Integers, Integers]:
+        """Where a candidate leads, roughly, before its full map is worked out.
+
+        Returns:
+            (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the source
+            for each of them.
+        """
+        source, target = self.pair.source_shape, self.pair.target_shape
+        images = source.search.samples[self.candidates[candidate].sample_map]
+        return surface_vertices(target, target.search.samples), surface_vertices(source, images)
 
     def use(self, candidate: int) -> MatchResult:
         """The result of another candidate, by its number."""

@@ -60,6 +60,15 @@ def standing(pair: Pair) -> Floats:
     return (positions_of_part(pair.target, pair.target_shape) - origin) / scale
 
 
+def surface_vertices(shape: Shape, vertices: Integers) -> Integers:
+    """(m,) the vertices of the surface that are nearest to vertices (m,) of a shape's mesh."""
+    full = shape.proxy.full
+    used = np.flatnonzero(full.vertex_of >= 0)
+    surface_vertex = np.empty(len(full.vertices), dtype=np.int64)
+    surface_vertex[full.vertex_of[used]] = used
+    return surface_vertex[shape.proxy.full_vertex[vertices]]
+
+
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
     """Paired places of the surfaces as vertices of the shapes' meshes.
 

@@ -51,6 +51,23 @@ def test_the_mirrored_map_is_kept_as_a_candidate_and_can_be_used(resting, bent, 
         result.use(99)
 
 
+def test_an_outline_tells_where_a_candidate_leads_before_its_map_is_worked_out(resting, bent, result) -> None:
+    flip = next(i for i, candidate in enumerate(result.candidates) if candidate.reverses_orientation)
+    points = resting.surface.vertices
+    for number, truth in ((0, true_vertex(resting, bent)), (flip, mirrored_vertex(resting, bent))):
+        vertices, images = result.outline(number)
+        apart = np.linalg.norm(points[images] - points[truth[vertices]], axis=1)
+        assert np.median(apart) < 2 * RIGHT * np.sqrt(resting.surface.area)
+
+
+def test_an_outline_is_in_the_vertices_of_the_surfaces_some_of_which_no_face_uses(resting, bent, result) -> None:
+    padded = [
+        Surface(np.vstack([[0.0, 0, 0], made.surface.vertices]), made.surface.triangles + 1) for made in (resting, bent)
+    ]
+    for ours, known in zip(zo.match(*padded).outline(0), result.outline(0), strict=True):
+        np.testing.assert_array_equal(ours, known + 1)
+
+
 def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
     again = creature(2500, seed=1, bend=0.4)
     sure = zo.match(resting.surface, again.surface)
