@@ -4,7 +4,7 @@ import bpy
 
 import zoomout_core as zo
 
-from . import operators, panels
+from . import operators, panels, swatches, watch
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
 
@@ -16,6 +16,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 def register() -> None:
     """Make the operators, the panels and the scene's settings known to Blender."""
     _register_classes()
+    watch.register()
     bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
     if __package__.startswith("bl_ext."):  # installed, so that Blender has a folder for it
         zo.store_shapes(bpy.utils.extension_path_user(__package__, path="shapes", create=True))
@@ -23,6 +24,8 @@ def register() -> None:
 
 def unregister() -> None:
     """Take them away again."""
+    watch.unregister()
+    swatches.unregister()
     del bpy.types.Scene.zoomout
     _unregister_classes()
     zo.forget_shapes()

@@ -13,6 +13,8 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
+from zoomout_core.correspondence.detail import DETAIL
+from zoomout_core.correspondence.matching import SMALLEST_FINAL
 from zoomout_core.progress import Steps
 
 from . import mesh_data, stored_match
@@ -37,6 +39,8 @@ def matching_steps(
     names: bool = True,
     same_up: bool = False,
     from_last: bool = False,
+    detail: str = "balanced",
+    k_final: int = 0,
     **options: Any,
 ) -> Steps[zo.MatchResult | zo.ProximityMatch]:
     """`zoomout_core.match_steps` with the evidence of two objects, which the result's notes name.
@@ -50,6 +54,8 @@ def matching_steps(
             that the target has from an earlier transfer are not used: they would prove the match that it followed.
         same_up: whether both objects stand upright in the world.
         from_last: whether the match that is kept on the target is a good one to start from.
+        detail: one of `DETAIL`.
+        k_final: size of the final functional map; 0 for as large as `detail` says.
         options: of `zoomout_core.match`, of which only an automatic start weighs evidence; or of
             `zoomout_core.match_by_proximity`.
 
@@ -59,6 +65,7 @@ def matching_steps(
     if options.get("initial") == "nearest":
         nearness = {name: value for name, value in options.items() if name != "initial"}
         return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **nearness))
+    options = DETAIL[detail] | ({"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {}) | options
     automatic = options.get("initial", "auto") == "auto"
     evidence, notes = _evidence(context, pair, names, same_up, from_last) if automatic else ({}, [])
     result = yield from zo.match_steps(pair.source, pair.target, **evidence | options)

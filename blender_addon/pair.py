@@ -7,15 +7,14 @@ the positions in the meshes themselves. Posing a character leaves it the same.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 
-import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
 
 from . import mesh_data
+from .mesh_data.arrays import hash_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +26,12 @@ class ObjectPair:
         target_name: the object that receives it.
         source: as its modifiers leave it.
         target: its own mesh, where modifiers move it.
-        source_fingerprint: changes when the source is edited.
+        source_fingerprint: changes when the source is edited, or its modifiers make other faces.
         target_fingerprint: changes when the target is edited.
+        source_content: of the source's own mesh, see `mesh_data.content_hash`.
+        target_content: of the target's.
+        source_mirrored: whether the source's matrix mirrors it.
+        target_mirrored: whether the target's does.
     """
 
     source_name: str
@@ -37,6 +40,10 @@ class ObjectPair:
     target: zo.Surface
     source_fingerprint: str
     target_fingerprint: str
+    source_content: str
+    target_content: str
+    source_mirrored: bool
+    target_mirrored: bool
 
 
 def find_mesh(context: Context, name: str) -> Object:
@@ -91,13 +98,8 @@ def check_writable(target: Object) -> None:
             )
 
 
-def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
-    """Read both objects of a match.
-
-    Raises:
-        MeshError: one of them cannot be used, or the target cannot be written to.
-    """
-    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
+def check_distinct(source: Object, target: Object) -> None:
+    """Raise a MeshError if both are one mesh."""
     if source == target:
         raise zo.MeshError(
             f"'{target.name}' cannot be its own source: choose another source, or make another mesh active."
@@ -107,17 +109,31 @@ def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPai
             f"'{source.name}' and '{target.name}' share one mesh: make the target single-user, "
             "or choose another source."
         )
+
+
+def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
+    """Read both objects of a match.
+
+    Raises:
+        MeshError: one of them cannot be used, or the target cannot be written to.
+    """
+    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
+    check_distinct(source, target)
     check_writable(target)
     depsgraph = context.evaluated_depsgraph_get()
     source_surface = mesh_data.read_source_surface(source, depsgraph)
     target_surface = mesh_data.read_target_surface(target, depsgraph)
+    contents = mesh_data.content_hash(source.data), mesh_data.content_hash(target.data)
     return ObjectPair(
         source_name,
         target_name,
         source_surface,
         target_surface,
-        _fingerprint(source, source_surface),
-        _fingerprint(target, target_surface),
+        _fingerprint(source, source_surface, contents[0]),
+        _fingerprint(target, target_surface, contents[1]),
+        *contents,
+        mesh_data.is_mirrored(source),
+        mesh_data.is_mirrored(target),
     )
 
 
@@ -142,16 +158,7 @@ def users_of_mesh(context: Context, target: Object) -> int:
     return sum(obj.data == target.data for obj in context.blend_data.objects)
 
 
-def _fingerprint(obj: Object, surface: zo.Surface) -> str:
+def _fingerprint(obj: Object, surface: zo.Surface, content: str) -> str:
     # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way.
-    mirrored = np.array(mesh_data.is_mirrored(obj))
-    return fingerprint(mesh_data.read_positions(obj.data), surface.corner_vertex, surface.face_start, mirrored)
-
-
-def fingerprint(*arrays: np.ndarray) -> str:
-    """What tells arrays from others."""
-    digest = hashlib.blake2b(digest_size=16)
-    for array in arrays:
-        digest.update(f"{array.dtype.str}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    words = f"{content} {mesh_data.is_mirrored(obj)}"
+    return hash_of(words, surface.corner_vertex, surface.face_start)

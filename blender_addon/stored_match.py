@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
-from bpy.types import Mesh
+from bpy.types import Context, Mesh
 
 import zoomout_core as zo
 from zoomout_core.transfer import Attribute, Domain, Kind
 
+from . import candidates
 from .mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
-from .pair import ObjectPair
+from .pair import ObjectPair, choose_source, find_mesh, read_pair
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
@@ -69,12 +70,20 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "source": pair.source_name,
             "source_fingerprint": pair.source_fingerprint,
             "target_fingerprint": pair.target_fingerprint,
+            # What can be compared in passing, see `preflight.stale`.
+            "content": {"source": pair.source_content, "target": pair.target_content},
+            "size": {"source": _size(pair.source), "target": _size(pair.target)},
+            "mirrored": {"source": pair.source_mirrored, "target": pair.target_mirrored},
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "notes": match.notes,
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
     )
+    if isinstance(match, zo.MatchResult) and len(match.candidates) > 1:
+        candidates.write(mesh, match, pair)
+    else:
+        candidates.remove(mesh)
     mesh.update()
 
 
@@ -104,11 +113,34 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     )
 
 
+def read_kept(context: Context, target_name: str) -> tuple[ObjectPair, StoredMatch]:
+    """The match that is kept on a target, and its two objects as they are now.
+
+    Raises:
+        MeshError: there is none, or one of them was edited since.
+    """
+    target = find_mesh(context, target_name)
+    kept = description(target.data)
+    if kept is None:
+        raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
+    renamed = kept["source"] not in context.scene.objects
+    source_name = choose_source(context, target).name if renamed else kept["source"]
+    pair = read_pair(context, source_name, target_name)
+    match = read(target.data, pair)
+    if match is None:
+        raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")
+    return pair, match
+
+
 def description(mesh: Mesh) -> dict[str, Any] | None:
     """What is known about the match on a mesh, or None without one or if a part of it was removed."""
     if PROPERTY not in mesh or any(name not in mesh.attributes for name in MATCH_ATTRIBUTES):
         return None
     return json.loads(mesh[PROPERTY])
+
+
+def _size(surface: zo.Surface) -> list[int]:
+    return [len(surface.vertices), len(surface.face_start) - 1]
 
 
 def low_confidence(confidence: np.ndarray) -> int:

@@ -28,7 +28,7 @@ from .mesh_data import (
     read_surface_at_rest,
     write_layer,
 )
-from .pair import fingerprint
+from .mesh_data.arrays import hash_of
 
 PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
@@ -52,7 +52,7 @@ def rest_surface(obj: Object) -> zo.Surface:
 
 def fingerprint_of(surface: zo.Surface) -> str:
     """What tells a surface from one that was edited."""
-    return fingerprint(surface.vertices, surface.corner_vertex, surface.face_start)
+    return hash_of("", surface.vertices, surface.corner_vertex, surface.face_start)
 
 
 def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
@@ -200,7 +200,7 @@ def _kept(obj: Object) -> dict[str, Any]:
 
 
 def _topology(surface: zo.Surface) -> str:
-    return fingerprint(surface.corner_vertex, surface.face_start)
+    return hash_of("", surface.corner_vertex, surface.face_start)
 
 
 def _name(number: int, part: str) -> str:

@@ -4,6 +4,7 @@ Whole arrays go through `foreach_get` and `foreach_set`.
 """
 
 from .cutting import cut_mesh
+from .inspection import MeshFacts, content_hash, facts_steps
 from .layers import (
     MATCH_ATTRIBUTES,
     MOST_UV_MAPS,
@@ -13,9 +14,11 @@ from .layers import (
     ActiveLayers,
     Layer,
     Role,
+    count_layers,
     data_without_a_way,
     fits,
     read_active_layers,
+    read_active_uv_map,
     read_layer,
     read_layers,
     write_active_layers,
@@ -38,6 +41,7 @@ from .shape_keys import (
     write_shape_keys,
 )
 from .surfaces import (
+    change_of_vertices,
     directions_in_world,
     evaluated_mesh,
     is_flat,
@@ -61,14 +65,19 @@ __all__ = [
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
     "Layer",
+    "MeshFacts",
     "Role",
     "ShapeKey",
     "ShapeKeys",
+    "change_of_vertices",
+    "content_hash",
+    "count_layers",
     "cut_mesh",
     "data_without_a_way",
     "deforming_bones",
     "directions_in_world",
     "evaluated_mesh",
+    "facts_steps",
     "fits",
     "is_flat",
     "is_mirrored",
@@ -76,6 +85,7 @@ __all__ = [
     "move_vertices",
     "positions_in_world",
     "read_active_layers",
+    "read_active_uv_map",
     "read_custom_normals",
     "read_key_positions",
     "read_layer",

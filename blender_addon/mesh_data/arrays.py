@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -13,3 +14,12 @@ def read_array(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np
     values = np.empty(len(elements) * width, dtype)
     elements.foreach_get(name, values)
     return values if width == 1 else values.reshape(-1, width)
+
+
+def hash_of(words: str, *arrays: np.ndarray) -> str:
+    """A hash of some words and of arrays, their types and shapes among it."""
+    digest = hashlib.blake2b(words.encode(), digest_size=16)
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()

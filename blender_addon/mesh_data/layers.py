@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Iterator
 from dataclasses import astuple, dataclass
 from enum import Enum
 
@@ -11,6 +12,7 @@ import numpy as np
 from bpy.types import Mesh, Object
 from numpy.typing import DTypeLike
 
+import zoomout_core as zo
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -117,15 +119,8 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
     Returns:
         Layers in the order of Blender's lists, and a sentence for each attribute that is not among them.
     """
-    roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
-    roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
     layers, skipped = [], {}
-    for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
-        attribute = mesh.attributes[name]
-        if attribute.is_required or name in READ_ELSEWHERE:
-            continue
-        role = roles.get(name, Role.GENERIC)
-        reason = _obstacle(attribute, role)
+    for name, role, reason in _listed(mesh):
         if reason is None:
             layers.append(read_layer(mesh, name, role, name in turning))
         elif name.startswith(EDITING_STATES):
@@ -135,6 +130,22 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
         else:
             skipped[name] = reason
     return layers, skipped
+
+
+def count_layers(mesh: Mesh) -> dict[Role, int]:
+    """How many attributes of each role `read_layers` would read; their values are not looked at."""
+    return Counter(role for _, role, reason in _listed(mesh) if reason is None)
+
+
+def _listed(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
+    """Name and role of each attribute, and why it cannot be transferred, in the order of Blender's lists."""
+    roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
+    roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
+    for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
+        attribute = mesh.attributes[name]
+        if not attribute.is_required and name not in READ_ELSEWHERE:
+            role = roles.get(name, Role.GENERIC)
+            yield name, role, _obstacle(attribute, role)
 
 
 def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
@@ -211,6 +222,22 @@ def _read_values(attribute: bpy.types.Attribute) -> np.ndarray:
 def _transposed(matrices: np.ndarray) -> np.ndarray:
     """Matrices (count, 16), column by column, row by row; or the other way round."""
     return matrices.reshape(-1, 4, 4).transpose(0, 2, 1).reshape(-1, 16)
+
+
+def read_active_uv_map(obj: Object, mesh: Mesh) -> Attribute:
+    """The UV map that is shown.
+
+    Args:
+        obj: the object, for its name.
+        mesh: its mesh, original or evaluated.
+
+    Raises:
+        MeshError: there is none.
+    """
+    name = read_active_layers(mesh).uv
+    if name is None:
+        raise zo.MeshError(f"'{obj.name}' has no UV map: unwrap it, or choose another source.")
+    return read_layer(mesh, name, Role.UV_MAP).attribute
 
 
 def fits(attribute: bpy.types.Attribute, layer: Layer) -> bool:

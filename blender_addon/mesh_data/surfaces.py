@@ -91,7 +91,7 @@ def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         if len(mesh.vertices) != len(obj.data.vertices):
-            raise zo.MeshError(_change_of_vertices(obj))
+            raise zo.MeshError(change_of_vertices(obj))
         return _world_surface(evaluated, obj.data, read_positions(mesh), obj.data)
 
 
@@ -174,7 +174,8 @@ def is_mirrored(obj: Object) -> bool:
     return obj.matrix_world.is_negative
 
 
-def _change_of_vertices(obj: Object) -> str:
+def change_of_vertices(obj: Object) -> str:
+    """Why an object whose modifiers add or remove vertices cannot receive data, and what to do."""
     suspects = [m.name for m in obj.modifiers if m.show_viewport and m.type not in KEEPING_VERTICES]
     names = " and ".join(f"'{name}'" for name in suspects) or "modifiers"
     return (

@@ -1,9 +1,22 @@
 """Operators: thin, the work is in functions that scripts can call as well."""
 
 from . import symmetry
+from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from .choose_data import ZOOMOUT_OT_choose_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
 from .match import ZOOMOUT_OT_match
+from .match_preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .transfer import ZOOMOUT_OT_transfer
 
 # In the order in which Blender is to know them.
-CLASSES = (ZOOMOUT_OT_match, ZOOMOUT_OT_transfer, ZOOMOUT_OT_cut_seams, *symmetry.CLASSES)
+CLASSES = (
+    ZOOMOUT_OT_match,
+    ZOOMOUT_OT_use_candidate,
+    ZOOMOUT_OT_swap_match_sides,
+    ZOOMOUT_OT_preview,
+    ZOOMOUT_OT_clear_preview,
+    ZOOMOUT_OT_choose_data,
+    ZOOMOUT_OT_transfer,
+    ZOOMOUT_OT_cut_seams,
+    *symmetry.CLASSES,
+)

@@ -10,11 +10,11 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain, spread
 from zoomout_core.threads import in_background
-from zoomout_core.transfer import Attribute, drape
+from zoomout_core.transfer import drape
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
 from .. import stored_match
-from ..mesh_data import Role, cut_mesh, evaluated_mesh, read_active_layers, read_layer
+from ..mesh_data import cut_mesh, evaluated_mesh, read_active_uv_map
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair
 from ..properties.settings import SourceName
 from .stepped import SteppedOperator
@@ -59,7 +59,8 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     if kept is None:
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
-    uv = _active_uv_map(context, find_mesh(context, source_name))
+    with evaluated_mesh(find_mesh(context, source_name), context.evaluated_depsgraph_get()) as (evaluated, mesh):
+        uv = read_active_uv_map(evaluated, mesh)
     draped = drape(kept, pair.source, pair.target)
     cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, 1, "Following the seams")
     _, target = check_unedited(context, pair)
@@ -69,14 +70,6 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
     whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
     return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
-
-
-def _active_uv_map(context: Context, source: Object) -> Attribute:
-    with evaluated_mesh(source, context.evaluated_depsgraph_get()) as (_, mesh):
-        name = read_active_layers(mesh).uv
-        if name is None:
-            raise zo.MeshError(f"'{source.name}' has no UV map to cut along: unwrap it, or choose another source.")
-        return read_layer(mesh, name, Role.UV_MAP).attribute
 
 
 def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:

@@ -9,7 +9,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain
 
-from .. import stored_match
+from .. import match_preview, stored_match
 from ..evidence import matching_steps
 from ..pair import check_unedited, choose_source, read_pair
 from ..properties.match import MatchOptions
@@ -61,6 +61,8 @@ def match_steps(
     """`match_objects` as a generator, which holds no Blender data while it is suspended."""
     pair = read_pair(context, source_name, target_name)
     result = yield from matching_steps(context, pair, **options)
+    coats = yield from match_preview.following_steps(context, pair, result)
     _, target = check_unedited(context, pair)
     stored_match.write(target.data, result, pair, options)
+    match_preview.follow(coats)
     return result

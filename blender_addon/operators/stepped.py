@@ -6,13 +6,21 @@ import time
 from collections.abc import Iterator
 
 import bpy
-from bpy.types import Context, Event, Object, Operator
+from bpy.types import Context, Event, Operator
 
 import zoomout_core as zo
 from zoomout_core.progress import Progress, Steps, drain
 
+from ..mesh_facts import redraw_sidebars
+from ..preflight import obstacle
+
 # Seconds of work between two looks at the keyboard.
 SLICE = 0.1
+# What goes on to the view meanwhile, so that it can be looked at from all sides.
+LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
+
+# How far the work is that goes on in a window.
+running: Progress | None = None
 
 
 class SteppedOperator(Operator):
@@ -25,10 +33,10 @@ class SteppedOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active object can receive data."""
-        obstacle = _obstacle(context.active_object, context.mode)
-        if obstacle:
-            cls.poll_message_set(obstacle)
-        return not obstacle
+        reason = "ZoomOut is at work: wait, or press ESC" if running else obstacle(context)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
 
     def execute(self, context: Context) -> set[str]:
         """Run to the end."""
@@ -42,6 +50,7 @@ class SteppedOperator(Operator):
         if bpy.app.background or context.window is None:
             return self.execute(context)
         self._steps = self.steps(context)
+        _show_progress(context, Progress(0.0, "Beginning"))
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -53,7 +62,7 @@ class SteppedOperator(Operator):
             self.report({"INFO"}, "Cancelled; nothing was changed")
             return {"CANCELLED"}
         if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
+            return {"PASS_THROUGH" if event.type in LOOKING else "RUNNING_MODAL"}
         try:
             progress = work_for(self._steps, SLICE)
         except StopIteration as finished:
@@ -64,7 +73,7 @@ class SteppedOperator(Operator):
             self.cancel(context)
             raise
         else:
-            context.workspace.status_text_set(f"{progress.stage}: {progress.fraction:.0%} (ESC cancels)")
+            _show_progress(context, progress)
             return {"RUNNING_MODAL"}
         self.cancel(context)
         return result
@@ -73,7 +82,7 @@ class SteppedOperator(Operator):
         """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)
-        context.workspace.status_text_set(None)
+        _show_progress(context, None)
 
     def _finished(self, message: str) -> set[str]:
         self.report({"INFO"}, message)
@@ -84,14 +93,13 @@ class SteppedOperator(Operator):
         return {"CANCELLED"}
 
 
-def _obstacle(target: Object | None, mode: str) -> str:
-    if target is None or target.type != "MESH":
-        return "Make the mesh active that is to receive the data"
-    if mode != "OBJECT":
-        return "Switch to Object Mode"
-    if target.library is not None or target.data.library is not None:
-        return "The active mesh is linked from another file: make it local"
-    return ""
+def _show_progress(context: Context, progress: Progress | None) -> None:
+    """Tell the status bar and the sidebars how far the work is, or that there is none."""
+    global running
+    running = progress
+    text = None if progress is None else f"{progress.stage}: {progress.fraction:.0%} (ESC cancels)"
+    context.workspace.status_text_set(text)
+    redraw_sidebars()
 
 
 def work_for(steps: Iterator[Progress], seconds: float) -> Progress:

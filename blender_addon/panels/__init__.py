@@ -2,7 +2,21 @@
 
 from . import symmetry
 from .match import ZOOMOUT_PT_match
-from .transfer import ZOOMOUT_PT_transfer
+from .match_options import ZOOMOUT_PT_evidence, ZOOMOUT_PT_match_advanced
+from .result import ZOOMOUT_PT_result
+from .transfer import ZOOMOUT_PT_report, ZOOMOUT_PT_transfer
+from .transfer_options import ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT_topology
 
-# In the order in which Blender is to know them.
-CLASSES = (ZOOMOUT_PT_match, ZOOMOUT_PT_transfer, *symmetry.CLASSES)
+# In the order in which Blender is to know them: a panel before those below it, whose order `bl_order` says.
+CLASSES = (
+    ZOOMOUT_PT_match,
+    ZOOMOUT_PT_result,
+    ZOOMOUT_PT_evidence,
+    ZOOMOUT_PT_match_advanced,
+    ZOOMOUT_PT_transfer,
+    ZOOMOUT_PT_report,
+    ZOOMOUT_PT_blending,
+    ZOOMOUT_PT_naming,
+    ZOOMOUT_PT_topology,
+    *symmetry.CLASSES,
+)

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 
 from bpy.types import Context, UILayout
 
+from ..operators import stepped
+from ..preflight import Finding
+
 # Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
-LETTER, BORDER = 6, 40
+LETTER, BORDER = 6.5, 60
+# The button of a panel is taller than what it depends on.
+BUTTON = 1.5
 
 
 class SidebarPanel:
@@ -18,11 +24,37 @@ class SidebarPanel:
     bl_category = "ZoomOut"
 
 
-def sentences(context: Context, layout: UILayout, texts: list[str]) -> None:
-    """Text, broken into lines that fit the panel."""
+def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE") -> None:
+    """Text, broken into lines that fit the panel; each sentence may begin with an icon."""
     scale = context.preferences.system.ui_scale
     letters = max(20, int((context.region.width / scale - BORDER) / LETTER))
     for text in texts:
         column = layout.column(align=True)
-        for line in textwrap.wrap(text, letters):
-            column.label(text=line)
+        for number, line in enumerate(textwrap.wrap(text, letters)):
+            column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
+
+
+def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
+    """What stands in the way, and what is doubtful, above the button that it concerns."""
+    for finding in found:
+        box = layout.box()
+        box.alert = finding.blocks
+        sentences(context, box, [finding.text], "ERROR" if finding.blocks else "INFO")
+
+
+def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:
+    """The button that a panel is about; while there is work in a window, how far it is."""
+    if stepped.running is not None:
+        layout.progress(text=stepped.running.stage, factor=stepped.running.fraction)
+        layout.label(text="ESC cancels", icon="EVENT_ESC")
+        return
+    row = layout.row()
+    row.scale_y = BUTTON
+    row.enabled = enabled
+    row.operator(operator, text=text, icon=icon)
+
+
+def split_properties(layout: UILayout) -> None:
+    """Names to the left, values to the right, and no dots to animate them by."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False

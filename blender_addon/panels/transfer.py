@@ -1,36 +1,68 @@
-"""The panel to transfer."""
+"""The panel to transfer: what the source has, what stands in the way, the button, and the report."""
 
 from __future__ import annotations
 
-from bpy.types import Context, Panel
+from bpy.types import Context, Object, Panel, UILayout
 
-from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
+from .. import stored_match
+from ..inventory import inventory
+from ..operators.choose_data import ZOOMOUT_OT_choose_data
 from ..operators.transfer import ZOOMOUT_OT_transfer, summary
-from ..properties.transfer import BlendOptions, TransferOptions
+from ..preflight import Finding, findings, likely_source, stale
+from ..properties.transfer import TransferOptions
 from ..stored_report import transfer_report
-from .sidebar import SidebarPanel, sentences
+from .sidebar import SidebarPanel, main_button, sentences, show_findings
 
 
 class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
     bl_label = "Transfer"
 
     def draw(self, context: Context) -> None:
-        layout, settings = self.layout, context.scene.zoomout
-        column = layout.column(align=True)
-        for name in TransferOptions.__annotations__:
-            column.prop(settings, name)
+        layout, target = self.layout, context.active_object
+        kept = stored_match.description(target.data) if target and target.type == "MESH" else None
+        known = kept["source"] if kept else ""
+        source = likely_source(context, known) if target else None
+        _draw_choice(layout, context, source)
+        found = findings(context, known)
+        if kept and source and source.name == known and (reason := stale(context, target)):
+            found = [Finding(reason, True)]
+        show_findings(context, layout, found)
+        text = "Transfer" if kept and source and source.name == known else "Match and Transfer"
+        free = not any(finding.blocks for finding in found)
+        main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
+
+
+class ZOOMOUT_PT_report(SidebarPanel, Panel):
+    bl_label = "Report"
+    bl_parent_id = ZOOMOUT_PT_transfer.__name__
+    bl_order = 0
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there was a transfer."""
         target = context.active_object
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
-        for name in BlendOptions.__annotations__:
-            if name == "mask_group" and target:
-                column.prop_search(settings, name, target, "vertex_groups")
-            else:
-                column.prop(settings, name)
-        layout.operator(ZOOMOUT_OT_transfer.bl_idname)
-        layout.operator(ZOOMOUT_OT_cut_seams.bl_idname)
-        report = transfer_report(target) if target and target.type == "MESH" else None
-        if report is not None:
-            skipped = [f"{name}: skipped, {reason}" for name, reason in report["skipped"].items()]
-            sentences(context, layout.box(), [summary(report), *skipped, *report["notes"]])
+        return target is not None and target.type == "MESH" and transfer_report(target) is not None
+
+    def draw(self, context: Context) -> None:
+        report = transfer_report(context.active_object)
+        if report is None:
+            return
+        sentences(context, self.layout, [summary(report)], "CHECKMARK")
+        skipped = [f"{name}: skipped, {reason}" for name, reason in report["skipped"].items()]
+        sentences(context, self.layout, [*skipped, *report["notes"]], "DOT")
+
+
+def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:
+    """Check marks with how much the source has of each; those of which it has none cannot be set."""
+    settings, counts = context.scene.zoomout, inventory(context, source) if source else {}
+    row = layout.row(align=True)
+    for text, every in (("All", True), ("None", False)):
+        row.operator(ZOOMOUT_OT_choose_data.bl_idname, text=text).every = every
+    column = layout.column(align=True)
+    for name in TransferOptions.__annotations__:
+        row = column.row()
+        row.enabled = counts.get(name) != 0
+        row.prop(settings, name)
+        number = row.row()
+        number.alignment = "RIGHT"
+        number.label(text=str(counts.get(name, "")))

@@ -14,6 +14,12 @@ from .once import ONCE
 
 # Options that say which evidence an automatic start weighs.
 EVIDENCE = ("names", "same_up", "from_last")
+# The presets of the core's `DETAIL` that suit a panel, and what they are for.
+OFFERED_DETAIL = {
+    "fast": "A quick look: for coarse meshes, and to try options",
+    "balanced": "As fine as most characters need",
+    "fine": "Follows fingers and wrinkles more closely, and takes some times as long",
+}
 # Options that say which nearest points are a match.
 NEARNESS = ("most_distance", "most_angle", "either_side")
 
@@ -37,14 +43,21 @@ class MatchOptions:
         default="AUTO",
         options=ONCE,
     )
-    k_final: IntProperty(
+    detail: EnumProperty(
         name="Detail",
+        description="How small the features are that the match follows, and how long it takes",
+        items=tuple((name.upper(), name.title(), what) for name, what in OFFERED_DETAIL.items()),
+        default="BALANCED",
+        options=ONCE,
+    )
+    k_final: IntProperty(
+        name="Eigenfunctions",
         description=(
             "How many eigenfunctions of each shape the match is refined to: more follow smaller features, "
-            "and take longer"
+            "and take longer; at 0 as many as the detail says"
         ),
-        default=120,
-        min=20,
+        default=0,
+        min=0,
         soft_max=300,
         max=1000,
         options=ONCE,
@@ -110,7 +123,7 @@ class MatchOptions:
                 "either_side": self.either_side,
             }
         chosen = {name: getattr(self, name) for name in ("k_final", *EVIDENCE)}
-        return {"initial": self.initial.lower(), **chosen}
+        return {"initial": self.initial.lower(), "detail": self.detail.lower(), **chosen}
 
 
 def option_label(name: str) -> str:

@@ -8,6 +8,10 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from ..cargo import FILL_BELOW, Settings, parse_group_names, parse_names
 from .once import ONCE
 
+# Options that say where and how much, and those that say what becomes of groups and attributes.
+BLENDING = ("fill_below", "mode", "factor", "mask_group")
+NAMING = ("limit", "flip_names", "group_names", "turning")
+
 
 class TransferOptions:
     """What to transfer."""

@@ -23,6 +23,7 @@ from blender_addon.evidence import shared_regions
 from blender_addon.operators.match import match_objects, match_steps
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
+from zoomout_core.correspondence.detail import DETAIL
 
 KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
 
@@ -225,11 +226,12 @@ def test_the_up_axis_and_the_last_match_are_evidence_where_they_are_chosen(sourc
             bpy.ops.zoomout.match(**options)
         return arguments
 
-    assert set(seen()) == {"initial", "k_final"}
-    assert set(seen(names=True)) == {"initial", "k_final", "regions"}
+    assert set(seen()) == {"initial"}
+    assert set(seen(names=True)) == {"initial", "regions"}
     assert seen(same_up=True)["common_axes"] == (0, 0, 1)
     assert len(seen(from_last=True)["initial_map"].triangle) == len(last.triangle)
-    assert set(seen(initial="PROXIMITY", names=True, same_up=True, from_last=True)) == {"initial", "k_final"}
+    assert set(seen(initial="PROXIMITY", names=True, same_up=True, from_last=True)) == {"initial"}
+    assert seen(detail="FINE", k_final=90) == {"initial": "auto", **DETAIL["fine"], "k_final": 90}
     target.data.vertices[3].co.x += 0.1
     assert "initial_map" not in seen(from_last=True)
 

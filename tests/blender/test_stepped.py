@@ -6,9 +6,10 @@ import bpy
 import pytest
 
 import zoomout_core as zo
+from blender_addon.operators import stepped
 from blender_addon.operators.stepped import SteppedOperator, work_for
 
-TICK, ESCAPE, MOUSE = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "MOUSEMOVE"))
+TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "X", "WHEELUPMOUSE"))
 
 
 class Window:
@@ -17,7 +18,7 @@ class Window:
     def __init__(self):
         self.window_manager = self.workspace = self
         self.window = object()
-        self.timers, self.handlers, self.status = [], 0, None
+        self.timers, self.handlers, self.status, self.windows = [], 0, None, []
 
     def event_timer_add(self, interval, window):
         self.timers.append(object())
@@ -61,6 +62,7 @@ class Work:
 @pytest.fixture
 def window(monkeypatch):
     monkeypatch.setattr("blender_addon.operators.stepped.bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: None)
     monkeypatch.setattr("blender_addon.operators.stepped.SLICE", 0.0)  # one step a tick
     return Window()
 
@@ -73,13 +75,21 @@ def run(work, window, events):
 
 def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
     work = Work(count=3)
-    assert run(work, window, [TICK, MOUSE, TICK]) == [{"RUNNING_MODAL"}] * 4
+    assert run(work, window, [TICK, KEY, TICK]) == [{"RUNNING_MODAL"}] * 4
     assert window.status == "Working: 33% (ESC cancels)"
     assert (len(window.timers), window.handlers, work.written) == (1, 1, False)
     assert run_out(work, window) == {"FINISHED"}
     assert work.written
     assert work.reports == [("INFO", "Done")]
     assert (window.timers, window.status) == ([], None)
+
+
+def test_the_view_can_be_turned_meanwhile_and_the_sidebar_knows_how_far_the_work_is(window):
+    work = Work(count=3)
+    assert run(work, window, [TICK, TICK, WHEEL])[-1] == {"PASS_THROUGH"}
+    assert stepped.running == zo.Progress(1 / 3, "Working")
+    work.modal(window, ESCAPE)
+    assert stepped.running is None
 
 
 def run_out(work, window):

@@ -382,7 +382,7 @@ def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without
     assert bpy.ops.zoomout.match(initial="PROXIMITY", k_final=30) == {"FINISHED"}
     assert unused(initial="PROXIMITY", k_final=30) == []
     (note,) = unused(initial="PROXIMITY", k_final=60)
-    assert "(Detail)" in note
+    assert "(Eigenfunctions)" in note
     (note,) = unused()
     assert "(Start, Detail)" in note
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])

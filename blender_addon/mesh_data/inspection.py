@@ -1,0 +1,74 @@
+"""What a look at a mesh tells: whether it is still the same, and whether anything about it makes matching hard."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from bpy.types import Mesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from zoomout_core.arrays import Integers
+from zoomout_core.threads import in_background
+
+from .arrays import hash_of, read_array
+from .marks import read_marks
+from .surfaces import Faces, read_faces, read_positions
+
+
+@dataclass(frozen=True)
+class MeshFacts:
+    """What is known of a mesh.
+
+    Attributes:
+        content: changes when a vertex moves or faces connect others, see `content_hash`.
+        parts: how many loose parts its faces make; vertices in one place count as one.
+        crowded_edges: how many edges belong to more than two faces.
+        marks: labels of the marks that it has, see `read_marks`.
+    """
+
+    content: str
+    parts: int
+    crowded_edges: int
+    marks: tuple[str, ...]
+
+
+def content_hash(mesh: Mesh) -> str:
+    """A hash of a mesh's own vertices and faces."""
+    return _content(read_positions(mesh), read_faces(mesh))
+
+
+def facts_steps(mesh: Mesh) -> Generator[float, None, MeshFacts]:
+    """Look at a mesh; it is read at the first step, and may be gone at the others."""
+    positions, faces = read_positions(mesh), read_faces(mesh)
+    edges = read_array(mesh.edges, "vertices", np.int32, 2)
+    edge_of_corner = read_array(mesh.loops, "edge_index", np.int32)
+    marks = tuple(attribute.name for attribute in read_marks(mesh))
+
+    def looked_at() -> MeshFacts:
+        faces_at_edge = np.bincount(edge_of_corner, minlength=len(edges))
+        parts = _count_parts(positions, edges[faces_at_edge > 0])
+        return MeshFacts(_content(positions, faces), parts, int((faces_at_edge > 2).sum()), marks)
+
+    return (yield from in_background(looked_at))
+
+
+def _content(positions: np.ndarray, faces: Faces) -> str:
+    return hash_of("", positions, faces.start, faces.corner_vertex)
+
+
+def _count_parts(positions: np.ndarray, edges: Integers) -> int:
+    """How many parts edges (e, 2) make; only where they are several, it is looked for vertices in one place."""
+    count = _count_components(len(positions), edges)
+    if count < 2:
+        return count
+    _, place = np.unique(positions + np.float32(0), axis=0, return_inverse=True)  # which makes -0 of 0
+    return _count_components(len(positions), place.reshape(-1)[edges])
+
+
+def _count_components(n: int, edges: Integers) -> int:
+    used = np.unique(edges)
+    graph = coo_array((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    return int(connected_components(graph, directed=False)[0]) - (n - len(used))

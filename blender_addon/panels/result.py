@@ -1,0 +1,80 @@
+"""Below the match: what came of it, to be seen in the viewport, and what else it might have been."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel, UILayout
+
+from .. import candidates, match_preview, stored_match
+from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ..operators.match_preview import KINDS, ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from ..preflight import stale
+from ..swatches import icon_of_candidate, icon_of_source
+from .match import ZOOMOUT_PT_match
+from .sidebar import SidebarPanel, sentences
+
+LEGENDS = {
+    match_preview.CONFIDENCE: "Blue is sure, red is a guess",
+    match_preview.PLACES: "Same colour, same place",
+    match_preview.CHECKER: "How the source's UVs will lie",
+}
+# Size of the pictures of candidates, in icons, and how many stand side by side.
+PICTURE, COLUMNS = 3.2, 3
+
+
+class ZOOMOUT_PT_result(SidebarPanel, Panel):
+    bl_label = "Result"
+    bl_parent_id = ZOOMOUT_PT_match.__name__
+    bl_order = 0
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there is a match."""
+        target = context.active_object
+        return target is not None and target.type == "MESH" and stored_match.description(target.data) is not None
+
+    def draw(self, context: Context) -> None:
+        layout, target = self.layout, context.active_object
+        kept = stored_match.description(target.data)
+        if kept is None:
+            return
+        reason = stale(context, target)
+        if reason:
+            box = layout.box()
+            box.alert = True
+            sentences(context, box, [reason], "ERROR")
+        else:
+            doubtful = kept["low_confidence"] / kept["vertices"]
+            text = f"Matched with '{kept['source']}', {doubtful:.0%} in doubt"
+            sentences(context, layout, [text], "CHECKMARK")
+        usable = layout.column()
+        usable.enabled = not reason
+        _draw_preview(usable, match_preview.shown_kind(target))
+        listing = candidates.read(target.data)
+        if listing is not None:
+            _draw_candidates(usable, listing)
+        sentences(context, layout, kept["notes"], "DOT")
+
+
+def _draw_preview(layout: UILayout, shown: str) -> None:
+    layout.label(text=LEGENDS.get(shown, "Show in the viewport:"))
+    row = layout.row(align=True)
+    for kind, name, _ in KINDS:
+        row.operator(ZOOMOUT_OT_preview.bl_idname, text=name, depress=kind == shown).kind = kind
+    row.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
+
+
+def _draw_candidates(layout: UILayout, listing: candidates.Listing) -> None:
+    row = layout.row(align=True)
+    row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, icon="MOD_MIRROR")
+    row.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next", icon="FORWARD")
+    grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
+    column = grid.column(align=True)
+    column.template_icon(icon_of_source(listing), scale=PICTURE)
+    column.label(text="Source")
+    for place, candidate in enumerate(listing.candidates):
+        column = grid.column(align=True)
+        column.template_icon(icon_of_candidate(listing, place), scale=PICTURE)
+        text = "Mirrored" if candidate.mirrored else f"{candidate.certainty:.0%}"
+        chosen = place == listing.chosen
+        button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=text, depress=chosen)
+        button.candidate = place + 1

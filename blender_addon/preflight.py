@@ -1,0 +1,135 @@
+"""What stands in the way of a match or a transfer, and what makes one doubtful, found without looking long.
+
+Everything here may be asked each time the sidebar is drawn: counts and flags are compared, and what takes longer is
+in `mesh_facts`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+
+from . import mesh_data, stored_match
+from .mesh_facts import facts
+from .pair import check_distinct, check_writable, choose_source, users_of_mesh
+
+# Meshes of fewer vertices have too few features to be matched by.
+FEW_VERTICES = 100
+
+
+class Finding(NamedTuple):
+    """A sentence for the user.
+
+    Attributes:
+        text: what is wrong, and what to do.
+        blocks: whether nothing can be done before.
+    """
+
+    text: str
+    blocks: bool
+
+
+def obstacle(context: Context) -> str:
+    """Why the active object cannot receive data, or nothing."""
+    target = context.active_object
+    if target is None or target.type != "MESH":
+        return "Make the mesh active that is to receive the data"
+    if context.mode != "OBJECT":
+        return "Switch to Object Mode"
+    if target.library is not None or target.data.library is not None:
+        return "The active mesh is linked from another file: make it local"
+    return ""
+
+
+def likely_source(context: Context, otherwise: str = "") -> Object | None:
+    """The source that an operator would choose for the active object, or None where it would refuse."""
+    try:
+        return choose_source(context, context.active_object, otherwise=otherwise)
+    except zo.MeshError:
+        return None
+
+
+def findings(context: Context, otherwise: str = "") -> list[Finding]:
+    """What the user should know before matching or transferring; what blocks comes first, and alone.
+
+    Args:
+        context: Blender's.
+        otherwise: the source if none is chosen or selected.
+    """
+    if reason := obstacle(context):
+        return [Finding(f"{reason}.", True)]
+    target = context.active_object
+    try:
+        source = choose_source(context, target, otherwise=otherwise)
+        check_distinct(source, target)
+        check_writable(target)
+    except zo.MeshError as error:
+        return [Finding(str(error), True)]
+    blocking = [Finding(text, True) for text in _blocking(context, source, target)]
+    return blocking or [Finding(text, False) for text in _doubtful(context, source, target)]
+
+
+def seen_mesh(context: Context, obj: Object) -> Mesh | None:
+    """An object's mesh as its modifiers leave it, or None where it is disabled; it is up to date before drawing."""
+    evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+    return evaluated.data if evaluated.is_evaluated else None
+
+
+def stale(context: Context, target: Object) -> str:
+    """Why the match that is kept on a target holds no longer, as far as can be told in passing; or nothing.
+
+    Operators look closer: they compare fingerprints.
+    """
+    kept = stored_match.description(target.data)
+    if kept is None:
+        return ""
+    source = context.scene.objects.get(kept["source"])
+    if source is None or source.type != "MESH":
+        return f"Its source '{kept['source']}' is not in the scene: choose the source, then match again."
+    for obj, role in ((source, "source"), (target, "target")):
+        mesh = seen_mesh(context, obj) if role == "source" else target.data
+        known = facts(obj)
+        if (
+            (mesh is not None and [len(mesh.vertices), len(mesh.polygons)] != kept["size"][role])
+            or obj.matrix_world.is_negative != kept["mirrored"][role]
+            or (known is not None and known.content != kept["content"][role])
+        ):
+            return f"The {role} '{obj.name}' was edited since: match again."
+    return ""
+
+
+def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]:
+    for obj in (source, target):
+        seen = seen_mesh(context, obj)
+        if seen is None:
+            yield f"'{obj.name}' or its collection is disabled in the viewport: enable it."
+        elif not len(seen.polygons):
+            yield f"'{obj.name}' has no faces: choose a mesh with a surface."
+        elif obj == target and len(seen.vertices) != len(obj.data.vertices):
+            yield mesh_data.change_of_vertices(obj)
+
+
+def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]:
+    both = source, target
+    for obj in both:
+        count, known = len(obj.data.vertices), facts(obj)
+        if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
+            yield f"'{obj.name}' has {count} vertices, too few to know it by: subdivide it, or start at Nearest Points."
+        if known is not None and known.crowded_edges:
+            yield (
+                f"{known.crowded_edges} edges of '{obj.name}' have more than two faces: Select > All by Trait > Non "
+                "Manifold shows them, to be mended if the match goes wrong there."
+            )
+    parts = {obj.name: known.parts for obj in both if (known := facts(obj))}
+    if max(parts.values(), default=1) > 1:
+        counts = ", ".join(f"{number} in '{name}'" for name, number in parts.items())
+        yield f"Loose parts ({counts}) are paired by place and size: look at eyes, teeth and clothes afterwards."
+    mirrored = [obj.name for obj in both if mesh_data.is_mirrored(obj)]
+    if len(mirrored) == 1:
+        yield f"'{mirrored[0]}' has a negative scale, which swaps its sides: apply the scale if that is not meant."
+    if target.data.users > 1 and (users := users_of_mesh(context, target)) > 1:
+        yield f"{users} objects share the mesh of '{target.name}', and all receive the data, or make it single-user."

@@ -1,0 +1,57 @@
+"""What Blender tells of changes: kept facts are let go of after edits, and the preview follows what moves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+from bpy.types import Depsgraph, Mesh, Object, Scene
+
+from . import candidates, mesh_facts, overlay
+
+
+@persistent
+def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
+    changed = [update.id.original for update in depsgraph.updates if update.is_updated_geometry]
+    mesh_facts.forget(one for one in changed if isinstance(one, Mesh))
+    overlay.repose(one.name for one in changed if isinstance(one, Object))
+
+
+@persistent
+def _after_undo(*_: Any) -> None:
+    mesh_facts.forget_all()
+    overlay.repose()
+
+
+@persistent
+def _after_load(*_: Any) -> None:
+    forget_everything()
+
+
+HANDLERS = (
+    ("depsgraph_update_post", _after_update),
+    ("undo_post", _after_undo),
+    ("redo_post", _after_undo),
+    ("load_post", _after_load),
+)
+
+
+def register() -> None:
+    """Begin to listen."""
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    """Stop, and let go of everything that is kept in memory."""
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).remove(handler)
+    forget_everything()
+
+
+def forget_everything() -> None:
+    """Let go of what belongs to the file that is open."""
+    mesh_facts.forget_all()
+    candidates.forget()
+    overlay.clear()

@@ -1,0 +1,141 @@
+"""The list of maps that a match found: swapped sides are one click away, also in a file that was opened again."""
+
+import bpy
+import numpy as np
+import pytest
+from creatures import creature, mirrored_vertex, true_vertex
+from scenes import activate, from_pydata, positions, snapshot_file, values
+
+import zoomout_core as zo
+from blender_addon import candidates, stored_match, swatches
+from blender_addon.operators.candidates import use_candidate
+from blender_addon.operators.match import match_objects
+from blender_addon.operators.transfer import transfer_objects
+from blender_addon.pair import read_pair
+
+RESTING, BENT = creature(2500), creature(2000, seed=1, bend=0.5)
+
+
+@pytest.fixture
+def source():
+    return from_pydata("Source", RESTING.surface.vertices.tolist(), RESTING.surface.triangles.tolist())
+
+
+@pytest.fixture
+def target(source):
+    """The same creature in another pose and topology, whose left and right only the orientation tells apart."""
+    obj = from_pydata("Target", BENT.surface.vertices.tolist(), BENT.surface.triangles.tolist())
+    bpy.context.view_layer.update()
+    activate(obj, source)
+    return obj
+
+
+def error(target, truth):
+    """Mean distance on the source between where the kept match leads and where it should."""
+    rest = positions(bpy.data.objects["Source"].data)
+    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    return np.linalg.norm(kept.surface_map.interpolate(rest) - rest[truth(RESTING, BENT)], axis=1).mean()
+
+
+def test_one_click_swaps_the_sides_and_another_swaps_them_back(source, target):
+    assert bpy.ops.zoomout.match(k_final=60) == {"FINISHED"}
+    listing = candidates.read(target.data)
+    assert listing.chosen == 0
+    assert {candidate.mirrored for candidate in listing.candidates} == {False, True}
+    assert error(target, true_vertex) < 0.1 < error(target, mirrored_vertex)
+    for truth, mirrored in ((mirrored_vertex, True), (true_vertex, False)):
+        assert bpy.ops.zoomout.swap_match_sides() == {"FINISHED"}
+        assert error(target, truth) < 0.1
+        listing = candidates.read(target.data)
+        assert listing.candidates[listing.chosen].mirrored == mirrored
+        note = f"Candidate {listing.chosen + 1} of {len(listing.candidates)} was chosen."
+        assert stored_match.description(target.data)["notes"][0] == note
+
+
+def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(source, target):
+    match_objects(bpy.context, source, target, k_final=60)
+    count = len(candidates.read(target.data).candidates)
+    seen = []
+    for _ in range(count):
+        assert bpy.ops.zoomout.use_candidate() == {"FINISHED"}
+        seen.append(candidates.read(target.data).chosen)
+    assert seen == [*range(1, count), 0]
+    assert bpy.ops.zoomout.use_candidate(candidate=count) == {"FINISHED"}
+    assert candidates.read(target.data).chosen == count - 1
+    before = snapshot_file()
+    with pytest.raises(RuntimeError, match=f"There is no candidate {count + 1}"):
+        bpy.ops.zoomout.use_candidate(candidate=count + 1)
+    assert snapshot_file() == before
+
+
+def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch):
+    match_objects(bpy.context, source, target, k_final=60)
+    first = target.data[stored_match.PROPERTY], values(target.data, "zoomout_triangle").tolist()
+    use_candidate(bpy.context, target, 1)
+    monkeypatch.setattr(zo.MatchResult, "use_steps", None)
+    use_candidate(bpy.context, target, 0)
+    assert values(target.data, "zoomout_triangle").tolist() == first[1]
+
+
+def test_a_file_that_is_opened_again_still_offers_the_other_side(source, target, tmp_path):
+    match_objects(bpy.context, source, target, k_final=60)
+    listed = candidates.read(target.data)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "kept.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "kept.blend"))
+    target = bpy.data.objects["Target"]
+    again = candidates.read(target.data)
+    assert not candidates.is_held(again)
+    np.testing.assert_array_equal(again.candidates[0].colors, listed.candidates[0].colors)
+    assert bpy.ops.zoomout.swap_match_sides() == {"FINISHED"}
+    assert error(target, mirrored_vertex) < 0.1
+    assert candidates.is_held(candidates.read(target.data))
+
+
+def test_a_match_without_others_has_no_list(source, target):
+    match_objects(bpy.context, source, target, k_final=60)
+    match_objects(bpy.context, source, target, initial="proximity", k_final=60)
+    assert candidates.read(target.data) is None
+    with pytest.raises(RuntimeError, match="no candidates"):
+        bpy.ops.zoomout.swap_match_sides()
+
+
+def test_a_transfer_that_matches_first_lists_candidates_too(source, target):
+    source.vertex_groups.new(name="All").add(list(range(len(source.data.vertices))), 1, "REPLACE")
+    transfer_objects(bpy.context, source, target, ["vertex_groups"], k_final=60)
+    assert len(candidates.read(target.data).candidates) > 1
+
+
+def test_after_an_edit_no_other_candidate_is_put_in_place(source, target):
+    match_objects(bpy.context, source, target, k_final=60)
+    target.data.vertices[3].co.x += 0.1
+    bpy.context.view_layer.update()
+    before = snapshot_file()
+    with pytest.raises(RuntimeError, match="'Target' was edited since it was matched: match again"):
+        bpy.ops.zoomout.swap_match_sides()
+    assert snapshot_file() == before
+
+
+def test_the_list_takes_a_few_kilobytes_whatever_the_size_of_the_mesh(source, target):
+    match_objects(bpy.context, source, target, k_final=60)
+    assert len(target.data[candidates.PROPERTY]) < 30_000
+
+
+def test_results_are_held_of_the_last_matches_only(source, target):
+    for k_final in (40, 50, 60):
+        match_objects(bpy.context, source, target, k_final=k_final)
+    assert len(candidates._held) <= candidates.MOST_HELD
+
+
+def test_pictures_tell_the_sides_apart(source, target):
+    match_objects(bpy.context, source, target, k_final=60)
+    listing = candidates.read(target.data)
+    pictures = [
+        swatches.picture(listing.points, listing.candidates[place].colors / 255)
+        for place in (listing.chosen, listing.swapped())
+    ]
+    shape = pictures[0][..., 3] > 0
+    assert 0.05 < shape.mean() < 0.6
+    np.testing.assert_array_equal(shape, pictures[1][..., 3] > 0)
+    assert np.abs(pictures[0] - pictures[1])[shape, 0].mean() > 0.2  # red tells across
+    assert np.abs(pictures[0] - pictures[1])[shape, 2].mean() < 0.1  # and blue up
+    assert all(picture.min() >= 0 and picture.max() <= 1 for picture in pictures)

@@ -1,0 +1,154 @@
+"""A match is seen by colours that lie over the objects: nothing in the file is touched."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, add_uv_map, ellipsoid, positions, snapshot_file, values
+
+import blender_addon
+import zoomout_core as zo
+from blender_addon import match_preview, overlay, stored_match
+from blender_addon.colors import confidence_colors, place_colors
+from blender_addon.operators.candidates import use_candidate
+from blender_addon.operators.match import match_objects
+from blender_addon.pair import read_pair
+
+
+@pytest.fixture
+def source():
+    obj = ellipsoid("Source", 4)
+    add_uv_map(obj.data, "UVMap")
+    return obj
+
+
+@pytest.fixture
+def target(source):
+    """The same mesh again, with the true match."""
+    obj = ellipsoid("Target", 4)
+    obj.location.x = 3
+    bpy.context.view_layer.update()
+    pair = read_pair(bpy.context, "Source", "Target")
+    vertex = np.arange(len(pair.target.vertices))
+    match = stored_match.StoredMatch(
+        zo.SurfaceMap.from_vertices(vertex, pair.source), np.linspace(0, 1, len(vertex)), ()
+    )
+    stored_match.write(obj.data, match, pair, {})
+    activate(obj, source)
+    return obj
+
+
+def shown():
+    return {coat.object_name: coat.values for coat in overlay.shown()}
+
+
+def test_confidence_is_seen_on_the_target(target):
+    assert bpy.ops.zoomout.preview(kind="CONFIDENCE") == {"FINISHED"}
+    assert set(shown()) == {"Target"}
+    colors = shown()["Target"]
+    np.testing.assert_allclose(colors, confidence_colors(values(target.data, "zoomout_confidence")), atol=1e-6)
+    assert colors[0, 0] > 2 * colors[0, 2]  # red without confidence
+    assert colors[-1, 2] > 2 * colors[-1, 0]  # blue with
+
+
+def test_places_have_the_same_colours_on_both(source, target):
+    assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
+    np.testing.assert_allclose(shown()["Target"], shown()["Source"], atol=1e-5)
+    low, high = shown()["Source"].min(axis=0), shown()["Source"].max(axis=0)
+    np.testing.assert_allclose(high - low, 0.9, atol=1e-3)
+
+
+def test_a_checker_lies_as_the_uvs_of_the_source_will(source, target):
+    assert bpy.ops.zoomout.preview(kind="CHECKER") == {"FINISHED"}
+    uv = values(source.data, "UVMap")
+    np.testing.assert_allclose(shown()["Source"], uv, atol=1e-6)
+    np.testing.assert_allclose(shown()["Target"], uv, atol=1e-3)
+    source.data.uv_layers.remove(source.data.uv_layers[0])
+    source.data.update()
+    with pytest.raises(RuntimeError, match="'Source' has no UV map"):
+        bpy.ops.zoomout.preview(kind="CHECKER")
+
+
+def test_showing_and_clearing_changes_nothing_in_the_file(source, target):
+    before = snapshot_file()
+    for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
+        assert bpy.ops.zoomout.preview(kind=kind) == {"FINISHED"}
+        assert match_preview.shown_kind(target) == kind
+        assert match_preview.shown_kind(source) == ""
+        assert snapshot_file() == before
+    assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
+    assert (snapshot_file(), shown(), match_preview.shown_kind(target)) == (before, {}, "")
+    with pytest.raises(RuntimeError, match="There is no preview"):
+        bpy.ops.zoomout.clear_preview()
+
+
+def test_a_new_match_and_another_candidate_are_seen_at_once(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    result = match_objects(bpy.context, source, target, k_final=40)
+    around = read_pair(bpy.context, "Source", "Target").source.vertices
+    colors = place_colors(around, around)
+    np.testing.assert_allclose(shown()["Target"], result.surface_map.interpolate(colors))
+    other = use_candidate(bpy.context, target, 1)
+    np.testing.assert_allclose(shown()["Target"], other.surface_map.interpolate(colors))
+    assert np.abs(other.surface_map.interpolate(colors) - result.surface_map.interpolate(colors)).max() > 0.3
+
+
+def test_a_match_of_other_objects_does_not_show_itself(source, target):
+    match_objects(bpy.context, source, target, k_final=40)
+    assert shown() == {}
+
+
+@pytest.mark.parametrize("what", ["target", "source"])
+def test_after_an_edit_the_match_is_not_shown(source, target, what):
+    bpy.data.objects[what.title()].data.vertices[2].co.z += 0.1
+    with pytest.raises(RuntimeError, match=f"'{what.title()}' was edited since it was matched: match again"):
+        bpy.ops.zoomout.preview(kind="PLACES")
+    assert shown() == {}
+
+
+def test_without_a_match_there_is_nothing_to_show(source):
+    activate(source)
+    with pytest.raises(RuntimeError, match="'Source' was not matched yet: match it first"):
+        bpy.ops.zoomout.preview(kind="PLACES")
+
+
+def test_a_source_that_was_renamed_is_found_where_it_is_chosen(source, target):
+    source.name = "Hero"
+    assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
+    assert set(shown()) == {"Target", "Hero"}
+
+
+def test_a_preview_ends_with_its_file_and_with_the_extension(target, tmp_path):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert shown() == {}
+    overlay.show((overlay.Coat("Nobody", np.zeros((3, 3))),))
+    blender_addon.unregister()
+    assert shown() == {}
+    blender_addon.register()  # as the fixture expects it
+
+
+def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):
+    source.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
+    bpy.context.view_layer.update()
+    mesh = source.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    colors = np.random.default_rng(0).random((len(mesh.vertices), 3))
+    surface = overlay.surface_of(mesh, overlay.Coat("Source", colors))
+    np.testing.assert_allclose(surface["position"], positions(mesh))
+    np.testing.assert_allclose(surface["color"], colors, atol=1e-6)
+    corners = surface["position"][surface["triangles"]]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(sum(polygon.area for polygon in mesh.polygons), rel=1e-4)
+    uv = np.random.default_rng(0).random((len(mesh.loops), 2))
+    by_corner = overlay.surface_of(mesh, overlay.Coat("Source", uv))
+    np.testing.assert_allclose(by_corner["position"][by_corner["triangles"]], corners)
+    np.testing.assert_allclose(by_corner["color"][:, :2], uv, atol=1e-6)
+    assert overlay.surface_of(source.data, overlay.Coat("Source", colors)) is None  # another mesh
+
+
+def test_a_coat_is_laid_on_anew_when_its_object_moves(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    overlay._batches.update(Target="drawn", Source="drawn")
+    key = source.shape_key_add(name="Basis") and source.shape_key_add(name="Key")
+    key.value = 1
+    bpy.context.view_layer.update()
+    assert set(overlay._batches) == {"Target"}

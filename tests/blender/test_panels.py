@@ -1,0 +1,236 @@
+"""The sidebar as it is drawn: what it shows for a state of the scene, and how long drawing takes."""
+
+from time import perf_counter
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
+
+from blender_addon import mesh_facts, panels
+from blender_addon.mesh_data import Role, read_layers
+from blender_addon.operators import stepped
+from blender_addon.operators.match import match_objects
+from blender_addon.operators.transfer import transfer_objects
+from zoomout_core.progress import Progress
+
+ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
+
+
+class Layout:
+    """Stands in for Blender's layout: keeps what is drawn, and refuses what Blender would refuse."""
+
+    def __init__(self, drawn, above=None):
+        object.__setattr__(self, "drawn", drawn)
+        object.__setattr__(self, "above", above)
+        object.__setattr__(self, "enabled", True)
+
+    def __setattr__(self, name, value):
+        assert name in bpy.types.UILayout.bl_rna.properties, name
+        object.__setattr__(self, name, value)
+
+    def usable(self):
+        return self.enabled and (self.above is None or self.above.usable())
+
+    def _inner(self, **_):
+        return Layout(self.drawn, self)
+
+    row = column = box = split = grid_flow = _inner
+
+    def prop(self, settings, name, **_):
+        assert name in settings.bl_rna.properties, name
+        self.drawn.append(("prop", name, self.usable))
+
+    def prop_search(self, settings, name, searched, collection):
+        assert hasattr(searched, collection)
+        self.prop(settings, name)
+
+    def label(self, text="", icon="NONE"):
+        assert icon in ICONS
+        self.drawn.append(("label", text, self.usable))
+
+    def operator(self, name, text=None, icon="NONE", depress=False):
+        assert icon in ICONS
+        kind = getattr(bpy.ops.zoomout, name.split(".")[1]).get_rna_type()
+        self.drawn.append(("operator", kind.name if text is None else text, self.usable))
+        return SimpleNamespace()
+
+    def progress(self, text, factor):
+        self.drawn.append(("progress", text, lambda: factor))
+
+    def template_icon(self, icon_value, scale):
+        self.drawn.append(("icon", icon_value, lambda: scale))
+
+
+class Context:
+    """Blender's context, in a region of some width."""
+
+    region = SimpleNamespace(width=300)
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+
+    def __getattr__(self, name):
+        return getattr(bpy.context, name)
+
+
+def drawn():
+    """What all panels that are shown draw: what it is, its name or text, and whether it can be used."""
+    everything, context = [], Context()
+    for panel in panels.CLASSES:
+        if not hasattr(panel, "poll") or panel.poll(context):
+            everything.append(("panel", panel.bl_label, lambda: True))
+            panel.draw(SimpleNamespace(layout=Layout(everything)), context)
+    return [(kind, text, usable()) for kind, text, usable in everything]
+
+
+def texts():
+    return " ".join(text for kind, text, _ in drawn() if kind == "label")
+
+
+def buttons():
+    """Whether each button can be pressed."""
+    return {text: usable for kind, text, usable in drawn() if kind == "operator"}
+
+
+@pytest.fixture
+def source():
+    obj = ellipsoid("Source", 4)
+    add_uv_map(obj.data, "UVMap")
+    add_uv_map(obj.data, "Second")
+    set_weights(obj, "Bone", np.ones(len(obj.data.vertices)))
+    add_attribute(obj.data, "side", "FLOAT", "POINT", np.ones(len(obj.data.vertices)))
+    obj.data.materials.append(new_material("Skin"))
+    obj.data.edges[0].use_seam = True
+    return obj
+
+
+@pytest.fixture
+def target(source):
+    obj = ellipsoid("Target", 4)
+    bpy.context.view_layer.update()
+    activate(obj, source)
+    return obj
+
+
+def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
+    assert "Source (selected)" in texts()
+    assert "Target (active)" in texts()
+    assert buttons()["Match"]
+    assert buttons()["Match and Transfer"]
+    names = [text for kind, text, _ in drawn() if kind == "panel"]
+    below = "Blending", "Groups and Attributes", "Topology"
+    assert names == ["Match", "Evidence", "Advanced", "Transfer", *below, "Symmetry"]
+
+
+def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
+    drawn()
+    mesh_facts.look_now()
+    everything = drawn()
+    counts = {
+        name: everything[place + 1][1]
+        for place, (kind, name, _) in enumerate(everything[:-1])
+        if kind == "prop" and everything[place + 1][0] == "label"
+    }
+    assert counts["uv_maps"] == "2"
+    assert counts["vertex_groups"] == counts["materials"] == counts["edges"] == "1"
+    layers, _ = read_layers(bpy.data.objects["Source"].data)
+    assert counts["attributes"] == str(sum(layer.role is Role.GENERIC for layer in layers))
+    assert counts["shape_keys"] == counts["color_attributes"] == counts["custom_normals"] == "0"
+    grey = {name for kind, name, usable in everything if kind == "prop" and not usable}
+    assert grey == {"shape_keys", "color_attributes", "custom_normals"}
+
+
+def test_all_check_marks_are_set_or_cleared_at_once(target):
+    settings = bpy.context.scene.zoomout
+    assert bpy.ops.zoomout.choose_data(every=False) == {"FINISHED"}
+    assert settings.data() == []
+    assert bpy.ops.zoomout.choose_data() == {"FINISHED"}
+    assert "uv_maps" in settings.data()
+    assert "shape" not in settings.data()
+
+
+def test_what_stands_in_the_way_greys_the_button_and_says_what_to_do(target):
+    target.modifiers.new("Finer", "SUBSURF")
+    bpy.context.view_layer.update()
+    assert "Disable 'Finer' on 'Target'" in texts()
+    assert buttons()["Match"] is False
+    assert buttons()["Match and Transfer"] is False
+
+
+def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    shown = buttons()
+    for name in ("Match Again", "Transfer", "Confidence", "Places", "UV Checker", "Swap Sides", "Next", "100%"):
+        assert shown[name], name
+    assert "Matched with 'Source', 0% in doubt" in texts()
+    target.data.vertices[3].co.x += 0.1
+    bpy.context.view_layer.update()
+    drawn()
+    mesh_facts.look_now()
+    assert "The target 'Target' was edited since: match again." in texts()
+    shown = buttons()
+    assert shown["Match Again"]
+    assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
+
+
+def test_a_transfer_shows_its_report(source, target):
+    transfer_objects(bpy.context, source, target, ["vertex_groups"], k_final=30)
+    assert ("panel", "Report", True) in drawn()
+    assert "Transferred 1 vertex group" in texts()
+
+
+def test_work_that_goes_on_stands_in_the_place_of_the_buttons(target, monkeypatch):
+    monkeypatch.setattr(stepped, "running", Progress(0.3, "Guessing"))
+    assert ("progress", "Guessing", 0.3) in drawn()
+    assert "Match" not in buttons()
+    assert not bpy.ops.zoomout.match.poll()
+
+
+def test_clothes_have_their_own_options(target):
+    bpy.context.scene.zoomout.initial = "NEAREST"
+    names = {name for kind, name, _ in drawn() if kind == "prop"}
+    assert names >= {"most_distance", "most_angle", "either_side"}
+    assert not names & {"k_final", "detail", "names"}
+
+
+@pytest.mark.parametrize("state", ["nothing", "a light", "edit mode"])
+def test_panels_are_drawn_whatever_is_active(state):
+    if state == "a light":
+        bpy.ops.object.light_add()
+    elif state == "edit mode":
+        activate(ellipsoid("Mesh", 2))
+        bpy.ops.object.mode_set(mode="EDIT")
+    assert buttons()["Match"] is False
+
+
+def grid(name, side):
+    """A mesh of side * side vertices."""
+    mesh = bpy.data.meshes.new(name)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side)))
+    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    faces = np.stack([corner, corner + 1, corner + side + 1, corner + side], axis=1)
+    mesh.vertices.add(side * side)
+    mesh.vertices.foreach_set("co", np.stack([x, y, 0 * x], axis=1).ravel().astype(np.float32))
+    mesh.loops.add(faces.size)
+    mesh.loops.foreach_set("vertex_index", faces.ravel().astype(np.int32))
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 4, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    return linked(name, mesh)
+
+
+def test_drawing_takes_no_longer_for_a_large_mesh():
+    def seconds(side):
+        source, target = grid("Source", side), grid("Target", side)
+        activate(target, source)
+        bpy.context.view_layer.update()
+        drawn()
+        taken = []
+        for _ in range(5):
+            start = perf_counter()
+            drawn()
+            taken.append(perf_counter() - start)
+        return min(taken)
+
+    small, large = seconds(10), seconds(700)
+    assert large < 2 * small + 0.001  # reading the positions of so many alone takes longer

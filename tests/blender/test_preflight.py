@@ -1,0 +1,200 @@
+"""What the sidebar says before the button: what stands in the way, what is doubtful, and what is out of date."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, ellipsoid, from_pydata, positions
+
+from blender_addon import mesh_facts, preflight
+from blender_addon.mesh_data import content_hash
+from blender_addon.operators.match import match_objects
+from blender_addon.pair import read_pair
+
+
+@pytest.fixture
+def source():
+    return ellipsoid("Source", 4)
+
+
+@pytest.fixture
+def target(source):
+    obj = ellipsoid("Target", 4)
+    bpy.context.view_layer.update()
+    activate(obj, source)
+    return obj
+
+
+def found():
+    """Sentences that block and that do not, when all is known that is asked for."""
+    bpy.context.view_layer.update()
+    preflight.findings(bpy.context)
+    mesh_facts.look_now()
+    everything = preflight.findings(bpy.context)
+    return [text for text, blocks in everything if blocks], [text for text, blocks in everything if not blocks]
+
+
+def test_nothing_is_said_where_nothing_is_wrong(target):
+    assert found() == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("defect", "sentence"),
+    [
+        ("no target", "Make the mesh active that is to receive the data."),
+        ("edit mode", "Switch to Object Mode."),
+        ("no source", "There is no source: choose it in the sidebar, or select it and then, last, the target."),
+        ("many", "2 meshes are selected besides the active one: select the source alone, or choose it in the sidebar."),
+        ("itself", "'Target' cannot be its own source: choose another source, or make another mesh active."),
+        ("one mesh", "'Source' and 'Target' share one mesh: make the target single-user, or choose another source."),
+        ("no faces", "'Source' has no faces: choose a mesh with a surface."),
+        (
+            "modifier",
+            "Disable 'Finer' on 'Target' in the viewport: data is written to the mesh itself, and modifiers give it "
+            "other vertices.",
+        ),
+    ],
+)
+def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
+    if defect == "no target":
+        bpy.context.view_layer.objects.active = None
+    elif defect == "edit mode":
+        bpy.ops.object.mode_set(mode="EDIT")
+    elif defect == "no source":
+        activate(target)
+    elif defect == "many":
+        activate(target, source, ellipsoid("Other", 2))
+    elif defect == "itself":
+        bpy.context.scene.zoomout.source = target
+    elif defect == "one mesh":
+        source.data = target.data
+    elif defect == "no faces":
+        source.data = bpy.data.meshes.new("Empty")
+    else:
+        target.modifiers.new("Finer", "SUBSURF")
+    assert found() == ([sentence], [])
+
+
+def test_a_source_that_is_disabled_since_it_was_matched_is_to_be_enabled(source, target):
+    source.hide_viewport = True
+    bpy.context.view_layer.update()
+    sentence = "'Source' or its collection is disabled in the viewport: enable it."
+    assert preflight.findings(bpy.context, otherwise="Source") == [(sentence, True)]
+
+
+def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {target})
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, linked):
+        linked.objects = ["Target"]
+    bpy.context.scene.collection.objects.link(linked.objects[0])
+    activate(linked.objects[0], source)
+    assert found() == (["The active mesh is linked from another file: make it local."], [])
+    assert not bpy.ops.zoomout.match.poll()
+
+
+@pytest.mark.parametrize("defect", ["parts", "crowded", "mirrored", "few", "shared"])
+def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect):
+    if defect == "parts":
+        eyes = [ellipsoid(name, 2) for name in ("Left Eye", "Right Eye")]
+        for place, eye in enumerate(eyes, start=2):
+            eye.location.z = place
+        bpy.context.view_layer.update()
+        activate(target, *eyes)
+        bpy.ops.object.join()
+        activate(target, source)
+        expected = "Loose parts (1 in 'Source', 3 in 'Target') are paired"
+    elif defect == "crowded":
+        faces = [list(polygon.vertices) for polygon in source.data.polygons]
+        source.data = from_pydata("Fin", [*map(tuple, positions(source.data)), (2, 2, 2)],
+                                  [*faces, [*faces[0][:2], len(source.data.vertices)]]).data  # fmt: skip
+        expected = "1 edges of 'Source' have more than two faces"
+    elif defect == "mirrored":
+        source.scale.x = -1
+        expected = "'Source' has a negative scale, which swaps its sides"
+    elif defect == "few":
+        source.data = ellipsoid("Coarse", 1).data
+        expected = "'Source' has 12 vertices, too few to know it by"
+    else:
+        ellipsoid("Twin", 2).data = target.data
+        expected = "2 objects share the mesh of 'Target'"
+    blocking, doubtful = found()
+    assert blocking == []
+    (sentence,) = doubtful
+    assert sentence.startswith(expected)
+
+
+def test_parts_that_only_lie_open_at_a_seam_are_one(source):
+    """As exporters leave a mesh: every face has vertices of its own."""
+    points = positions(source.data)[np.array([polygon.vertices for polygon in source.data.polygons])].reshape(-1, 3)
+    split = from_pydata("Split", points.tolist(), np.arange(len(points)).reshape(-1, 3).tolist())
+    assert mesh_facts.facts(split) is None
+    mesh_facts.look_now()
+    assert mesh_facts.facts(split).parts == 1
+
+
+def test_facts_are_kept_until_an_edit(target):
+    bpy.context.view_layer.update()
+    assert mesh_facts.facts(target) is None
+    mesh_facts.look_now()
+    known = mesh_facts.facts(target)
+    assert known.content == content_hash(target.data)
+    target.location.x = 1
+    bpy.context.view_layer.update()
+    assert mesh_facts.facts(target) is known
+    target.data.vertices[0].co.x += 1
+    bpy.context.view_layer.update()
+    assert mesh_facts.facts(target) is None
+    mesh_facts.look_now()
+    assert mesh_facts.facts(target).content == content_hash(target.data) != known.content
+
+
+def test_an_edit_during_a_look_makes_it_void(target):
+    bpy.context.view_layer.update()
+    mesh_facts.facts(target)
+    looking = mesh_facts._looks()
+    next(looking)
+    target.data.vertices[0].co.x += 1
+    bpy.context.view_layer.update()
+    for _ in looking:
+        pass
+    assert mesh_facts.facts(target) is None
+
+
+@pytest.mark.parametrize("edit", ["target moved", "source moved", "source modified", "target mirrored", "gone"])
+def test_a_match_that_is_out_of_date_says_so_in_passing(source, target, edit):
+    match_objects(bpy.context, source, target, k_final=30)
+    preflight.stale(bpy.context, target)
+    mesh_facts.look_now()
+    assert preflight.stale(bpy.context, target) == ""
+    if edit == "target moved":
+        target.data.vertices[3].co.x += 0.1
+    elif edit == "source moved":
+        source.data.vertices[3].co.x += 0.1
+    elif edit == "source modified":
+        source.modifiers.new("Finer", "SUBSURF")
+    elif edit == "target mirrored":
+        target.scale.x = -1
+    else:
+        bpy.data.objects.remove(source)
+    bpy.context.view_layer.update()
+    if edit.endswith("moved"):
+        assert preflight.stale(bpy.context, target) == ""  # not yet known
+        mesh_facts.look_now()
+    role = edit.split()[0]
+    expected = f"The {role} '{role.title()}' was edited since: match again."
+    if edit == "gone":
+        expected = "Its source 'Source' is not in the scene: choose the source, then match again."
+    assert preflight.stale(bpy.context, target) == expected
+
+
+def test_posing_and_painting_leave_a_match_up_to_date(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    source.location.z = 4
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Key").data[3].co.z += 2
+    source.data.shape_keys.key_blocks["Key"].value = 1
+    target.data.attributes.new("paint", "FLOAT", "POINT")
+    bpy.context.view_layer.update()
+    preflight.stale(bpy.context, target)
+    mesh_facts.look_now()
+    assert preflight.stale(bpy.context, target) == ""
+    read_pair(bpy.context, "Source", "Target")
