@@ -46,7 +46,8 @@ void main()
     seen = mix(vec3(0.12 + 0.55 * paint.x, 0.16, 0.12 + 0.55 * paint.y),
                vec3(0.95, 0.95 - 0.4 * paint.x, 0.95 - 0.4 * paint.y), light);
   }
-  result = vec4(seen * (0.45 + 0.55 * shade), 1.0);
+  seen *= 0.45 + 0.55 * shade;
+  result = vec4(srgbTarget ? pow(seen, vec3(2.2)) : seen, 1.0);
 }
 """
 
@@ -176,6 +177,7 @@ def _shader() -> gpu.types.GPUShader:
     passed.smooth("FLOAT", "shade")
     info = gpu.types.GPUShaderCreateInfo()
     info.push_constant("MAT4", "ModelViewProjectionMatrix")
+    info.push_constant("BOOL", "srgbTarget")  # which Blender sets: whether it turns colours into sRGB itself
     info.push_constant("VEC3", "towards")
     info.push_constant("FLOAT", "nearer")
     info.push_constant("FLOAT", "squares")
