@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import click
 import numpy as np
@@ -23,7 +22,7 @@ from zoomout_core.correspondence.proximity import (
     ProximityMatch,
     match_by_proximity_steps,
 )
-from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
+from zoomout_core.correspondence.surface_map import SurfaceMap, read_vertex_map, vertex_numbers
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.files import read_surface
 from zoomout_core.progress import Result, Steps
@@ -149,21 +148,6 @@ def read_axis(text: str, option: str = "--common-axis") -> np.ndarray:
         return checked_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
     except ValueError:
         raise MeshError(f"{option} is {text!r}: give x, -x, y, -y, z, -z, or a direction such as 0,0,1.") from None
-
-
-def read_vertex_map(path: str) -> np.ndarray:
-    """The source vertex (n_t,) of each target vertex, from a file that `match` wrote.
-
-    Vertices, unlike triangles, are numbered alike by whatever read the meshes.
-
-    Raises:
-        MeshError: the file is not one of `match`.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return np.asarray(file["vertex"])
-    except (ValueError, KeyError, BadZipFile, TypeError) as error:
-        raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
 
 
 def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:

@@ -8,8 +8,9 @@ import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, DATA, MESH, SWITCH, TEXT, WHOLE, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
-from zoomout_core.cli import STARTS, read_axis, read_landmarks, read_vertex_map
+from zoomout_core.cli import STARTS, read_axis, read_landmarks
 from zoomout_core.correspondence.detail import DETAIL
+from zoomout_core.correspondence.surface_map import read_vertex_map
 from zoomout_core.progress import Steps, within
 
 if TYPE_CHECKING:

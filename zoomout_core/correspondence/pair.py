@@ -19,6 +19,20 @@ from zoomout_core.surface import MeshError, Surface
 OFF_SURFACE = 0.05
 
 
+class LandmarkError(MeshError):
+    """A landmark that cannot be used.
+
+    Attributes:
+        role: the surface that it should be on, "source" or "target".
+        number: its place in the list, from 0.
+        fault: what is wrong and what to do, as the rest of a sentence about it.
+    """
+
+    def __init__(self, role: str, number: int, fault: str) -> None:
+        super().__init__(f"Landmark {number} on the {role}, {fault}")
+        self.role, self.number, self.fault = role, number, fault
+
+
 @dataclass(frozen=True, eq=False)
 class Pair:
     """Two surfaces with their prepared main parts.
@@ -79,7 +93,7 @@ def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tu
 
     Raises:
         ValueError: these are no vertices and no points, or not as many on either side.
-        MeshError: a landmark lies off the main part, or off the surface.
+        LandmarkError: a landmark lies off the main part, or off the surface.
     """
     if len(landmarks) != 2 or (isinstance(landmarks, np.ndarray) and landmarks.shape[1:] == (2,)):
         raise ValueError(
@@ -105,9 +119,8 @@ def _on_part(role: str, surface: Surface, shape: Shape, given: ArrayLike) -> Int
     on_part = shape.proxy.full.vertex_of[corners]
     astray = np.flatnonzero((on_part < 0).any(axis=1))
     if len(astray):
-        raise MeshError(
-            f"Landmark {astray[0]} on the {role}, at vertex {corners[astray[0], 0]}, is off its main part: move it."
-        )
+        fault = f"at vertex {corners[astray[0], 0]}, is off its main part: move it."
+        raise LandmarkError(role, int(astray[0]), fault)
     places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
     return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
 
@@ -124,8 +137,9 @@ def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, 
     distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
     off = np.flatnonzero(distance > OFF_SURFACE * np.sqrt(surface.area))
     if len(off):
-        raise MeshError(
-            f"Landmark {off[0]} on the {role}, at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its "
-            "surface: give points in the mesh's own frame and unit."
+        fault = (
+            f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: "
+            "give points in the mesh's own frame and unit."
         )
+        raise LandmarkError(role, int(off[0]), fault)
     return corners, barycentric

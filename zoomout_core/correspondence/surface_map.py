@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from os.path import isfile
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -118,6 +119,23 @@ class SurfaceMap:
         if fault:
             raise MeshError(f"{path} cannot be used as a map onto this source: {fault}.")
         return cls(arrays["triangle"], arrays["barycentric"], source.triangles)
+
+
+def read_vertex_map(path: str | PathLike[str]) -> Integers:
+    """The source vertex (n_t,) of each target vertex, from a file that `SurfaceMap.save` or `zoomout match` wrote.
+
+    Vertices, unlike triangles, are numbered alike by whatever read the meshes.
+
+    Raises:
+        MeshError: the file is missing, or not one of these.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return np.asarray(file["vertex"])
+    except FileNotFoundError:
+        raise MeshError(f"There is no file {path}: check the path.") from None
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
 
 
 def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:

@@ -8,7 +8,7 @@ from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
 from zoomout_core.correspondence.initial.given import given_hypothesis
-from zoomout_core.correspondence.pair import Pair, landmarks_on_parts
+from zoomout_core.correspondence.pair import LandmarkError, Pair, landmarks_on_parts
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.progress import drain
 from zoomout_core.surface import MeshError, Surface
@@ -84,8 +84,9 @@ def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> N
     off = pair.target.vertices[[7, 8]].copy()
     tip = np.argmax(pair.target.vertices[:, 2])
     off[1] = pair.target.vertices[tip] + [0, 0, 0.06 * np.sqrt(pair.target.area)]
-    with pytest.raises(MeshError, match=r"Landmark 1 on the target, at .* away from its surface"):
+    with pytest.raises(LandmarkError, match=r"Landmark 1 on the target, at .* away from its surface") as error:
         landmarks_on_parts(pair, ([0, 1], off))
+    assert (error.value.role, error.value.number) == ("target", 1)  # for those who number them otherwise
 
 
 def test_points_as_landmarks_settle_the_side(resting: Creature, bent: Creature) -> None:

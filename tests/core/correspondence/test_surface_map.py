@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.correspondence.surface_map import SurfaceMap, read_vertex_map
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import MeshError, Surface
 
@@ -146,3 +146,13 @@ def test_a_vertex_map_to_a_vertex_without_a_face_is_refused(resting: Creature) -
 def test_the_true_map_of_another_pose_is_accepted(resting: Creature, bent: Creature) -> None:
     surface_map = SurfaceMap.from_vertices(true_vertex(resting, bent), resting.surface)
     assert len(surface_map.triangle) == len(bent.surface.vertices)
+
+
+def test_the_vertices_of_a_file_are_read_without_its_surfaces(tmp_path, onto) -> None:
+    onto.save(tmp_path / "map.npz")
+    np.testing.assert_array_equal(read_vertex_map(tmp_path / "map.npz"), onto.vertex)
+    (tmp_path / "empty.npz").touch()
+    np.savez(tmp_path / "other.npz", triangle=onto.triangle)
+    for name, sentence in (("empty", "holds no map"), ("other", "holds no map"), ("missing", "There is no file")):
+        with pytest.raises(MeshError, match=sentence):
+            read_vertex_map(tmp_path / f"{name}.npz")
