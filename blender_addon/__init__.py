@@ -4,12 +4,13 @@ import bpy
 
 import zoomout_core as zo
 
-from . import operators, panels, swatches, watch
+from . import landmark_dots, operators, panels, swatches, watch
+from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (ZOOMOUT_PG_symmetry, ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES)
+    (ZOOMOUT_PG_symmetry, *LANDMARK_CLASSES, ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES)
 )
 
 
@@ -17,6 +18,7 @@ def register() -> None:
     """Make the operators, the panels and the scene's settings known to Blender."""
     _register_classes()
     watch.register()
+    landmark_dots.register()
     bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
     if __package__.startswith("bl_ext."):  # installed, so that Blender has a folder for it
         zo.store_shapes(bpy.utils.extension_path_user(__package__, path="shapes", create=True))
@@ -26,6 +28,7 @@ def unregister() -> None:
     """Take them away again."""
     watch.unregister()
     swatches.unregister()
+    landmark_dots.unregister()
     del bpy.types.Scene.zoomout
     _unregister_classes()
     zo.forget_shapes()

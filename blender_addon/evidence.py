@@ -1,4 +1,4 @@
-"""What two objects tell of their match beside their shapes: names that they share, the world's up axis, the last match.
+"""What two objects tell of their match beside their shapes: landmarks, shared names, the up axis, the last match.
 
 Everything here is evidence, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
 """
@@ -15,10 +15,14 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.correspondence.matching import SMALLEST_FINAL
+from zoomout_core.correspondence.pair import LandmarkError
 from zoomout_core.progress import Steps
 
 from . import mesh_data, stored_match
+from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs
 from .pair import ObjectPair, find_mesh
+from .starts import map_of_file, same_order
+from .stored_match import Match
 from .stored_report import transfer_report
 
 # Weight from which a vertex belongs to its group.
@@ -39,13 +43,18 @@ def matching_steps(
     names: bool = True,
     same_up: bool = False,
     from_last: bool = False,
+    use_landmarks: bool = True,
+    exact_landmarks: bool = False,
+    map_file: str = "",
     detail: str = "balanced",
     k_final: int = 0,
     **options: Any,
-) -> Steps[zo.MatchResult | zo.ProximityMatch]:
+) -> Steps[Match]:
     """`zoomout_core.match_steps` with the evidence of two objects, which the result's notes name.
 
-    With initial="nearest" it is `zoomout_core.match_by_proximity_steps`, which weighs none.
+    With initial="nearest" it is `zoomout_core.match_by_proximity_steps`, and with "same_order" each vertex has its own
+    on the source; neither weighs evidence. With "landmarks" the landmarks alone are evidence, and with "file" there
+    is none: the match starts from `map_file`.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -54,21 +63,43 @@ def matching_steps(
             that the target has from an earlier transfer are not used: they would prove the match that it followed.
         same_up: whether both objects stand upright in the world.
         from_last: whether the match that is kept on the target is a good one to start from.
+        use_landmarks: whether an automatic start weighs the landmarks that both objects have.
+        exact_landmarks: whether the match is to hit these, or those of the options.
+        map_file: a map that `zoomout match` wrote.
         detail: one of `DETAIL`.
         k_final: size of the final functional map; 0 for as large as `detail` says.
         options: of `zoomout_core.match`, of which only an automatic start weighs evidence; or of
             `zoomout_core.match_by_proximity`.
 
     Raises:
-        MeshError: see `zoomout_core.match`.
+        MeshError: see `zoomout_core.match`; or there are no landmarks to start from, or no such file.
     """
-    if options.get("initial") == "nearest":
-        nearness = {name: value for name, value in options.items() if name != "initial"}
-        return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **nearness))
-    options = DETAIL[detail] | ({"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {}) | options
-    automatic = options.get("initial", "auto") == "auto"
-    evidence, notes = _evidence(context, pair, names, same_up, from_last) if automatic else ({}, [])
-    result = yield from zo.match_steps(pair.source, pair.target, **evidence | options)
+    initial = options.pop("initial", "auto")
+    if initial == "nearest":
+        return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **options))
+    if initial == "same_order":
+        return same_order(pair)
+    arguments: dict[str, Any] = DETAIL[detail] | {"initial": initial}
+    if k_final:
+        arguments["k_final"] = max(k_final, SMALLEST_FINAL)
+    if initial == "file":
+        arguments |= {"initial": "given", "initial_map": map_of_file(pair, map_file)}
+    landmarks = _landmarks(context, pair, initial, use_landmarks and "landmarks" not in options)
+    notes = list(landmarks.notes)
+    if landmarks.numbers:
+        arguments["landmarks"] = landmarks.source, landmarks.target
+    if exact_landmarks and "landmarks" in arguments | options:
+        arguments["exact_landmarks"] = True
+    if initial == "auto":
+        evidence, of_evidence = _evidence(context, pair, names, same_up, from_last, len(landmarks.numbers))
+        arguments |= evidence
+        notes = of_evidence + notes
+    try:
+        result = yield from zo.match_steps(pair.source, pair.target, **arguments | options)
+    except LandmarkError as error:
+        name = pair.source_name if error.role == "source" else pair.target_name
+        number = landmarks.numbers[error.number] if landmarks.numbers else error.number
+        raise zo.MeshError(f"Landmark {number} on '{name}', {error.fault}") from error
     if result.candidates[result.chosen].scores.get("regions", 0) > CONTRADICTION:
         notes.append(
             "The map contradicts most of the names that both objects have: check whether names or sides are swapped."
@@ -76,12 +107,32 @@ def matching_steps(
     return replace(result, notes=(*notes, *result.notes))
 
 
+def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -> LandmarkPairs:
+    """The landmarks to match by, which a start from landmarks cannot do without.
+
+    Raises:
+        MeshError: it would have to.
+    """
+    if not wanted or initial not in ("auto", "landmarks"):
+        return NO_LANDMARKS
+    found = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, pair.target_name))
+    if initial == "landmarks" and not found.numbers:
+        reasons = " ".join(("", *found.notes))
+        raise zo.MeshError(
+            f"A start from landmarks needs one or more on both '{pair.source_name}' and '{pair.target_name}': "
+            f"place some, or choose another start.{reasons}"
+        )
+    return found
+
+
 def _evidence(
-    context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool
+    context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool, landmarks: int
 ) -> tuple[dict[str, Any], list[str]]:
-    """Arguments of `zoomout_core.match`, and sentences about them."""
+    """Arguments of `zoomout_core.match`, and sentences about them and a number of landmarks."""
     arguments: dict[str, Any] = {}
     used, notes = [], []
+    if landmarks:
+        used.append(f"{landmarks} landmark{'s' if landmarks > 1 else ''}")
     if names:
         regions, received = shared_regions(context, pair)
         if regions:

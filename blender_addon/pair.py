@@ -71,6 +71,15 @@ def choose_source(context: Context, target: Object, named: str = "", otherwise: 
     Raises:
         MeshError: it is not a mesh that can be read, or there is no telling which it is.
     """
+    return find_mesh(context, source_name(context, target, named, otherwise))
+
+
+def source_name(context: Context, target: Object, named: str = "", otherwise: str = "") -> str:
+    """The name of the source that `choose_source` gives, whatever it names.
+
+    Raises:
+        MeshError: there is no telling which it is.
+    """
     chosen = context.scene.zoomout.source
     selected = [obj.name for obj in context.selected_objects if obj.type == "MESH" and obj != target]
     name = named or (chosen.name if chosen else "")
@@ -82,7 +91,7 @@ def choose_source(context: Context, target: Object, named: str = "", otherwise: 
     name = name or "".join(selected) or otherwise
     if not name:
         raise zo.MeshError("There is no source: choose it in the sidebar, or select it and then, last, the target.")
-    return find_mesh(context, name)
+    return name
 
 
 def check_writable(target: Object) -> None:

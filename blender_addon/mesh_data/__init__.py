@@ -27,6 +27,7 @@ from .layers import (
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, write_custom_normals
+from .places import Place, extent, nearest_place, place_in_face, seen_place
 from .selection import read_selection, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -66,6 +67,7 @@ __all__ = [
     "ActiveLayers",
     "Layer",
     "MeshFacts",
+    "Place",
     "Role",
     "ShapeKey",
     "ShapeKeys",
@@ -77,12 +79,15 @@ __all__ = [
     "deforming_bones",
     "directions_in_world",
     "evaluated_mesh",
+    "extent",
     "facts_steps",
     "fits",
     "is_flat",
     "is_mirrored",
     "locked_groups",
     "move_vertices",
+    "nearest_place",
+    "place_in_face",
     "positions_in_world",
     "read_active_layers",
     "read_active_uv_map",
@@ -101,6 +106,7 @@ __all__ = [
     "read_surface_at_rest",
     "read_target_surface",
     "read_weights",
+    "seen_place",
     "to_object",
     "write_active_layers",
     "write_animation",

@@ -4,8 +4,15 @@ from . import symmetry
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .choose_data import ZOOMOUT_OT_choose_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
+from .landmarks import (
+    ZOOMOUT_OT_clear_landmarks,
+    ZOOMOUT_OT_import_landmarks,
+    ZOOMOUT_OT_landmarks_from_selected,
+    ZOOMOUT_OT_remove_landmark,
+)
 from .match import ZOOMOUT_OT_match
 from .match_preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from .place_landmarks import ZOOMOUT_OT_place_landmarks
 from .transfer import ZOOMOUT_OT_transfer
 
 # In the order in which Blender is to know them.
@@ -18,5 +25,10 @@ CLASSES = (
     ZOOMOUT_OT_choose_data,
     ZOOMOUT_OT_transfer,
     ZOOMOUT_OT_cut_seams,
+    ZOOMOUT_OT_place_landmarks,
+    ZOOMOUT_OT_landmarks_from_selected,
+    ZOOMOUT_OT_import_landmarks,
+    ZOOMOUT_OT_remove_landmark,
+    ZOOMOUT_OT_clear_landmarks,
     *symmetry.CLASSES,
 )

@@ -1,4 +1,4 @@
-"""Match the active mesh with a source, and keep the result on it."""
+"""Match the active mesh, and others that are selected, with a source, and keep the results on them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Any
 
 from bpy.types import Context, Object
 
-import zoomout_core as zo
 from zoomout_core.progress import Steps, drain
 
 from .. import match_preview, stored_match
@@ -14,6 +13,7 @@ from ..evidence import matching_steps
 from ..pair import check_unedited, choose_source, read_pair
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
+from ..targets import Outcome, Write, each_target_steps, target_names
 from .stepped import SteppedOperator
 
 
@@ -21,33 +21,42 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
     bl_idname = "zoomout.match"
     bl_label = "Match"
     bl_description = (
-        "Find where on the source each vertex of the active mesh belongs, whatever their poses and topologies. "
-        "The source is the mesh chosen in the sidebar; if none is chosen, the one selected besides the active mesh"
+        "Find where on the source each vertex of the active mesh, and of the other selected ones, belongs, whatever "
+        "their poses and topologies. The source is the mesh chosen in the sidebar; if none is chosen, the one "
+        "selected besides the active mesh"
     )
     bl_options = {"REGISTER", "UNDO"}
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
-        names = choose_source(context, context.active_object, self.source).name, context.active_object.name
-        result = yield from match_steps(context, *names, **self.match_options())
-        doubtful = stored_match.low_confidence(result.confidence)
-        return (
-            f"Matched '{names[1]}' with '{names[0]}'; "
-            f"{doubtful} of {len(result.confidence)} vertices are of low confidence"
+        source = choose_source(context, context.active_object, self.source)
+        targets = target_names(context, source)
+        options, source_name = self.match_options(), source.name
+        outcome = yield from each_target_steps(
+            targets, lambda target: worked_out_match_steps(context, source_name, target, **options)
         )
+        self.report_failed(outcome)
+        return _summary(source_name, outcome)
 
 
-def match_objects(
-    context: Context, source: Object, target: Object, **options: Any
-) -> zo.MatchResult | zo.ProximityMatch:
+def _summary(source_name: str, outcome: Outcome[stored_match.Match]) -> str:
+    """What was matched, in one sentence."""
+    names = list(outcome.done)
+    confidences = [match.confidence for match in outcome.done.values()]
+    doubtful, vertices = (sum(map(count, confidences)) for count in (stored_match.low_confidence, len))
+    what = f"'{names[0]}'" if len(names) == 1 else f"{len(names)} meshes"
+    return f"Matched {what} with '{source_name}'; {doubtful} of {vertices} vertices are of low confidence"
+
+
+def match_objects(context: Context, source: Object, target: Object, **options: Any) -> stored_match.Match:
     """Match two mesh objects, and keep the result on the target's mesh.
 
     Args:
         context: Blender's; both objects are in its scene.
         source: has the data; read as its modifiers leave it.
         target: receives the data.
-        options: `names`, `same_up` and `from_last` of `evidence.matching_steps`, and those of `zoomout_core.match`;
-            or initial="nearest", and those of `zoomout_core.match_by_proximity`.
+        options: those of `evidence.matching_steps`, and of `zoomout_core.match`; or initial="nearest", and those of
+            `zoomout_core.match_by_proximity`.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
@@ -55,14 +64,24 @@ def match_objects(
     return drain(match_steps(context, source.name, target.name, **options))
 
 
-def match_steps(
-    context: Context, source_name: str, target_name: str, **options: Any
-) -> Steps[zo.MatchResult | zo.ProximityMatch]:
+def match_steps(context: Context, source_name: str, target_name: str, **options: Any) -> Steps[stored_match.Match]:
     """`match_objects` as a generator, which holds no Blender data while it is suspended."""
+    write = yield from worked_out_match_steps(context, source_name, target_name, **options)
+    return write()
+
+
+def worked_out_match_steps(
+    context: Context, source_name: str, target_name: str, **options: Any
+) -> Steps[Write[stored_match.Match]]:
+    """The same without the end: it returns what keeps the match on the target."""
     pair = read_pair(context, source_name, target_name)
     result = yield from matching_steps(context, pair, **options)
     coats = yield from match_preview.following_steps(context, pair, result)
-    _, target = check_unedited(context, pair)
-    stored_match.write(target.data, result, pair, options)
-    match_preview.follow(coats)
-    return result
+
+    def write() -> stored_match.Match:
+        _, target = check_unedited(context, pair)
+        stored_match.write(target.data, result, pair, options)
+        match_preview.follow(coats)
+        return result
+
+    return write

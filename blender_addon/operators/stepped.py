@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import bpy
 from bpy.types import Context, Event, Operator
@@ -13,6 +14,7 @@ from zoomout_core.progress import Progress, Steps, drain
 
 from ..mesh_facts import redraw_sidebars
 from ..preflight import obstacle
+from ..targets import Outcome
 
 # Seconds of work between two looks at the keyboard.
 SLICE = 0.1
@@ -29,6 +31,11 @@ class SteppedOperator(Operator):
     def steps(self, context: Context) -> Steps[str]:
         """The work; it writes only after its last yield."""
         raise NotImplementedError
+
+    def report_failed(self, outcome: Outcome[Any]) -> None:
+        """Warn of each target that was left out."""
+        for name, reason in outcome.failed.items():
+            self.report({"WARNING"}, f"'{name}' was left out: {reason}")
 
     @classmethod
     def poll(cls, context: Context) -> bool:

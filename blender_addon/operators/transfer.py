@@ -1,4 +1,4 @@
-"""Transfer data from a source to the active mesh, along their match."""
+"""Transfer data from a source to the active mesh, and to others that are selected, along their matches."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pa
 from ..properties.match import MatchOptions, option_label
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
+from ..targets import Write, each_target_steps, target_names
 from .stepped import SteppedOperator
 
 # Part of the progress that matching takes, where there is no match yet.
@@ -29,22 +30,28 @@ class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, BlendOption
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
     bl_description = (
-        "Transfer data from the source to the active mesh along their match; they are matched first where they "
-        "are not yet. The source is chosen as for matching, else it is the one that was matched"
+        "Transfer data from the source to the active mesh, and to the other selected ones, along their matches; they "
+        "are matched first where they are not yet. The source is chosen as for matching, else it is the one that was "
+        "matched"
     )
     bl_options = {"REGISTER", "UNDO"}
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
-        names = _choose_names(context, self.source)
-        report = yield from transfer_steps(context, *names, self.data(), self.settings(), **self.match_options())
-        return summary(report)
+        source, targets = _choose_names(context, self.source)
+        data, settings, options = self.data(), self.settings(), self.match_options()
+        outcome = yield from each_target_steps(
+            targets, lambda target: worked_out_transfer_steps(context, source, target, data, settings, **options)
+        )
+        self.report_failed(outcome)
+        return "; ".join(summary(report) for report in outcome.done.values())
 
 
-def _choose_names(context: Context, named: str) -> tuple[str, str]:
+def _choose_names(context: Context, named: str) -> tuple[str, list[str]]:
     target = context.active_object
     kept = stored_match.description(target.data) or {"source": ""}
-    return choose_source(context, target, named, otherwise=kept["source"]).name, target.name
+    source = choose_source(context, target, named, otherwise=kept["source"])
+    return source.name, target_names(context, source)
 
 
 def transfer_objects(
@@ -83,6 +90,19 @@ def transfer_steps(
     **match_options: Any,
 ) -> Steps[dict[str, Any]]:
     """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
+    write = yield from worked_out_transfer_steps(context, source_name, target_name, data, settings, **match_options)
+    return write()
+
+
+def worked_out_transfer_steps(
+    context: Context,
+    source_name: str,
+    target_name: str,
+    data: Collection[str],
+    settings: Settings = DEFAULT,
+    **match_options: Any,
+) -> Steps[Write[dict[str, Any]]]:
+    """The same without the end: it returns what writes the data to the target."""
     pair = read_pair(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     cargo, remarks, blend = _packed(context, pair, data, settings)
@@ -95,13 +115,16 @@ def transfer_steps(
     way = Way(match, pair, remarks, settings, blend)
     yield from within(_carried(cargo, way), MATCHING if kept is None else 0, 1)
 
-    _, target = check_unedited(context, pair)
-    if kept is None:
-        stored_match.write(target.data, match, pair, match_options)
-    for one in cargo:
-        one.write(target)
-    target.data.update()
-    return _write_report(target, cargo, way, users_of_mesh(context, target))
+    def write() -> dict[str, Any]:
+        _, target = check_unedited(context, pair)
+        if kept is None:
+            stored_match.write(target.data, match, pair, match_options)
+        for one in cargo:
+            one.write(target)
+        target.data.update()
+        return _write_report(target, cargo, way, users_of_mesh(context, target))
+
+    return write
 
 
 def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:

@@ -1,6 +1,7 @@
 """The sidebar of the 3D view."""
 
 from . import symmetry
+from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_evidence, ZOOMOUT_PT_match_advanced
 from .result import ZOOMOUT_PT_result
@@ -11,6 +12,8 @@ from .transfer_options import ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT
 CLASSES = (
     ZOOMOUT_PT_match,
     ZOOMOUT_PT_result,
+    ZOOMOUT_UL_landmarks,
+    ZOOMOUT_PT_landmarks,
     ZOOMOUT_PT_evidence,
     ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_transfer,

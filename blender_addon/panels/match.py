@@ -23,7 +23,9 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
             _object_row(column, "", source, "(selected)")
         _object_row(column, "Target", target if is_mesh else None, "(active)")
         layout.prop(settings, "initial")
-        if settings.initial != "NEAREST":
+        if settings.initial == "FILE":
+            layout.prop(settings, "map_file")
+        if settings.initial not in ("NEAREST", "SAME_ORDER"):
             row = layout.row(align=True)
             row.use_property_split = False  # the three need all the width
             row.prop(settings, "detail", expand=True)

@@ -6,14 +6,16 @@ Property annotations are read by Blender as they are, so this module does withou
 import math
 from typing import Any
 
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from zoomout_core.correspondence.proximity import MOST_ANGLE, MOST_DISTANCE
 
 from .once import ONCE
 
 # Options that say which evidence an automatic start weighs.
-EVIDENCE = ("names", "same_up", "from_last")
+EVIDENCE = ("use_landmarks", "names", "same_up", "from_last")
+# What other starts have in place of evidence.
+OF_START = {"LANDMARKS": (), "SAME_ORDER": (), "FILE": ("map_file",)}
 # The presets of the core's `DETAIL` that suit a panel, and what they are for.
 OFFERED_DETAIL = {
     "fast": "A quick look: for coarse meshes, and to try options",
@@ -32,6 +34,7 @@ class MatchOptions:
         description="What the match starts from",
         items=(
             ("AUTO", "Automatic", "The shapes alone: poses and placements may differ"),
+            ("LANDMARKS", "Landmarks", "The landmarks of both objects: where the shapes alone lead astray"),
             ("PROXIMITY", "Nearest Points", "The nearest points in space: for meshes that lie over each other"),
             (
                 "NEAREST",
@@ -39,6 +42,12 @@ class MatchOptions:
                 "The nearest points are the match, as far as they are near and face the same way, "
                 "and what has none is filled in: for clothes, in the pose of the body that they are on",
             ),
+            (
+                "SAME_ORDER",
+                "Same Order",
+                "The vertices are the same ones in the same order, as where one mesh is a sculpted copy of the other",
+            ),
+            ("FILE", "From File", "A map that the command `zoomout match` wrote for these two meshes"),
         ),
         default="AUTO",
         options=ONCE,
@@ -60,6 +69,24 @@ class MatchOptions:
         min=0,
         soft_max=300,
         max=1000,
+        options=ONCE,
+    )
+    map_file: StringProperty(
+        name="Map",
+        description="The map.npz to start from",
+        subtype="FILE_PATH",
+        options=ONCE,
+    )
+    exact_landmarks: BoolProperty(
+        name="Hit Exactly",
+        description="Bend the match so that each landmark lands on its partner; else landmarks draw it near",
+        default=False,
+        options=ONCE,
+    )
+    use_landmarks: BoolProperty(
+        name="Landmarks",
+        description="Landmarks on both objects lie at corresponding places; a single one tells the sides apart",
+        default=True,
         options=ONCE,
     )
     names: BoolProperty(
@@ -122,7 +149,8 @@ class MatchOptions:
                 ),  # a half turn in single precision is more than one
                 "either_side": self.either_side,
             }
-        chosen = {name: getattr(self, name) for name in ("k_final", *EVIDENCE)}
+        others = OF_START.get(self.initial, EVIDENCE)
+        chosen = {name: getattr(self, name) for name in ("k_final", "exact_landmarks", *others)}
         return {"initial": self.initial.lower(), "detail": self.detail.lower(), **chosen}
 
 

@@ -6,6 +6,7 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import PointerProperty, StringProperty
 from bpy.types import Object, Operator, PropertyGroup
 
+from .landmarks import LandmarkSettings
 from .match import MatchOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
@@ -29,7 +30,7 @@ def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
     return obj.type == "MESH"
 
 
-class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, BlendOptions, PropertyGroup):
+class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, BlendOptions, LandmarkSettings, PropertyGroup):
     """The scene's settings."""
 
     source: PointerProperty(

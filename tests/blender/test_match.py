@@ -131,7 +131,7 @@ def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, t
         raise zo.MeshError("Enough.")
         yield
 
-    monkeypatch.setattr("blender_addon.operators.match.zo.match_steps", spy)
+    monkeypatch.setattr("blender_addon.evidence.zo.match_steps", spy)
     activate(target, source)
     bpy.context.scene.zoomout.k_final = 77
     bpy.context.scene.zoomout.initial = "PROXIMITY"

@@ -1,0 +1,91 @@
+"""Places on the surface that an object shows, kept so that they are found again after poses, edits and saving.
+
+A place is a point in a face of the mesh as the modifiers leave it: it moves with the face. Where edits gave the mesh
+other elements, so that the face cannot be told any more, the place is where the surface still comes near to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from bpy.types import Depsgraph, Mesh, Object
+from mathutils import Vector
+from mathutils.geometry import tessellate_polygon
+
+from zoomout_core.projection import closest_points
+
+from .surfaces import evaluated_mesh
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point on the mesh that an object shows.
+
+    Attributes:
+        face: that it lies in.
+        vertices: three of the face's.
+        weights: barycentric coordinates in their triangle.
+        position: (3,) where it was when it was set, in the object's own space.
+        counts: vertices and faces that the mesh had then.
+    """
+
+    face: int
+    vertices: tuple[int, int, int]
+    weights: tuple[float, float, float]
+    position: tuple[float, float, float]
+    counts: tuple[int, int]
+
+    def on(self, mesh: Mesh) -> Vector | None:
+        """Where it is on the mesh that its object shows now, in the object's own space; None if its face is gone."""
+        if self.counts != _counts(mesh) or not set(self.vertices) <= set(mesh.polygons[self.face].vertices):
+            return None
+        return sum((w * mesh.vertices[v].co for w, v in zip(self.weights, self.vertices, strict=True)), Vector())
+
+
+def place_in_face(mesh: Mesh, face: int, point: Vector) -> Place:
+    """The place in a face that is closest to a point in the object's own space."""
+    vertices = np.array(mesh.polygons[face].vertices)
+    corners = np.array([mesh.vertices[vertex].co for vertex in vertices.tolist()])
+    triangles = np.array(tessellate_polygon([[Vector(corner) for corner in corners]]))
+    triangle, weights = closest_points(np.array([point]), corners, triangles)
+    of_face = triangles[triangle[0]]
+    return Place(
+        face,
+        tuple(vertices[of_face].tolist()),
+        tuple(weights[0].tolist()),
+        tuple((weights[0] @ corners[of_face]).tolist()),
+        _counts(mesh),
+    )
+
+
+def seen_place(obj: Object, origin: Vector, direction: Vector, depsgraph: Depsgraph) -> tuple[Place, float] | None:
+    """Where a ray in world space first meets what an object shows, and how far along it; None if it misses."""
+    inverse = obj.matrix_world.inverted_safe()
+    start = inverse @ origin
+    hit, point, _, face = obj.ray_cast(start, inverse.to_3x3() @ direction, depsgraph=depsgraph)
+    if not hit:
+        return None
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        place = place_in_face(mesh, face, point)
+    return place, (obj.matrix_world @ point - origin).dot(direction)
+
+
+def nearest_place(obj: Object, point: Vector, distance: float, depsgraph: Depsgraph) -> Place | None:
+    """The place that is closest to a point in an object's own space, if it is not farther than a distance there."""
+    found, _, _, face = obj.closest_point_on_mesh(point, distance=distance, depsgraph=depsgraph)
+    if not found:
+        return None
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        return place_in_face(mesh, face, point)
+
+
+def extent(mesh: Mesh) -> float:
+    """The square root of a mesh's area, in its own space."""
+    areas = np.empty(len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("area", areas)
+    return float(np.sqrt(areas.sum(dtype=np.float64)))
+
+
+def _counts(mesh: Mesh) -> tuple[int, int]:
+    return len(mesh.vertices), len(mesh.polygons)

@@ -1,0 +1,224 @@
+"""Landmarks from what is selected or named on the objects, and landmarks that go."""
+
+from __future__ import annotations
+
+import re
+
+import bmesh
+import bpy
+import numpy as np
+from bpy.props import EnumProperty
+from bpy.types import Context, Object, Operator
+from mathutils import Vector
+
+import zoomout_core as zo
+from zoomout_core.correspondence.pair import OFF_SURFACE
+
+from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
+from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, read_positions, read_weights
+from ..properties.once import ONCE
+
+# More vertices are not selected to mark places one by one.
+MOST_SELECTED = 64
+# A vertex group of a wider spread, over the square root of the mesh's area, marks no place.
+MOST_SPREAD = 0.1
+# What Blender appends to a name that is taken.
+COPY = re.compile(r"\.\d{3,}$")
+# What marks the places of landmarks that are imported, in messages.
+NOUNS = {"GROUPS": "small vertex groups", "EMPTIES": "empties"}
+
+
+class LandmarkOperator(Operator):
+    """The base of operators on the landmarks of the source and the targets, which `change` and say what they did."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    mode = "OBJECT"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there are objects that may have landmarks."""
+        reason = obstacle(context, cls.mode)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Change the landmarks on the source, which is the first, and the targets."""
+        raise NotImplementedError
+
+    def execute(self, context: Context) -> set[str]:
+        """Change them, and report."""
+        try:
+            source, targets = participants(context)
+            self.report({"INFO"}, self.change(context, [source, *targets]))
+        except zo.MeshError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
+    bl_idname = "zoomout.landmarks_from_selected"
+    bl_label = "From Selected Vertices"
+    bl_description = (
+        "Place a landmark on each selected vertex of the source and of the target, in the order of the selection: "
+        "the first of one corresponds to the first of the other"
+    )
+    bl_options = {"REGISTER"}  # see `execute`
+    mode = "EDIT_MESH"
+
+    def execute(self, context: Context) -> set[str]:
+        """Change them in Object Mode, for what happens in Edit Mode is undone for the mesh alone."""
+        self._selected = {obj.name: _selected(obj) for obj in context.objects_in_mode}
+        bpy.ops.object.mode_set(mode="OBJECT")
+        done = super().execute(context)
+        if done == {"FINISHED"}:
+            bpy.ops.ed.undo_push(message=self.bl_label)
+        bpy.ops.object.mode_set(mode="EDIT")
+        return done
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Place them on the objects whose vertices are selected."""
+        selected = {obj: self._selected.get(obj.name, []) for obj in objects}
+        count = sum(map(len, selected.values()))
+        if not count:
+            raise zo.MeshError("No vertex of the source or of a target is selected: select some.")
+        if count > MOST_SELECTED:
+            raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select single ones.")
+        places = {obj: [_place_of_vertex(context, obj, vertex) for vertex in selected[obj]] for obj in objects}
+        for obj in objects:
+            for place in places[obj]:
+                set_landmark(context.scene, obj, place, next_number(context.scene, obj, objects))
+        return f"Placed {count} landmark{'s' if count > 1 else ''}"
+
+
+class ZOOMOUT_OT_import_landmarks(LandmarkOperator):
+    bl_idname = "zoomout.import_landmarks"
+    bl_label = "Import"
+    bl_description = "Place landmarks where the source and the target have something of the same name"
+
+    what: EnumProperty(
+        name="What",
+        description="What marks the places",
+        items=(
+            ("GROUPS", "Vertex Groups", "At the centre of small vertex groups that both objects have"),
+            ("EMPTIES", "Empties", "Where empties are that belong to the objects, as their children or by lying near"),
+        ),
+        default="GROUPS",
+        options=ONCE,
+    )
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Place them, those of names that are there already anew."""
+        find = _places_of_groups if self.what == "GROUPS" else _places_of_empties
+        found = {obj: find(context, obj, objects) for obj in objects}
+        shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
+        if not shared:
+            raise zo.MeshError(
+                f"'{objects[0].name}' and the target have no {NOUNS[self.what]} of the same name that mark places: "
+                "name some alike."
+            )
+        numbers = {landmark.name: landmark.number for landmark in context.scene.zoomout.landmarks}
+        for name in shared:
+            number = numbers.get(name) or max(numbers.values(), default=0) + 1
+            numbers[name] = number
+            for obj in objects:
+                if name in found[obj]:
+                    set_landmark(context.scene, obj, found[obj][name], number, name)
+        return f"Imported {len(shared)} landmark{'s' if len(shared) > 1 else ''}"
+
+
+class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
+    bl_idname = "zoomout.remove_landmark"
+    bl_label = "Remove Landmark"
+    bl_description = "Remove the landmark that is chosen in the list from the source and the targets"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether one is chosen."""
+        settings = context.scene.zoomout
+        return settings.active_landmark < len(settings.landmarks) and super().poll(context)
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Remove it."""
+        settings = context.scene.zoomout
+        number = settings.landmarks[settings.active_landmark].number
+        remove_landmark(context.scene, number, objects)
+        return f"Removed landmark {number}"
+
+
+class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
+    bl_idname = "zoomout.clear_landmarks"
+    bl_label = "Clear Landmarks"
+    bl_description = "Remove all landmarks from the source and the targets"
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Remove them."""
+        numbers = sorted(set().union(*(places_on(context.scene, obj) for obj in objects)))
+        for number in numbers:
+            remove_landmark(context.scene, number, objects)
+        return f"Removed {len(numbers)} landmark{'' if len(numbers) == 1 else 's'}"
+
+
+def _selected(obj: Object) -> list[int]:
+    """The selected vertices of a mesh that is being edited, those of the selection's history first, in its order."""
+    editable = bmesh.from_edit_mesh(obj.data)
+    editable.verts.index_update()
+    history = [item.index for item in editable.select_history if isinstance(item, bmesh.types.BMVert)]
+    return list(dict.fromkeys([*history, *(vertex.index for vertex in editable.verts if vertex.select)]))
+
+
+def _place_of_vertex(context: Context, obj: Object, vertex: int) -> Place:
+    """The place of a vertex of an object's own mesh on what the object shows.
+
+    Raises:
+        MeshError: the modifiers leave nothing there.
+    """
+    depsgraph = context.evaluated_depsgraph_get()
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        keeps = len(mesh.vertices) == len(obj.data.vertices)
+        point = (mesh if keeps else obj.data).vertices[vertex].co.copy()
+        most = OFF_SURFACE * extent(mesh)
+    place = nearest_place(obj, point, most, depsgraph)
+    if place is None:
+        raise zo.MeshError(
+            f"Modifiers move the surface of '{obj.name}' away from vertex {vertex}: click on it in Object Mode instead."
+        )
+    return place
+
+
+def _places_of_groups(context: Context, obj: Object, objects: list[Object]) -> dict[str, Place]:
+    """Where an object's vertex groups are, those that are small enough to mark a place."""
+    depsgraph = context.evaluated_depsgraph_get()
+    with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
+        weights = read_weights(evaluated, mesh)
+        positions, size = read_positions(mesh).astype(float), extent(mesh)
+    centres = {}
+    for column, name in enumerate(weights.labels):
+        of_group = weights.values[:, [column]].toarray()[:, 0]
+        if of_group.sum() > 0:
+            share = of_group / of_group.sum()
+            centre = share @ positions
+            if np.sqrt(share @ ((positions - centre) ** 2).sum(axis=1)) <= MOST_SPREAD * size:
+                centres[name] = Vector(centre)
+    places = {name: nearest_place(obj, centre, MOST_SPREAD * size, depsgraph) for name, centre in centres.items()}
+    return {name: place for name, place in places.items() if place is not None}
+
+
+def _places_of_empties(context: Context, obj: Object, objects: list[Object]) -> dict[str, Place]:
+    """Where on an object the empties are that are its children, or that lie near its surface and nobody else's child.
+
+    They are named without the number that Blender appends.
+    """
+    depsgraph = context.evaluated_depsgraph_get()
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        size = extent(mesh)
+    inverse = obj.matrix_world.inverted_safe()
+    places = {}
+    for empty in context.scene.objects:
+        if empty.type == "EMPTY" and (empty.parent is None or empty.parent not in objects or empty.parent == obj):
+            reach = size if empty.parent == obj else OFF_SURFACE * size
+            place = nearest_place(obj, inverse @ empty.matrix_world.translation, reach, depsgraph)
+            if place is not None:
+                places[COPY.sub("", empty.name)] = place
+    return places

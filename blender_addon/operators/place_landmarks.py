@@ -1,0 +1,180 @@
+"""Place landmarks by clicking on the source and on the targets in the 3D view, and move them by dragging."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import bpy
+from bpy.types import Area, Context, Event, Object, Operator, Region
+from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+from mathutils import Vector
+
+from ..landmark_dots import dot_at, dots
+from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
+from ..mesh_data import Place, seen_place
+
+
+class Pointed(NamedTuple):
+    """Where the mouse is in a 3D view."""
+
+    area: Area
+    region: Region
+    place: Vector
+
+
+class ZOOMOUT_OT_place_landmarks(Operator):
+    bl_idname = "zoomout.place_landmarks"
+    bl_label = "Place"
+    bl_description = (
+        "Click on the source and on the target, in turn, at places that correspond; drag a dot to move it. "
+        "Backspace takes the last one back, ESC or the right mouse button ends"
+    )
+    bl_options = {"REGISTER"}  # each click is an undo step of its own
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there are objects to click on."""
+        reason = obstacle(context)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def invoke(self, context: Context, event: Event) -> set[str]:
+        """Begin to follow the mouse."""
+        self._objects = [obj.name for obj in _clickable(context)]
+        self._dragged: tuple[int, str] | None = None
+        self._placed: list[tuple[int, str]] = []
+        context.scene.zoomout.show_landmarks = True
+        context.window.cursor_modal_set("CROSSHAIR")
+        context.window_manager.modal_handler_add(self)
+        self._show(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: Context, event: Event) -> set[str]:
+        """Place, drag or end; whatever else is pressed goes on to the view."""
+        if event.type in ("ESC", "RIGHTMOUSE", "RET") and event.value == "PRESS":
+            self.cancel(context)
+            return {"FINISHED"} if self._placed else {"CANCELLED"}
+        if event.type == "BACK_SPACE" and event.value == "PRESS" and self._placed:
+            return self._take_back(context)
+        pointed = _pointed(context, event)
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE" and self._dragged:
+            return self._let_go()
+        if event.type == "MOUSEMOVE" and self._dragged and pointed:
+            return self._drag(context, pointed)
+        if event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK") and pointed and not event.alt:
+            return self._press(context, pointed)
+        return {"PASS_THROUGH"}
+
+    def cancel(self, context: Context) -> None:
+        """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
+        context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+
+    def _press(self, context: Context, pointed: Pointed) -> set[str]:
+        """Take hold of the dot under the mouse, or place a landmark."""
+        view = pointed.area.spaces.active
+        shown = dots(context, pointed.region, view.region_3d, view)
+        dot = dot_at(shown, pointed.place, context.preferences.system.ui_scale)
+        if dot is not None:
+            self._dragged = dot.number, dot.obj.name
+            return {"RUNNING_MODAL"}
+        objects = self._present(context)
+        hit = _seen(context, objects, pointed)
+        if hit is None:
+            names = " or ".join(f"'{obj.name}'" for obj in objects)
+            self.report({"INFO"}, f"Nothing was hit there: click on {names}")
+            return {"RUNNING_MODAL"}
+        obj, place = hit
+        number = next_number(context.scene, obj, objects)
+        set_landmark(context.scene, obj, place, number)
+        self._placed.append((number, obj.name))
+        bpy.ops.ed.undo_push(message=f"Place Landmark {number}")
+        return self._show(context)
+
+    def _drag(self, context: Context, pointed: Pointed) -> set[str]:
+        number, name = self._dragged
+        hit = _seen(context, [obj for obj in self._present(context) if obj.name == name], pointed)
+        if hit is not None:
+            set_landmark(context.scene, *hit, number)
+        return self._show(context)
+
+    def _let_go(self) -> set[str]:
+        number, _ = self._dragged
+        self._dragged = None
+        bpy.ops.ed.undo_push(message=f"Move Landmark {number}")
+        return {"RUNNING_MODAL"}
+
+    def _take_back(self, context: Context) -> set[str]:
+        number, name = self._placed.pop()
+        remove_landmark(context.scene, number, [obj for obj in self._present(context) if obj.name == name])
+        bpy.ops.ed.undo_push(message=f"Remove Landmark {number}")
+        return self._show(context)
+
+    def _present(self, context: Context) -> list[Object]:
+        """The objects that may be clicked on, as far as they are still there."""
+        found = (context.scene.objects.get(name) for name in self._objects)
+        return [obj for obj in found if obj is not None]
+
+    def _show(self, context: Context) -> set[str]:
+        """Say what to click on next, and have the dots drawn."""
+        context.workspace.status_text_set(_advice(context, self._present(context)))
+        for area in context.window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+        return {"RUNNING_MODAL"}
+
+
+def _clickable(context: Context) -> list[Object]:
+    source, targets = participants(context)
+    return [source, *targets]
+
+
+def _advice(context: Context, objects: list[Object]) -> str:
+    """What to click on next, for the status bar."""
+    waiting = [
+        (number, obj)
+        for obj in objects
+        for number in [next_number(context.scene, obj, objects)]
+        if any(number in places_on(context.scene, other) for other in objects)
+    ]
+    if waiting:
+        number, obj = min(waiting, key=lambda entry: entry[0])
+        task = f"Landmark {number}: click on '{obj.name}'"
+    else:
+        task = "Click on " + " or ".join(f"'{obj.name}'" for obj in objects)
+    return f"{task}  |  Drag a dot to move it  |  Backspace: take back  |  ESC or right click: end"
+
+
+def _pointed(context: Context, event: Event) -> Pointed | None:
+    """Where the mouse is in a 3D view, or None over anything else, such as a sidebar."""
+    for area in context.window.screen.areas if context.window else ():
+        if area.type == "VIEW_3D" and _inside(area, event):
+            found = [region for region in area.regions if region.width > 1 and _inside(region, event)]
+            if [region.type for region in found] == ["WINDOW"]:
+                (region,) = found
+                return Pointed(area, region, Vector((event.mouse_x - region.x, event.mouse_y - region.y)))
+    return None
+
+
+def _inside(box: Area | Region, event: Event) -> bool:
+    return 0 <= event.mouse_x - box.x < box.width and 0 <= event.mouse_y - box.y < box.height
+
+
+def _seen(context: Context, objects: list[Object], pointed: Pointed) -> tuple[Object, Place] | None:
+    """Which of some objects is seen first at a place in a view, and where on it that is."""
+    view = pointed.area.spaces.active
+    origin = region_2d_to_origin_3d(pointed.region, view.region_3d, pointed.place)
+    direction = region_2d_to_vector_3d(pointed.region, view.region_3d, pointed.place)
+    depsgraph = context.evaluated_depsgraph_get()
+
+    def hits() -> Iterator[tuple[float, Object, Place]]:
+        for obj in objects:
+            if obj.visible_get() and (view.local_view is None or obj.local_view_get(view)):
+                hit = seen_place(obj, origin, direction, depsgraph)
+                if hit is not None:
+                    yield hit[1], obj, hit[0]
+
+    nearest = min(hits(), key=lambda hit: hit[0], default=None)
+    return None if nearest is None else nearest[1:]

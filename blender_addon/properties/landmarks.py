@@ -1,0 +1,66 @@
+"""Landmarks, kept on the scene: they outlive saving and undo, and renaming of the objects.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+)
+from bpy.types import Object, PropertyGroup
+
+from ..mesh_data import Place
+
+
+class ZOOMOUT_PG_place(PropertyGroup):
+    """Where a landmark lies on one object: a `Place`."""
+
+    object: PointerProperty(name="Object", description="The object that it lies on", type=Object)
+    face: IntProperty(name="Face", description="The face that it lies in")
+    vertices: IntVectorProperty(name="Vertices", description="Three vertices of the face")
+    weights: FloatVectorProperty(name="Weights", description="Its barycentric coordinates between them")
+    position: FloatVectorProperty(name="Position", description="Where it was when it was set", subtype="XYZ")
+    counts: IntVectorProperty(name="Counts", description="Vertices and faces that the mesh had then", size=2)
+
+    def take(self, place: Place) -> None:
+        """Become a place."""
+        for name in Place.__annotations__:
+            setattr(self, name, getattr(place, name))
+
+    def place(self) -> Place:
+        """The place that is kept."""
+        return Place(self.face, tuple(self.vertices), tuple(self.weights), tuple(self.position), tuple(self.counts))
+
+
+class ZOOMOUT_PG_landmark(PropertyGroup):
+    """A numbered landmark, with a place on each object that it was set on. Its `name` says what it is."""
+
+    number: IntProperty(name="Number", description="What is drawn beside it")
+    places: CollectionProperty(name="Places", description="Where it lies on each object", type=ZOOMOUT_PG_place)
+
+
+class LandmarkSettings:
+    """The landmarks of a scene."""
+
+    landmarks: CollectionProperty(
+        name="Landmarks",
+        description="Places that correspond, by number",
+        type=ZOOMOUT_PG_landmark,
+    )
+    active_landmark: IntProperty(
+        name="Active Landmark",
+        description="The landmark that is chosen in the list",
+    )
+    show_landmarks: BoolProperty(
+        name="Show",
+        description="Draw landmarks in the 3D view, as numbered dots on the source and on the active mesh",
+        default=True,
+    )
+
+
+# In the order in which Blender is to know them.
+CLASSES = (ZOOMOUT_PG_place, ZOOMOUT_PG_landmark)

@@ -1,0 +1,81 @@
+"""Which objects receive data, and work for all of them: worked out one after another, written at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeAlias, TypeVar
+
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import Progress, Steps
+
+Result = TypeVar("Result")
+
+# What writes a result that was worked out, and returns it.
+Write: TypeAlias = Callable[[], Result]
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Result]):
+    """What came of work for several targets.
+
+    Attributes:
+        done: the results, by the names of the targets.
+        failed: sentences that say why, by the names of the others.
+    """
+
+    done: dict[str, Result] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+
+def chosen_targets(context: Context, source: Object) -> list[Object]:
+    """The active object and all other selected meshes but the source; of those that share a mesh, the first."""
+    meshes = [obj for obj in (context.active_object, *context.selected_objects) if obj and obj.type == "MESH"]
+    of_mesh = {obj.data: obj for obj in reversed(meshes) if obj != source}
+    return list(dict.fromkeys(obj for obj in meshes if of_mesh.get(obj.data) == obj))
+
+
+def target_names(context: Context, source: Object) -> list[str]:
+    """Their names; that of the active object, which then is the source itself, where there are none."""
+    return [obj.name for obj in chosen_targets(context, source) or [context.active_object]]
+
+
+def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Result]]]) -> Steps[Outcome[Result]]:
+    """Do some work for each of several targets; nothing is written before all of it is done.
+
+    Args:
+        names: of the targets.
+        work: for the target of a name; returns what writes its result, in no time.
+
+    Raises:
+        MeshError: it failed for all of them, and nothing was written.
+    """
+    outcome: Outcome[Result] = Outcome()
+    writes: dict[str, Write[Result]] = {}
+    for i, name in enumerate(names):
+        try:
+            writes[name] = yield from _one_of(work(name), i, names)
+        except zo.MeshError as error:
+            outcome.failed[name] = str(error)
+    for name, write in writes.items():
+        try:
+            outcome.done[name] = write()
+        except zo.MeshError as error:
+            outcome.failed[name] = str(error)
+    if outcome.failed and not outcome.done:
+        name, reason = next(iter(outcome.failed.items()))
+        raise zo.MeshError(reason if len(names) == 1 else f"All {len(names)} targets failed. '{name}': {reason}")
+    return outcome
+
+
+def _one_of(steps: Steps[Result], i: int, names: Sequence[str]) -> Steps[Result]:
+    """The i-th of several computations that are alike, whose progress says which it is."""
+    place = f"'{names[i]}', {i + 1} of {len(names)}: " if len(names) > 1 else ""
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        yield Progress((i + progress.fraction) / len(names), place + progress.stage)

@@ -1,0 +1,111 @@
+"""Several targets in one go."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, snapshot_file, values
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.operators.match import worked_out_match_steps
+from blender_addon.stored_report import transfer_report
+from blender_addon.targets import chosen_targets, each_target_steps
+
+
+@pytest.fixture
+def source():
+    obj = ellipsoid("Source", 4)
+    add_attribute(obj.data, "height", "FLOAT", "POINT", positions(obj.data)[:, 2])
+    bpy.context.scene.zoomout.source = obj
+    return obj
+
+
+@pytest.fixture
+def targets(source):
+    found = [decimated("A"), decimated("B"), decimated("C")]
+    for i, obj in enumerate(found, start=1):
+        obj.location.x = 3 * i
+    bpy.context.view_layer.update()
+    activate(*found)
+    return found
+
+
+def test_the_active_and_all_selected_meshes_but_the_source_are_matched(source, targets):
+    activate(targets[1], targets[0], source)
+    assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
+    assert [stored_match.description(obj.data) is not None for obj in (*targets, source)] == [True, True, False, False]
+
+
+def test_data_arrives_on_all_of_them_with_a_report_for_each_in_one_undo_step(source, targets):
+    bpy.ops.ed.undo_push(message="before")
+    before = snapshot_file()
+    assert bpy.ops.zoomout.transfer("EXEC_DEFAULT", True, k_final=30) == {"FINISHED"}
+    for obj in targets:
+        assert transfer_report(obj)["target"] == obj.name
+        np.testing.assert_allclose(values(obj.data, "height"), positions(obj.data)[:, 2], atol=0.1)
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+
+
+def test_one_that_fails_is_named_and_loses_none_of_the_others(source, targets, capfd):
+    targets[0].modifiers.new("Finer", "SUBSURF")
+    assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
+    assert [stored_match.description(obj.data) is not None for obj in targets] == [False, True, True]
+    printed = capfd.readouterr().out
+    assert "'A' was left out: Disable 'Finer' on 'A'" in printed
+    assert "Matched 2 meshes with 'Source'" in printed
+    for obj in targets[1:]:
+        obj.modifiers.new("Finer", "SUBSURF")
+    before = snapshot_file()
+    with pytest.raises(RuntimeError, match=r"All 3 targets failed\. 'A': Disable 'Finer' on 'A'"):
+        bpy.ops.zoomout.match(k_final=30)
+    assert snapshot_file() == before
+
+
+def test_nothing_is_written_before_all_are_worked_out(source, targets):
+    written, order = [], []
+
+    def work(name):
+        yield zo.Progress(0.5, "Working")
+        order.append(name)
+        assert not written
+        if name == "B":
+            raise zo.MeshError("It is broken.")
+        return lambda: written.append(name) or name
+
+    steps, progress = each_target_steps(["A", "B", "C"], work), []
+    while True:
+        try:
+            progress.append(next(steps))
+        except StopIteration as finished:
+            outcome = finished.value
+            break
+    assert [round(step.fraction, 3) for step in progress] == [0.167, 0.5, 0.833]
+    assert progress[1].stage == "'B', 2 of 3: Working"
+    assert order == ["A", "B", "C"]
+    assert outcome.done == {"A": "A", "C": "C"}
+    assert outcome.failed == {"B": "It is broken."}
+
+
+def test_a_cancelled_run_leaves_all_of_them_as_they_were(source, targets):
+    before = snapshot_file()
+    names = [obj.name for obj in targets]
+    steps = each_target_steps(names, lambda name: worked_out_match_steps(bpy.context, "Source", name, k_final=30))
+    for progress in steps:
+        if progress.fraction > 0.7:
+            break
+    steps.close()
+    assert snapshot_file() == before
+
+
+def test_linked_duplicates_are_done_once(source, targets):
+    twin, double = linked("Twin", targets[0].data), linked("Double", source.data)
+    bpy.context.view_layer.update()
+    activate(twin, *targets, source)
+    assert [obj.name for obj in chosen_targets(bpy.context, source)] == ["Twin", "B", "C"]
+    activate(targets[0], twin, double, source)
+    assert [obj.name for obj in chosen_targets(bpy.context, source)] == ["A", "Double"]
+    activate(source)
+    assert chosen_targets(bpy.context, source) == []
+    with pytest.raises(RuntimeError, match="'Source' cannot be its own source"):
+        bpy.ops.zoomout.match()
