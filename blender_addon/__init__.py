@@ -4,7 +4,7 @@ import bpy
 
 import zoomout_core as zo
 
-from . import landmark_dots, operators, panels, swatches, watch
+from . import cli, landmark_dots, operators, panels, swatches, watch
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
@@ -19,6 +19,7 @@ def register() -> None:
     _register_classes()
     watch.register()
     landmark_dots.register()
+    cli.register()
     bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
     if __package__.startswith("bl_ext."):  # installed, so that Blender has a folder for it
         zo.store_shapes(bpy.utils.extension_path_user(__package__, path="shapes", create=True))
@@ -28,6 +29,7 @@ def unregister() -> None:
     """Take them away again."""
     watch.unregister()
     swatches.unregister()
+    cli.unregister()
     landmark_dots.unregister()
     del bpy.types.Scene.zoomout
     _unregister_classes()

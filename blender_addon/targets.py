@@ -29,6 +29,13 @@ class Outcome(Generic[Result]):
     done: dict[str, Result] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
+    def check(self) -> None:
+        """Raise a MeshError if nothing was done."""
+        if self.failed and not self.done:
+            name, reason = next(iter(self.failed.items()))
+            several = f"All {len(self.failed)} targets failed. '{name}': " if len(self.failed) > 1 else ""
+            raise zo.MeshError(several + reason)
+
 
 def chosen_targets(context: Context, source: Object) -> list[Object]:
     """The active object and all other selected meshes but the source; of those that share a mesh, the first."""
@@ -48,9 +55,6 @@ def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Re
     Args:
         names: of the targets.
         work: for the target of a name; returns what writes its result, in no time.
-
-    Raises:
-        MeshError: it failed for all of them, and nothing was written.
     """
     outcome: Outcome[Result] = Outcome()
     writes: dict[str, Write[Result]] = {}
@@ -64,9 +68,6 @@ def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Re
             outcome.done[name] = write()
         except zo.MeshError as error:
             outcome.failed[name] = str(error)
-    if outcome.failed and not outcome.done:
-        name, reason = next(iter(outcome.failed.items()))
-        raise zo.MeshError(reason if len(names) == 1 else f"All {len(names)} targets failed. '{name}': {reason}")
     return outcome
 
 

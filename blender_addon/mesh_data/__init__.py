@@ -27,7 +27,7 @@ from .layers import (
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, write_custom_normals
-from .places import Place, extent, nearest_place, place_in_face, seen_place
+from .places import Place, extent, nearest_place, place_in_face, place_of_vertex, seen_place
 from .selection import read_selection, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -88,6 +88,7 @@ __all__ = [
     "move_vertices",
     "nearest_place",
     "place_in_face",
+    "place_of_vertex",
     "positions_in_world",
     "read_active_layers",
     "read_active_uv_map",

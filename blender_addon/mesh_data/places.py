@@ -13,6 +13,8 @@ from bpy.types import Depsgraph, Mesh, Object
 from mathutils import Vector
 from mathutils.geometry import tessellate_polygon
 
+import zoomout_core as zo
+from zoomout_core.correspondence.pair import OFF_SURFACE
 from zoomout_core.projection import closest_points
 
 from .surfaces import evaluated_mesh
@@ -78,6 +80,24 @@ def nearest_place(obj: Object, point: Vector, distance: float, depsgraph: Depsgr
         return None
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
         return place_in_face(mesh, face, point)
+
+
+def place_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> Place:
+    """The place of a vertex of an object's own mesh on what the object shows.
+
+    Raises:
+        MeshError: the modifiers leave nothing there, or the object is disabled.
+    """
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        keeps = len(mesh.vertices) == len(obj.data.vertices)
+        point = (mesh if keeps else obj.data).vertices[vertex].co.copy()
+        most = OFF_SURFACE * extent(mesh)
+    place = nearest_place(obj, point, most, depsgraph)
+    if place is None:
+        raise zo.MeshError(
+            f"Modifiers move the surface of '{obj.name}' away from vertex {vertex}: click on it in Object Mode instead."
+        )
+    return place
 
 
 def extent(mesh: Mesh) -> float:

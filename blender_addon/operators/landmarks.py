@@ -15,7 +15,7 @@ import zoomout_core as zo
 from zoomout_core.correspondence.pair import OFF_SURFACE
 
 from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
-from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, read_positions, read_weights
+from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, place_of_vertex, read_positions, read_weights
 from ..properties.once import ONCE
 
 # More vertices are not selected to mark places one by one.
@@ -85,7 +85,8 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
             raise zo.MeshError("No vertex of the source or of a target is selected: select some.")
         if count > MOST_SELECTED:
             raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select single ones.")
-        places = {obj: [_place_of_vertex(context, obj, vertex) for vertex in selected[obj]] for obj in objects}
+        depsgraph = context.evaluated_depsgraph_get()
+        places = {obj: [place_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
         for obj in objects:
             for place in places[obj]:
                 set_landmark(context.scene, obj, place, next_number(context.scene, obj, objects))
@@ -166,25 +167,6 @@ def _selected(obj: Object) -> list[int]:
     editable.verts.index_update()
     history = [item.index for item in editable.select_history if isinstance(item, bmesh.types.BMVert)]
     return list(dict.fromkeys([*history, *(vertex.index for vertex in editable.verts if vertex.select)]))
-
-
-def _place_of_vertex(context: Context, obj: Object, vertex: int) -> Place:
-    """The place of a vertex of an object's own mesh on what the object shows.
-
-    Raises:
-        MeshError: the modifiers leave nothing there.
-    """
-    depsgraph = context.evaluated_depsgraph_get()
-    with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        keeps = len(mesh.vertices) == len(obj.data.vertices)
-        point = (mesh if keeps else obj.data).vertices[vertex].co.copy()
-        most = OFF_SURFACE * extent(mesh)
-    place = nearest_place(obj, point, most, depsgraph)
-    if place is None:
-        raise zo.MeshError(
-            f"Modifiers move the surface of '{obj.name}' away from vertex {vertex}: click on it in Object Mode instead."
-        )
-    return place
 
 
 def _places_of_groups(context: Context, obj: Object, objects: list[Object]) -> dict[str, Place]:

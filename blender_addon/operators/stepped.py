@@ -33,7 +33,12 @@ class SteppedOperator(Operator):
         raise NotImplementedError
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
-        """Warn of each target that was left out."""
+        """Warn of each target that was left out.
+
+        Raises:
+            MeshError: all were.
+        """
+        outcome.check()
         for name, reason in outcome.failed.items():
             self.report({"WARNING"}, f"'{name}' was left out: {reason}")
 

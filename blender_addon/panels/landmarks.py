@@ -68,10 +68,11 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
         if len(pair) == 2:
             on = [set(places_on(context.scene, obj)) for obj in pair]
             both = len(on[0] & on[1])
-            sentences(context, layout, [f"{both} on both '{pair[0].name}' and '{pair[1].name}'"])
+            sentences(context, layout, [f"{both} on both; the marks are for '{pair[0].name}' and '{pair[1].name}'"])
         row = layout.row(align=True)
         row.label(text="Import")
-        row.operator_enum(ZOOMOUT_OT_import_landmarks.bl_idname, "what")
+        row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Groups").what = "GROUPS"
+        row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Empties").what = "EMPTIES"
         layout.prop(settings, "exact_landmarks")
 
 

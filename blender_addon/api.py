@@ -1,0 +1,76 @@
+"""For scripts and other add-ons: everything that the buttons do, as functions that need neither window nor selection.
+
+In an installed extension this module is `bl_ext.user_default.zoomout_transfer.api`. With two mesh objects of the scene:
+
+>>> match = api.match_objects(context, hero, scan)
+>>> match.confidence.mean() > 0.5
+True
+>>> report = api.transfer_objects(context, hero, scan, data=["uv_maps", "vertex_groups"])
+>>> report["written"]["uv_maps"], report["written"]["vertex_groups"]
+(['UVMap'], ['Bone'])
+
+Where the shapes alone lead astray, landmarks settle it: vertices of the one and of the other that correspond.
+
+>>> api.set_landmark(context, hero, number=1, vertex=12)
+>>> api.set_landmark(context, scan, number=1, vertex=40)
+>>> match = api.match_objects(context, hero, scan, initial="landmarks")
+>>> api.landmark_pairs(context, hero, scan).numbers
+(1,)
+
+What a window is to stay alive under runs in steps, which yield how far they are, and can be closed halfway: nothing is
+written before the last of them.
+
+>>> steps = api.match_steps(context, hero.name, scan.name, k_final=40)
+>>> next(steps).stage
+'Reading the meshes'
+>>> steps.close()
+
+A mesh that cannot be used raises a `zoomout_core.MeshError`, whose message is a sentence for the user.
+"""
+
+from __future__ import annotations
+
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+
+from . import landmarks
+from .cargo import DATA, USUAL_DATA, Settings
+from .landmarks import LandmarkPairs, landmark_pairs
+from .mesh_data import place_of_vertex
+from .operators.match import match_objects, match_steps
+from .operators.transfer import transfer_objects, transfer_steps
+from .stored_report import transfer_report
+
+__all__ = [
+    "DATA",
+    "USUAL_DATA",
+    "LandmarkPairs",
+    "Settings",
+    "landmark_pairs",
+    "match_objects",
+    "match_steps",
+    "set_landmark",
+    "transfer_objects",
+    "transfer_report",
+    "transfer_steps",
+]
+
+
+def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: str = "") -> None:
+    """Give a landmark a place on an object, in place of the one that it may have there.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        number: of the landmark; it corresponds to the same number on other objects.
+        vertex: of the object's own mesh.
+        name: what it marks.
+
+    Raises:
+        MeshError: there is no such vertex, or the modifiers leave no surface there.
+    """
+    if obj.type != "MESH" or not 0 <= vertex < len(obj.data.vertices):
+        raise zo.MeshError(f"'{obj.name}' is no mesh with a vertex {vertex}: give another one.")
+    place = place_of_vertex(obj, vertex, context.evaluated_depsgraph_get())
+    landmarks.set_landmark(context.scene, obj, place, number, name)
