@@ -17,6 +17,8 @@ Where the shapes alone lead astray, landmarks settle it: vertices of the one and
 >>> api.landmark_pairs(context, hero, scan).numbers
 (1,)
 
+A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
+
 What a window is to stay alive under runs in steps, which yield how far they are, and can be closed halfway: nothing is
 written before the last of them.
 
@@ -36,6 +38,7 @@ import zoomout_core as zo
 
 from . import landmarks
 from .cargo import DATA, USUAL_DATA, Settings
+from .collection_match import match_collections, match_collections_steps
 from .landmarks import LandmarkPairs, landmark_pairs
 from .mesh_data import place_of_vertex
 from .operators.match import match_objects, match_steps
@@ -48,6 +51,8 @@ __all__ = [
     "LandmarkPairs",
     "Settings",
     "landmark_pairs",
+    "match_collections",
+    "match_collections_steps",
     "match_objects",
     "match_steps",
     "set_landmark",

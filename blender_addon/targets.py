@@ -37,7 +37,7 @@ class Outcome(Generic[Result]):
             raise zo.MeshError(several + reason)
 
 
-def chosen_targets(context: Context, source: Object) -> list[Object]:
+def chosen_targets(context: Context, source: Object | None = None) -> list[Object]:
     """The active object and all other selected meshes but the source; of those that share a mesh, the first."""
     meshes = [obj for obj in (context.active_object, *context.selected_objects) if obj and obj.type == "MESH"]
     of_mesh = {obj.data: obj for obj in reversed(meshes) if obj != source}

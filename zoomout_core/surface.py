@@ -82,6 +82,22 @@ class Surface:
         )
         return surface
 
+    @classmethod
+    def joined(cls, surfaces: Sequence[Surface]) -> Surface:
+        """One surface of several: their vertices, corners, faces, triangles and edges follow each other."""
+        vertex, corner = (
+            np.cumsum([0, *(len(getattr(surface, name)) for surface in surfaces[:-1])])
+            for name in ("vertices", "corner_vertex")
+        )
+        shifted = list(zip(surfaces, vertex, corner, strict=True))
+        return cls.from_corners(
+            np.concatenate([surface.vertices for surface in surfaces]),
+            np.concatenate([surface.corner_vertex + first for surface, first, _ in shifted]),
+            np.concatenate([[0], *(surface.face_start[1:] + first for surface, _, first in shifted)]),
+            np.concatenate([surface.triangle_corners + first for surface, _, first in shifted]),
+            np.concatenate([surface.edges + first for surface, first, _ in shifted]),
+        )
+
     def with_vertices(self, vertices: ArrayLike) -> Surface:
         """The same faces and triangles on other positions (n, 3).
 

@@ -11,6 +11,7 @@ from .landmarks import (
     ZOOMOUT_OT_remove_landmark,
 )
 from .match import ZOOMOUT_OT_match
+from .match_collections import ZOOMOUT_OT_match_collections
 from .match_preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .place_landmarks import ZOOMOUT_OT_place_landmarks
 from .transfer import ZOOMOUT_OT_transfer
@@ -30,5 +31,6 @@ CLASSES = (
     ZOOMOUT_OT_import_landmarks,
     ZOOMOUT_OT_remove_landmark,
     ZOOMOUT_OT_clear_landmarks,
+    ZOOMOUT_OT_match_collections,
     *symmetry.CLASSES,
 )

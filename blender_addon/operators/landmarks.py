@@ -7,7 +7,6 @@ import re
 import bmesh
 import bpy
 import numpy as np
-from bpy.props import EnumProperty
 from bpy.types import Context, Object, Operator
 from mathutils import Vector
 
@@ -16,7 +15,7 @@ from zoomout_core.correspondence.pair import OFF_SURFACE
 
 from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, place_of_vertex, read_positions, read_weights
-from ..properties.once import ONCE
+from ..properties.landmarks import ImportOptions
 
 # More vertices are not selected to mark places one by one.
 MOST_SELECTED = 64
@@ -93,21 +92,10 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
         return f"Placed {count} landmark{'s' if count > 1 else ''}"
 
 
-class ZOOMOUT_OT_import_landmarks(LandmarkOperator):
+class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     bl_idname = "zoomout.import_landmarks"
     bl_label = "Import"
     bl_description = "Place landmarks where the source and the target have something of the same name"
-
-    what: EnumProperty(
-        name="What",
-        description="What marks the places",
-        items=(
-            ("GROUPS", "Vertex Groups", "At the centre of small vertex groups that both objects have"),
-            ("EMPTIES", "Empties", "Where empties are that belong to the objects, as their children or by lying near"),
-        ),
-        default="GROUPS",
-        options=ONCE,
-    )
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them, those of names that are there already anew."""

@@ -17,16 +17,16 @@ from ..evidence import matching_steps
 from ..mesh_data import evaluated_mesh
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
 from ..properties.match import MatchOptions, option_label
-from ..properties.settings import SourceName, take_settings
+from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
-from ..targets import Write, each_target_steps, target_names
+from ..targets import Write, chosen_targets, each_target_steps, target_names
 from .stepped import SteppedOperator
 
 # Part of the progress that matching takes, where there is no match yet.
 MATCHING = 0.8
 
 
-class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, BlendOptions, SteppedOperator):
+class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, SteppedOperator):
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
     bl_description = (
@@ -38,20 +38,36 @@ class ZOOMOUT_OT_transfer(SourceName, MatchOptions, TransferOptions, BlendOption
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
-        source, targets = _choose_names(context, self.source)
+        source_of = _own_sources(context) if self.own_sources else _one_source(context, self.source)
         data, settings, options = self.data(), self.settings(), self.match_options()
-        outcome = yield from each_target_steps(
-            targets, lambda target: worked_out_transfer_steps(context, source, target, data, settings, **options)
-        )
+
+        def work(target: str) -> Steps[Write[dict[str, Any]]]:
+            return worked_out_transfer_steps(context, source_of[target], target, data, settings, **options)
+
+        outcome = yield from each_target_steps(list(source_of), work)
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())
 
 
-def _choose_names(context: Context, named: str) -> tuple[str, list[str]]:
+def _one_source(context: Context, named: str) -> dict[str, str]:
+    """The source for the names of all targets."""
     target = context.active_object
     kept = stored_match.description(target.data) or {"source": ""}
     source = choose_source(context, target, named, otherwise=kept["source"])
-    return source.name, target_names(context, source)
+    return dict.fromkeys(target_names(context, source), source.name)
+
+
+def _own_sources(context: Context) -> dict[str, str]:
+    """For the names of all targets the sources that they were matched with.
+
+    Raises:
+        MeshError: one was not.
+    """
+    kept = {obj.name: stored_match.description(obj.data) for obj in chosen_targets(context)}
+    for name, description in kept.items():
+        if description is None:
+            raise zo.MeshError(f"'{name}' was not matched yet: match it first.")
+    return {name: description["source"] for name, description in kept.items() if description}
 
 
 def transfer_objects(

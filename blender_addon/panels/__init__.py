@@ -1,6 +1,7 @@
 """The sidebar of the 3D view."""
 
 from . import symmetry
+from .collections import ZOOMOUT_PT_collections
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_evidence, ZOOMOUT_PT_match_advanced
@@ -16,6 +17,7 @@ CLASSES = (
     ZOOMOUT_PT_landmarks,
     ZOOMOUT_PT_evidence,
     ZOOMOUT_PT_match_advanced,
+    ZOOMOUT_PT_collections,
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
     ZOOMOUT_PT_blending,

@@ -6,6 +6,7 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
+    EnumProperty,
     FloatVectorProperty,
     IntProperty,
     IntVectorProperty,
@@ -14,6 +15,7 @@ from bpy.props import (
 from bpy.types import Object, PropertyGroup
 
 from ..mesh_data import Place
+from .once import ONCE
 
 
 class ZOOMOUT_PG_place(PropertyGroup):
@@ -59,6 +61,21 @@ class LandmarkSettings:
         name="Show",
         description="Draw landmarks in the 3D view, as numbered dots on the source and on the active mesh",
         default=True,
+    )
+
+
+class ImportOptions:
+    """Where landmarks are imported from."""
+
+    what: EnumProperty(
+        name="What",
+        description="What marks the places",
+        items=(
+            ("GROUPS", "Vertex Groups", "At the centre of small vertex groups that both objects have"),
+            ("EMPTIES", "Empties", "Where empties are that belong to the objects, as their children or by lying near"),
+        ),
+        default="GROUPS",
+        options=ONCE,
     )
 
 

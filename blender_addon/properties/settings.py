@@ -3,9 +3,10 @@
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.
 """
 
-from bpy.props import PointerProperty, StringProperty
+from bpy.props import BoolProperty, PointerProperty, StringProperty
 from bpy.types import Object, Operator, PropertyGroup
 
+from .collections import CollectionSettings
 from .landmarks import LandmarkSettings
 from .match import MatchOptions
 from .once import ONCE
@@ -26,11 +27,24 @@ class SourceName:
     )
 
 
+class OwnSources:
+    """Whether an operator takes a source for each target."""
+
+    own_sources: BoolProperty(
+        name="Own Sources",
+        description="Each target receives from the source that it was matched with, whatever is chosen or selected",
+        default=False,
+        options=ONCE,
+    )
+
+
 def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
     return obj.type == "MESH"
 
 
-class ZOOMOUT_PG_settings(MatchOptions, TransferOptions, BlendOptions, LandmarkSettings, PropertyGroup):
+class ZOOMOUT_PG_settings(
+    MatchOptions, TransferOptions, BlendOptions, LandmarkSettings, CollectionSettings, PropertyGroup
+):
     """The scene's settings."""
 
     source: PointerProperty(

@@ -204,3 +204,17 @@ def test_the_same_faces_on_other_positions_keep_their_triangles() -> None:
     assert moved.area == pytest.approx(2 * surface.area)
     with pytest.raises(MeshError, match="no area"):
         surface.with_vertices(np.zeros((4, 3)))
+
+
+def test_surfaces_are_joined_one_after_another() -> None:
+    quad = Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [9, 9, 9]], [[0, 1, 2, 3]], [[0, 4], [0, 1]])
+    triangle = Surface([[5, 0, 0], [6, 0, 0], [5, 1, 0]], [[2, 0, 1]])
+    both = Surface.joined([quad, triangle, quad])
+    assert both.area == pytest.approx(2.5)
+    np.testing.assert_array_equal(both.vertices, np.vstack([quad.vertices, triangle.vertices, quad.vertices]))
+    np.testing.assert_array_equal(both.face_start, [0, 4, 7, 11])
+    np.testing.assert_array_equal(both.corner_vertex, [0, 1, 2, 3, 7, 5, 6, 8, 9, 10, 11])
+    np.testing.assert_array_equal(
+        both.triangles, np.vstack([quad.triangles, triangle.triangles + 5, quad.triangles + 8])
+    )
+    np.testing.assert_array_equal(both.edges[[0, 1, -2, -1]], [[0, 4], [0, 1], [8, 12], [8, 9]])

@@ -1,0 +1,39 @@
+"""Match all meshes of a collection with those of another one, each with its counterpart."""
+
+from __future__ import annotations
+
+from bpy.types import Context
+
+from zoomout_core.progress import Steps
+
+from .. import stored_match
+from ..collection_match import match_collections_steps
+from .stepped import SteppedOperator
+
+
+class ZOOMOUT_OT_match_collections(SteppedOperator):
+    bl_idname = "zoomout.match_collections"
+    bl_label = "Match Collections"
+    bl_description = (
+        "Find for each mesh of the target's collection, as body, eyes and clothes, its counterpart in the source's, "
+        "and match the two; names that are alike help"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether both collections are chosen."""
+        settings = context.scene.zoomout
+        chosen = settings.source_collection is not None and settings.target_collection is not None
+        if not chosen or context.mode != "OBJECT":
+            cls.poll_message_set("Switch to Object Mode" if chosen else "Choose both collections")
+        return chosen and context.mode == "OBJECT"
+
+    def steps(self, context: Context) -> Steps[str]:
+        settings = context.scene.zoomout
+        names = settings.source_collection.name, settings.target_collection.name
+        matches = yield from match_collections_steps(context, *names)
+        pairs = ", ".join(f"'{target}' with '{source}'" for target, (source, _) in matches.items())
+        doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
+        vertices = sum(len(match.confidence) for _, match in matches.values())
+        return f"Matched {pairs}; {doubtful} of {vertices} vertices are of low confidence"

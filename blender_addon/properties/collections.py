@@ -1,0 +1,22 @@
+"""The collections of two characters that consist of several objects.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from bpy.props import PointerProperty
+from bpy.types import Collection
+
+
+class CollectionSettings:
+    """Which collections are matched."""
+
+    source_collection: PointerProperty(
+        name="Source",
+        description="The collection whose meshes have the data",
+        type=Collection,
+    )
+    target_collection: PointerProperty(
+        name="Target",
+        description="The collection whose meshes receive it",
+        type=Collection,
+    )

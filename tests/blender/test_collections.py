@@ -1,0 +1,115 @@
+"""Characters of several objects."""
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+from scenes import activate, decimated, ellipsoid, from_pydata, positions, set_weights, snapshot_file, weight_array
+
+import zoomout_core as zo
+from blender_addon import stored_match
+from blender_addon.collection_match import match_collections
+from blender_addon.operators.transfer import transfer_objects
+from blender_addon.pair import read_pair
+
+# Where the eyes are on the bodies, and how large they are.
+EYES = {"Eye.L": (0.8, 0.25, 0.3), "Eye.R": (0.8, -0.25, 0.3)}
+SIZE = 0.08
+
+
+def ball(name, where, subdivisions):
+    mesh = bpy.data.meshes.new(name)
+    working = bmesh.new()
+    bmesh.ops.create_icosphere(working, subdivisions=subdivisions, radius=SIZE, matrix=Matrix.Translation(where))
+    working.to_mesh(mesh)
+    working.free()
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def gather(name, objects):
+    collection = bpy.data.collections.new(name)
+    bpy.context.scene.collection.children.link(collection)
+    for obj in objects:
+        collection.objects.link(obj)
+    return collection
+
+
+@pytest.fixture
+def hero():
+    objects = [ball(name, where, 3) for name, where in EYES.items()] + [ellipsoid("Body", 5)]
+    set_weights(objects[0], "eye_bone.L", np.ones(len(objects[0].data.vertices)))
+    return gather("Hero", objects)
+
+
+@pytest.fixture(params=["named", "nameless"])
+def scan(hero, request):
+    """The same, turned and moved, with other meshes; with the same names or without them."""
+    objects = [decimated("Body")] + [ball(name, where, 2) for name, where in EYES.items()]
+    for number, obj in enumerate(objects):
+        obj.matrix_world = Matrix.Translation((5, 1, 0)) @ Matrix.Rotation(1.2, 4, "Z") @ Matrix.Rotation(0.4, 4, "X")
+        if request.param == "nameless":
+            obj.name = f"geo{number}"
+    bpy.context.view_layer.update()
+    return gather("Scan", objects)
+
+
+def test_each_part_is_matched_with_its_counterpart(hero, scan):
+    body, left, right = scan.objects
+    found = match_collections(bpy.context, hero, scan)
+    assert {name: source for name, (source, _) in found.items()} == {
+        body.name: "Body",
+        left.name: "Eye.L",
+        right.name: "Eye.R",
+    }
+    for obj in (body, left, right):
+        source = bpy.data.objects[found[obj.name][0]]
+        kept = stored_match.read(obj.data, read_pair(bpy.context, source.name, obj.name))
+        image = kept.surface_map.interpolate(positions(source.data))
+        assert np.linalg.norm(image - positions(obj.data), axis=1).mean() < 0.03
+    report = transfer_objects(bpy.context, bpy.data.objects["Eye.L"], left, ["vertex_groups"])
+    assert report["written"]["vertex_groups"] == ["eye_bone.L"]
+    np.testing.assert_allclose(weight_array(left, "eye_bone.L"), 1)
+
+
+def test_what_lies_on_another_object_is_not_trusted(hero):
+    scan = gather("Scan", [decimated("Whole")])
+    whole = scan.objects[0]
+    editable = bmesh.new()
+    editable.from_mesh(whole.data)
+    bmesh.ops.create_icosphere(editable, subdivisions=2, radius=SIZE, matrix=Matrix.Translation(EYES["Eye.L"]))
+    editable.to_mesh(whole.data)
+    editable.free()
+    ((source, match),) = match_collections(bpy.context, hero, scan).values()
+    assert source == "Body"
+    eye = np.linalg.norm(positions(whole.data) - EYES["Eye.L"], axis=1) < 1.01 * SIZE
+    assert match.confidence[eye].max() == 0
+    assert any("lie on other objects than 'Body'" in note for note in match.notes)
+
+
+@pytest.mark.parametrize(("fault", "sentence"), [("empty", "no mesh in"), ("shared", "is in both collections")])
+def test_collections_that_cannot_be_matched_are_one_sentence(hero, fault, sentence):
+    other = gather("Other", [hero.objects[0]] if fault == "shared" else [from_pydata("Nothing", [], [])])
+    before = snapshot_file()
+    with pytest.raises(zo.MeshError, match=sentence):
+        match_collections(bpy.context, hero, other)
+    assert snapshot_file() == before
+
+
+def test_a_transfer_can_take_each_target_from_its_own_source(hero, scan):
+    settings = bpy.context.scene.zoomout
+    assert not bpy.ops.zoomout.match_collections.poll()
+    settings.source_collection, settings.target_collection = hero, scan
+    assert bpy.ops.zoomout.match_collections() == {"FINISHED"}
+    body, left, right = scan.objects
+    set_weights(bpy.data.objects["Body"], "spine", np.ones(len(bpy.data.objects["Body"].data.vertices)))
+    activate(left, body)
+    assert bpy.ops.zoomout.transfer(own_sources=True) == {"FINISHED"}
+    assert [obj.vertex_groups.keys() for obj in (body, left, right)] == [["spine"], ["eye_bone.L"], []]
+    stranger = ellipsoid("Stranger", 3)
+    bpy.context.view_layer.update()
+    activate(left, stranger)
+    with pytest.raises(RuntimeError, match="'Stranger' was not matched yet: match it first"):
+        bpy.ops.zoomout.transfer(own_sources=True)
