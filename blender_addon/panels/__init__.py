@@ -11,13 +11,13 @@ from .transfer_options import ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT
 
 # In the order in which Blender is to know them: a panel before those below it, whose order `bl_order` says.
 CLASSES = (
+    ZOOMOUT_UL_landmarks,
     ZOOMOUT_PT_match,
     ZOOMOUT_PT_result,
-    ZOOMOUT_UL_landmarks,
     ZOOMOUT_PT_landmarks,
     ZOOMOUT_PT_evidence,
-    ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_collections,
+    ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
     ZOOMOUT_PT_blending,
