@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .cargo import Cargo, Origin, Remarks, Way
+from .carrying import carry_steps
 from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names, parse_names
 
 # In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
@@ -48,6 +49,7 @@ __all__ = [
     "Remarks",
     "Settings",
     "Way",
+    "carry_steps",
     "parse_group_names",
     "parse_names",
 ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Protocol
 
 from bpy.types import Mesh, Object
@@ -78,12 +77,11 @@ class Way:
     settings: Settings
     blend: Blend
     uv_maps: dict[str, Attribute] = field(default_factory=dict)
-    _others: dict[tuple[Surface | None, Surface | None], Draped] = field(default_factory=dict)
+    _draped: dict[tuple[Surface | None, Surface | None], Draped] = field(default_factory=dict)
 
-    @cached_property
-    def draped(self) -> Draped:
-        """The target on the source, for all attributes."""
-        return drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
+    def __post_init__(self) -> None:
+        own = drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
+        self._draped.setdefault((None, None), own)
 
     def carry(
         self,
@@ -108,13 +106,11 @@ class Way:
         return carried
 
     def _between(self, source: Surface | None, target: Surface | None) -> Draped:
-        """`draped` with other surfaces in place of its own, kept for the next attribute that takes the same two."""
-        if source is None and target is None:
-            return self.draped
-        if (source, target) not in self._others:
-            own = self.draped
-            self._others[source, target] = replace(own, source=source or own.source, target=target or own.target)
-        return self._others[source, target]
+        """The target on the source, or on others in their place; kept for the next attribute that takes the same."""
+        if (source, target) not in self._draped:
+            own = self._draped[None, None]
+            self._draped[source, target] = replace(own, source=source or own.source, target=target or own.target)
+        return self._draped[source, target]
 
     def blended(self, carried: Attribute, present: Attribute | None, sharing: Collection[str] = ()) -> Attribute:
         """An attribute that was carried, blended with the one that the target has, see `blend`."""

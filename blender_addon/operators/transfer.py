@@ -12,7 +12,7 @@ from zoomout_core.progress import Steps, drain, within
 from zoomout_core.transfer import Blend
 
 from .. import stored_match, stored_report
-from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way
+from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
 from ..evidence import matching_steps
 from ..mesh_data import evaluated_mesh
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
@@ -129,7 +129,7 @@ def worked_out_transfer_steps(
         match = kept
         remarks.notes.extend(_unused_settings(kept, match_options))
     way = Way(match, pair, remarks, settings, blend)
-    yield from within(_carried(cargo, way), MATCHING if kept is None else 0, 1)
+    yield from within(carry_steps(cargo, way), MATCHING if kept is None else 0, 1)
 
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
@@ -166,11 +166,6 @@ def _packed(
     if not cargo:
         raise zo.MeshError(f"'{source.name}' has none of the data that is to be transferred: choose other data.")
     return cargo, remarks, blend
-
-
-def _carried(cargo: list[Cargo], way: Way) -> Steps[None]:
-    for i, one in enumerate(cargo):
-        yield from within(one.carry(way), i / len(cargo), (i + 1) / len(cargo))
 
 
 def _write_report(target: Object, cargo: list[Cargo], way: Way, users: int) -> dict[str, Any]:
