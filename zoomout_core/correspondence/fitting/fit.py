@@ -165,10 +165,10 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surf
     settled, nearness = settle(goal, fits, target.full.vertices, standing, source)
     found = source.closest(settled)
     at_rest = (settled != goal).any(axis=1)
-    at_rest &= np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) < nearness
-    found = _replaced(found, ~at_rest, source.closest(goal[~at_rest]))
+    loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
+    found = _replaced(found, loose, source.closest(goal[loose]))
     elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > ELSEWHERE
-    elsewhere &= ~at_rest
+    elsewhere &= loose | ~at_rest
     return _replaced(found, elsewhere, source.closest(images[elsewhere]))
 
 
