@@ -1,27 +1,23 @@
-"""The filters on files: `python -m meshlab_filter transfer SOURCE TARGET -o OUT.ply`, and scripts of them."""
+"""The filters on files: `python -m meshlab_filter transfer SOURCE TARGETS... -o OUT`, and scripts of them."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from meshlab_filter.filters import transfer_attributes_by_zoomout
-from meshlab_filter.mesh_data import custom_in_ply
+from meshlab_filter.batch import LOW, REPORT, Outcome, is_folder, planned, transfer_steps, write_report
+from meshlab_filter.files import FORMATS, check_folder, load_mesh, new_mesh_set, save_mesh
 from meshlab_filter.script import read_script, run_script_steps
 from zoomout_core.cli import match_options, start_arguments, with_progress_bar
 from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.surface import MeshError
 
-if TYPE_CHECKING:
-    from pymeshlab import MeshSet
-
-# What of the results the formats can hold.
-FORMATS = {
-    ".ply": {"texcoord", "vertex_color", "face_color", "vertex_scalar", "face_scalar"},
-    ".obj": {"texcoord", "vertex_color", "face_color"},
-}
+# Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
+FAILED, PARTLY = 1, 3
 
 
 @click.group()
@@ -31,30 +27,49 @@ def main() -> None:
 
 @main.command()
 @click.argument("source", type=click.Path())
-@click.argument("target", type=click.Path())
-@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The PLY or OBJ file to write.")
+@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(),
+    help="The PLY or OBJ file to write for a single target; or a folder, for any number of them.",
+)
+@click.option(
+    "--format",
+    "ending",
+    type=click.Choice([ending[1:] for ending in FORMATS]),
+    default="ply",
+    show_default=True,
+    help="Of the files in a folder.",
+)
 @click.option(
     "--candidate", default=0, show_default=True, help="Which correspondence to use: another if sides are swapped."
 )
 @match_options
-def transfer(source: str, target: str, output: str, candidate: int, **options: Any) -> None:
-    """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the mesh TARGET.
+def transfer(source: str, targets: tuple[str, ...], output: str, ending: str, candidate: int, **options: Any) -> None:
+    """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the meshes TARGETS.
 
-    They may differ in pose, in triangles and in placement. Textures are written beside the output.
+    They may differ in pose, in triangles and in placement. A folder among TARGETS stands for the meshes in it.
+    Textures are written beside the output. In an output folder each file is named after its target, and report.json
+    says how each went; a target that fails leaves the others alone.
+
+    The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        kept = _kept_in(output)
-        ms = _loaded(source, target)
+        jobs = planned(source, targets, output, f".{ending}")
         preset = DETAIL[options["detail"]]
         matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
-        steps = transfer_attributes_by_zoomout.row.run(ms, candidate=candidate, detail=options["detail"], **matching)
-        report = with_progress_bar(steps)
-        _save(ms, output)
+        steps = transfer_steps(source, jobs, candidate=candidate, detail=options["detail"], **matching)
+        outcomes = with_progress_bar(steps)
+        if is_folder(output):
+            write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    for line in _summary(report, kept):
-        click.echo(line)
-    click.echo(f"Written to {output}")
+    if is_folder(output):
+        _say_all(outcomes, output)
+    else:
+        _say_one(outcomes[0])
 
 
 @main.command()
@@ -68,13 +83,15 @@ def run(script: str, inputs: tuple[str, ...], output: str) -> None:
     current.
     """
     try:
-        _check_folder(output)
+        check_folder(Path(output))
         read_script(script)
-        ms = _loaded(*inputs)
+        ms = new_mesh_set()
+        for path in inputs:
+            load_mesh(ms, path)
         reports = with_progress_bar(run_script_steps(ms, script))
         if ms.mesh_number() == 0:
             raise MeshError("No mesh is left to write: keep one.")
-        _save(ms, output)
+        save_mesh(ms, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     for report in reports:
@@ -83,61 +100,45 @@ def run(script: str, inputs: tuple[str, ...], output: str) -> None:
     click.echo(f"Written to {output}")
 
 
-def _kept_in(output: str) -> set[str]:
-    """What the format of the output can hold; said before the work begins, not after."""
-    path = Path(output)
-    if path.suffix.lower() not in FORMATS:
-        raise MeshError(f"{output} ends in '{path.suffix}': choose {' or '.join(FORMATS)}, which can hold the results.")
-    _check_folder(output)
-    return FORMATS[path.suffix.lower()]
+def _say_one(outcome: Outcome) -> None:
+    """Say how the transfer to a single file went."""
+    if outcome.error:
+        raise click.ClickException(outcome.error)
+    for line in _summary(outcome):
+        click.echo(line)
+    click.echo(f"Written to {outcome.job.output}")
 
 
-def _check_folder(output: str) -> None:
-    if not Path(output).parent.is_dir():
-        raise MeshError(f"There is no folder {Path(output).parent}: create it, or write elsewhere.")
+def _say_all(outcomes: Sequence[Outcome], folder: str) -> None:
+    """Say how the transfer to a folder went, and end with the exit code that tells it."""
+    for outcome in outcomes:
+        if outcome.error:
+            click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
+            continue
+        first, *others = _summary(outcome)
+        click.echo(f"{outcome.job.target}: {first}")
+        for line in others:
+            click.echo(f"  {line}")
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    click.echo(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {folder}; {REPORT} says how each went.")
+    if failed:
+        sys.exit(FAILED if failed == len(outcomes) else PARTLY)
 
 
-def _loaded(*paths: str) -> MeshSet:
-    """A MeshSet with one mesh from each file."""
-    try:
-        import pymeshlab
-    except ImportError as error:
-        raise ImportError("This needs pymeshlab: pip install 'zoomout-core[meshlab]'.") from error
-    ms = pymeshlab.MeshSet()
-    for number, path in enumerate(paths):
-        gltf = Path(path).suffix.lower() in (".gltf", ".glb")
-        try:
-            ms.load_new_mesh(path, **({"load_in_a_single_layer": True} if gltf else {}))
-        except pymeshlab.PyMeshLabException as error:
-            raise MeshError(f"{path} could not be read ({' '.join(str(error).split())}): check the file.") from error
-        if ms.mesh_number() > number + 1:
-            raise MeshError(f"{path} holds {ms.mesh_number() - number} meshes: merge them into one.")
-    return ms
-
-
-def _save(ms: MeshSet, output: str) -> None:
-    """Write the current mesh; to PLY with its custom attributes, which other programs can read, not MeshLab."""
-    from pymeshlab import PyMeshLabException
-
-    custom = dict.fromkeys(custom_in_ply(ms), True) if Path(output).suffix.lower() == ".ply" else {}
-    try:
-        ms.save_current_mesh(output, **custom)
-    except PyMeshLabException as error:
-        raise MeshError(f"{output} could not be written ({' '.join(str(error).split())}): write elsewhere.") from error
-
-
-def _summary(report: dict[str, Any], kept: set[str]) -> list[str]:
+def _summary(outcome: Outcome) -> list[str]:
     """What a user should know about a transfer, a sentence a line."""
+    report, ending = outcome.report, outcome.job.output.suffix.lower()
     confidence = report["confidence"]
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
-        f"Mean confidence {confidence.mean():.2f}; {(confidence < 0.5).mean():.1%} of the vertices are below 0.5.",
+        f"Right with a probability of {report['certainty']:.0%}, by its lead over the other candidates.",
+        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
         f"{len(report['candidates'])} correspondences were found; where sides are swapped, try --candidate 1.",
         *report["notes"],
     ]
-    lost = [name for name in report["transferred"] if name not in kept]
+    lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
     if lost:
-        lines.append(f"OBJ cannot hold {' and '.join(lost)}: write PLY to keep them.")
+        lines.append(f"{ending[1:].upper()} cannot hold {' and '.join(lost)}: write PLY to keep them.")
     return lines
 
 

@@ -1,5 +1,7 @@
 """`python -m meshlab_filter` from files to files."""
 
+import json
+import shutil
 import subprocess
 import sys
 
@@ -8,6 +10,7 @@ import pymeshlab
 import pytest
 from click.testing import CliRunner
 from creature import SOURCE_POSE, TARGET_POSE, chart_of, creature, rest_of, write_textured_obj
+from PIL import Image
 
 from meshlab_filter.__main__ import main
 
@@ -80,6 +83,8 @@ def test_the_options_of_the_match_are_understood(files, tmp_path):
         ("nothing.obj", "target.ply", "a.ply", "nothing.obj could not be read"),
         ("creature.obj", "creature.mtl", "a.ply", "creature.mtl could not be read"),
         ("target.ply", "creature.obj", "a.ply", "none of the attributes"),
+        ("creature.obj", "target.ply", "nowhere/out", "no folder"),
+        ("nothing.obj", "target.ply", "out", "nothing.obj could not be read"),
     ],
 )
 def test_an_error_is_one_sentence_and_nothing_is_written(files, tmp_path, source, target, output, sentence):
@@ -89,6 +94,107 @@ def test_an_error_is_one_sentence_and_nothing_is_written(files, tmp_path, source
     (line,) = [line for line in ran.output.splitlines() if line.startswith("Error:")]
     assert sentence in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def scans(files, tmp_path):
+    """A folder of two targets, a file that is no mesh, and notes."""
+    folder, _ = files
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    shutil.copy(folder / "target.ply", scans / "first.ply")
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(creature(0.12, TARGET_POSE).mesh())
+    ms.save_current_mesh(str(scans / "second.off"))
+    (scans / "broken.ply").write_text("ply\nformat ascii 1.0\n")
+    (scans / "notes.txt").write_text("to do")
+    return scans
+
+
+def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_the_others_alone(files, scans, tmp_path):
+    folder, target = files
+    out = tmp_path / "out"
+    ran = run(folder / "creature.ply", scans, "-o", out, "--detail", "fast")
+    assert ran.exit_code == 3
+    images = {"back.png", "front.png"}
+    assert {path.name for path in out.iterdir()} == {"first.ply", "second.ply", "report.json", *images}
+    for name, made in (("first.ply", target), ("second.ply", creature(0.12, TARGET_POSE))):
+        ms = pymeshlab.MeshSet()
+        ms.load_new_mesh(str(out / name))
+        check_texture(ms.current_mesh(), made)
+        assert set(ms.current_mesh().textures()) == images
+    assert "2 of 3 targets written" in ran.output
+    assert "3/3 Transferring" in ran.stderr
+    (failure,) = [line for line in ran.stderr.splitlines() if "failed." in line]
+    assert failure.startswith(f"{scans / 'broken.ply'}: failed. ")
+    broken, first, second = json.loads((out / "report.json").read_text())["targets"]
+    assert set(broken) == {"target", "output", "error"}
+    assert "could not be read" in broken["error"]
+    assert first["output"] == str(out / "first.ply")
+    assert 0 < second["mean_confidence"] <= 1
+    assert "texcoord" in second["transferred"]
+
+
+def test_targets_that_all_fail_are_an_error(files, scans, tmp_path):
+    folder, _ = files
+    ran = run(folder / "creature.ply", scans / "broken.ply", scans / "notes.txt", "-o", tmp_path / "out")
+    assert ran.exit_code == 1
+    assert "0 of 2 targets written" in ran.output
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.json"]
+
+
+def test_the_format_of_the_files_in_a_folder_can_be_chosen(files, tmp_path):
+    folder, target = files
+    out = tmp_path / "out"
+    ran = run(folder / "creature.obj", folder / "target.ply", "-o", out, "--format", "obj", "--detail", "fast")
+    assert ran.exit_code == 0, ran.output
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(out / "target.obj"))
+    check_texture(ms.current_mesh(), target)
+
+
+def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
+    """The source has colours only, so each target keeps its textures."""
+    ms = pymeshlab.MeshSet()
+    made = creature(0.15, SOURCE_POSE)
+    ms.add_mesh(made.mesh(v_color_matrix=np.column_stack([0.5 + made.rest / 6, np.ones(len(made.rest))])))
+    ms.save_current_mesh(str(tmp_path / "source.ply"))
+    targets = []
+    for name in ("one", "other"):
+        folder = tmp_path / name
+        folder.mkdir()
+        write_textured_obj(folder, creature(0.17, TARGET_POSE))
+        (folder / "creature.obj").rename(folder / f"{name}.obj")
+        targets.append(folder / f"{name}.obj")
+    out = tmp_path / "out"
+    ran = run(tmp_path / "source.ply", *targets, "-o", out, "--detail", "fast")
+    assert ran.exit_code == 0, ran.output
+    Image.new("RGB", (32, 16), "red").save(tmp_path / "other" / "back.png")
+    ran = run(tmp_path / "source.ply", *targets, "-o", tmp_path / "again", "--detail", "fast")
+    assert ran.exit_code == 3
+    assert "different texture back.png" in ran.stderr
+    assert (tmp_path / "again" / "back.png").read_bytes() == (out / "back.png").read_bytes()
+    assert not (tmp_path / "again" / "other.ply").exists()
+
+
+@pytest.mark.parametrize(
+    ("targets", "output", "sentence"),
+    [
+        (["scans"], "a.ply", "one file for 3 targets"),
+        (["scans/first.ply", "again/first.obj"], "out", "would both become"),
+        (["scans/first.ply"], "scans", "might take its place"),
+        (["again"], "out", "holds no meshes"),
+    ],
+)
+def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, targets, output, sentence):
+    folder, _ = files
+    (tmp_path / "again").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    ran = run(folder / "creature.ply", *(tmp_path / target for target in targets), "-o", tmp_path / output)
+    assert ran.exit_code == 1
+    assert sentence in ran.output
+    assert "%" not in ran.output
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_it_runs_as_a_module():
