@@ -156,6 +156,17 @@ def check_mesh(ms: MeshSet, mesh_id: int) -> None:
         raise MeshError(f"There is no mesh {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id.")
 
 
+def current_id(ms: MeshSet) -> int:
+    """The id of the current mesh.
+
+    Raises:
+        MeshError: the MeshSet has none.
+    """
+    if ms.mesh_number() == 0:
+        raise MeshError("There is no mesh in the MeshSet: load one.")
+    return int(ms.current_mesh_id())
+
+
 def _check_name(name: str) -> None:
     if name not in filter_list():
         raise MeshError(f"There is no filter '{name}': filter_list() names them all.")

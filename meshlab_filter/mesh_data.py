@@ -9,7 +9,8 @@ loading.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +21,7 @@ import numpy as np
 from meshlab_filter.catalogue import check_mesh
 from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.surface import MeshError, Surface
+from zoomout_core.surface import MeshError, PointCloud, Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 if TYPE_CHECKING:
@@ -121,10 +122,7 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
     """
     check_mesh(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
-    try:
-        surface = Surface(mesh.transformed_vertex_matrix(), mesh.face_matrix())
-    except MeshError as error:
-        raise MeshError(f"Layer '{mesh.label()}': {error}") from error
+    surface = _surface(mesh)
     components, textures = _components(mesh), None
     coordinates = texture_coordinates(mesh)
     if coordinates is not None:
@@ -144,6 +142,34 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
         custom=tuple(attribute for name in custom for attribute in custom_attributes(mesh, name)),
         textures=textures,
     )
+
+
+def read_shape(ms: MeshSet, mesh_id: int) -> Surface | PointCloud:
+    """The surface of a layer of a MeshSet; its points, where it has no faces.
+
+    Raises:
+        MeshError: there is no such layer, or it can be neither.
+    """
+    check_mesh(ms, mesh_id)
+    mesh = ms.mesh(mesh_id)
+    if mesh.face_number() > 0:
+        return _surface(mesh)
+    with _naming(mesh):
+        return PointCloud(mesh.transformed_vertex_matrix())
+
+
+def _surface(mesh: Mesh) -> Surface:
+    with _naming(mesh):
+        return Surface(mesh.transformed_vertex_matrix(), mesh.face_matrix())
+
+
+@contextmanager
+def _naming(mesh: Mesh) -> Iterator[None]:
+    """What is wrong with a layer is said with its name."""
+    try:
+        yield
+    except MeshError as error:
+        raise MeshError(f"Layer '{mesh.label()}': {error}") from error
 
 
 def _components(mesh: Mesh) -> dict[str, Attribute]:

@@ -36,6 +36,10 @@ def _is_whole(value: Any) -> bool:
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
+def _is_count(value: Any) -> bool:
+    return _is_whole(value) and value >= 0
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
@@ -48,6 +52,10 @@ def _is_length(value: Any) -> bool:
 
 def _is_text(value: Any) -> bool:
     return isinstance(value, str)
+
+
+def _are_names(value: Any) -> bool:
+    return value is None or _is_text(value) or (isinstance(value, list | tuple) and all(map(_is_text, value)))
 
 
 def _is_data(value: Any) -> bool:
@@ -85,9 +93,11 @@ def absolute_length(length: Any, vertices: Floats) -> float:
 
 MESH = Type("int", ("RichMesh",), "the id of a mesh", _is_whole, int)
 WHOLE = Type("int", ("RichInt",), "a whole number", _is_whole, int)
+COUNT = Type("int", ("RichInt",), "a whole number that is not negative", _is_count, int)
 NUMBER = Type("float", ("RichFloat", "RichDynamicFloat"), "a number", _is_number, _finite)
 SWITCH = Type("bool", ("RichBool",), "true or false", lambda value: isinstance(value, bool), _truth)
 TEXT = Type("str", ("RichString",), "a text", _is_text, str)
+NAMES = Type("str or list of str", ("RichString",), "a list of names, or a text with commas between", _are_names, str)
 CHOICE = Type("str", ("RichEnum", "RichString"), "one of its choices", _is_text, str)
 LENGTH = Type(
     "PercentageValue", ("RichAbsPerc", "RichPercentage"), "a PercentageValue or a PureValue", _is_length, _absolute
@@ -108,7 +118,7 @@ OTHER_RICH = {
     "RichPoint3",
 }
 OTHER_RICH |= {"RichShotf", "RichShot", "RichFileSave", "RichSaveFile"}
-TYPES = (MESH, WHOLE, NUMBER, SWITCH, TEXT, CHOICE, LENGTH, DATA)
+TYPES = (MESH, WHOLE, COUNT, NUMBER, SWITCH, TEXT, NAMES, CHOICE, LENGTH, DATA)
 # By name in scripts; RichString is a TEXT, and RichEnum a number there, unless one of our filters says otherwise.
 RICH_TYPES = {name: type_ for type_ in reversed(TYPES) for name in type_.rich}
 

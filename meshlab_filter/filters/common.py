@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
-from meshlab_filter.parameters import CHOICE, DATA, MESH, SWITCH, TEXT, WHOLE, Parameter
+from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.cli import STARTS, read_axis, read_landmarks
 from zoomout_core.correspondence.detail import DETAIL
@@ -32,7 +32,7 @@ STORED_OR_NEW = Parameter(
 )
 ACCURACY = (
     Parameter("detail", CHOICE, "balanced", "How fine a stand-in for each mesh is matched.", tuple(DETAIL)),
-    Parameter("seed", WHOLE, 0, "Of the eigensolver."),
+    Parameter("seed", COUNT, 0, "Of the eigensolver."),
 )
 MATCHING = (
     Parameter("initial", CHOICE, "auto", "How a correspondence is begun.", (*STARTS, "given")),
@@ -41,7 +41,7 @@ MATCHING = (
     Parameter("initial_map", DATA, None, "An earlier map, or the .npz file that `zoomout match` wrote it to."),
     Parameter("common_axes", DATA, None, "Directions (a, 3) in which both meshes stand alike, or x, y or z."),
     *ACCURACY,
-    Parameter("candidate", WHOLE, 0, "Which correspondence to use: another where sides are swapped."),
+    Parameter("candidate", COUNT, 0, "Which correspondence to use: another where sides are swapped."),
 )
 
 
@@ -89,5 +89,5 @@ def _arguments(
         "landmarks": read_landmarks(landmarks) if isinstance(landmarks, str) else landmarks,
         "exact_landmarks": exact_landmarks,
         "initial_map": read_vertex_map(initial_map) if isinstance(initial_map, str) else initial_map,
-        "common_axes": [read_axis(common_axes)] if isinstance(common_axes, str) else common_axes,
+        "common_axes": [read_axis(common_axes, "common_axes")] if isinstance(common_axes, str) else common_axes,
     }

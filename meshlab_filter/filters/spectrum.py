@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
-from meshlab_filter.catalogue import mesh_filter
-from meshlab_filter.mesh_data import apply_native, read_layer
-from meshlab_filter.parameters import TEXT, WHOLE, Parameter
+from meshlab_filter.catalogue import current_id, mesh_filter
+from meshlab_filter.mesh_data import apply_native, read_shape
+from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.stored import check_names
 from zoomout_core.progress import Progress, Steps
 
@@ -16,35 +16,37 @@ if TYPE_CHECKING:
 
 
 @mesh_filter(
-    Parameter("functions", WHOLE, 20, "How many, the constant one included."),
-    Parameter("show", WHOLE, 1, "The number of the one that becomes the quality."),
+    Parameter("functions", COUNT, 20, "How many, the constant one included."),
+    Parameter("show", COUNT, 1, "The number of the one that becomes the quality."),
     Parameter("name", TEXT, "eigenfunction", "They are stored as custom attributes NAME_0, NAME_1, ..."),
-    Parameter("seed", WHOLE, 0, "Of the eigensolver."),
+    Parameter("seed", COUNT, 0, "Of the eigensolver."),
 )
 def compute_laplacian_eigenfunctions(
     ms: MeshSet, *, functions: int, show: int, name: str, seed: int
 ) -> Steps[dict[str, Any]]:
     """Compute the first eigenfunctions of the current mesh's Laplacian, smooth functions that pose hardly changes.
 
+    A layer without faces is taken for points of a surface.
+
     Returns:
         `eigenvalues`, an array, for the mesh scaled to unit area.
 
     Raises:
-        MeshError: the mesh is no surface or has too few vertices, or has an attribute of that name.
+        MeshError: there is no mesh, it has too few vertices or lies on a line, or has an attribute of that name.
         ValueError: there are not so many functions, or there is none of the number to show.
     """
-    mesh_id = ms.current_mesh_id()
-    layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
-    if not 1 <= functions < len(layer.vertices):
+    mesh_id = current_id(ms)
+    shape, mesh = read_shape(ms, mesh_id), ms.mesh(mesh_id)
+    if not 1 <= functions < mesh.vertex_number():
         raise ValueError(
-            f"'functions' is {functions}: give a whole number below that of the {len(layer.vertices)} vertices."
+            f"'functions' is {functions}: give a whole number below that of the {mesh.vertex_number()} vertices."
         )
-    if not 0 <= show < functions:
+    if show >= functions:
         raise ValueError(f"'show' is {show}: give a number from 0 to {functions - 1}, of the functions asked for.")
     names = [f"{name}_{number}" for number in range(functions)]
     check_names(mesh, names)
     yield Progress(0.0, "Computing eigenfunctions")
-    basis = zo.eigenbasis(layer.surface, functions, seed)
+    basis = zo.eigenbasis(shape, functions, seed)
     for number, attribute in enumerate(names):
         mesh.add_vertex_custom_scalar_attribute(basis.eigenvectors[:, number].astype(float), attribute)
     apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=names[show])

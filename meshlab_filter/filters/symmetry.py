@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
-from meshlab_filter.catalogue import mesh_filter
+from meshlab_filter.catalogue import current_id, mesh_filter
 from meshlab_filter.filters.common import ACCURACY
 from meshlab_filter.mesh_data import apply_native, read_layer
-from meshlab_filter.parameters import CHOICE, SWITCH, TEXT, WHOLE, Parameter
+from meshlab_filter.parameters import CHOICE, COUNT, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
 from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.progress import Steps
@@ -30,7 +30,7 @@ DIM, BRIGHT = 70, 235
 
 @mesh_filter(
     Parameter("left", CHOICE, "x", "The direction to the mesh's own left.", tuple(DIRECTIONS)),
-    Parameter("candidate", WHOLE, 0, "Which of the symmetries found to use."),
+    Parameter("candidate", COUNT, 0, "Which of the symmetries found to use."),
     Parameter("colorsides", SWITCH, False, "Colour the vertices by side: left red, right blue."),
     Parameter("name", TEXT, "symmetry", "The name to store it under, as of a correspondence of the mesh with itself."),
     *ACCURACY,
@@ -48,17 +48,17 @@ def compute_symmetry_by_zoomout(
         it reverses orientation, its order and certainty; `notes`, sentences for the user.
 
     Raises:
-        MeshError: the mesh cannot be analysed, or no symmetry was found.
+        MeshError: there is no mesh, it cannot be analysed, or no symmetry was found.
         ValueError: there is no candidate of that number.
     """
-    mesh_id = ms.current_mesh_id()
+    mesh_id = current_id(ms)
     layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
     check_names(mesh, [*attribute_names(name), f"{name}_side"])
     sizes: dict[str, Any] = {**DETAIL[detail]}
     found = yield from zo.detect_symmetry_steps(layer.surface, left=DIRECTIONS[left], seed=seed, **sizes)
     if not found:
         raise zo.MeshError(f"No symmetry was found of layer '{layer.label}': it may have none.")
-    if not 0 <= candidate < len(found):
+    if candidate >= len(found):
         raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(found) - 1}.")
     symmetry = found[candidate]
     store(mesh, name, Correspondence(symmetry.surface_map, symmetry.confidence), layer)

@@ -12,7 +12,7 @@ import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, stored_or_new_steps
 from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
-from meshlab_filter.parameters import DATA, SWITCH, Parameter
+from meshlab_filter.parameters import NAMES, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence
 from zoomout_core.progress import Progress, Steps, within
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
@@ -36,7 +36,7 @@ ALL = "*"
     Parameter("qualitytransfer", SWITCH, True, 'Scalars ("quality") of vertices and faces.'),
     Parameter("normaltransfer", SWITCH, False, "Normals of vertices, turned as the surface turns."),
     Parameter("selectiontransfer", SWITCH, False, "Selections of vertices and faces."),
-    Parameter("customattributes", DATA, (), "Names of custom attributes, in a script with commas between; *: all."),
+    Parameter("customattributes", NAMES, (), "Names of custom attributes, in a script with commas between; *: all."),
     STORED_OR_NEW,
     *MATCHING,
 )

@@ -6,16 +6,14 @@ import numpy as np
 import pymeshlab
 import pytest
 from creature import SOURCE_POSE, TARGET_POSE, creature
+from mesh_set_state import everything
 
 import meshlab_filter
 from meshlab_filter import apply_filter, filter_list, print_filter_parameter_list
 from meshlab_filter.catalogue import CATALOGUE
-from meshlab_filter.mesh_data import COMPONENTS, custom_names
-from zoomout_core.surface import MeshError
+from meshlab_filter.mesh_data import custom_names
 
 SIZE = 14.2**0.5
-BY_PAIR = [name for name, row in CATALOGUE.items() if row.parameters[0].name == "sourcemesh"]
-BY_STORED = ["compute_color_by_correspondence", "compute_scalar_by_correspondence_error"]
 
 
 @pytest.fixture(scope="module")
@@ -62,16 +60,6 @@ def copy_of(ms):
     return copied
 
 
-def everything(ms):
-    """What the meshes of a MeshSet consist of."""
-    state = [ms.mesh_number(), ms.current_mesh_id()]
-    for number in range(ms.mesh_number()):
-        mesh = ms.mesh(number)
-        state += [mesh.label(), mesh.vertex_matrix().tobytes(), mesh.face_matrix().tobytes(), *custom_names(ms, number)]
-        state += [getattr(mesh, c.getter)().tobytes() for c in COMPONENTS if c.is_in(mesh)]
-    return state
-
-
 def test_every_filter_is_listed_and_is_a_function_of_the_package():
     assert set(CATALOGUE) <= set(filter_list())
     assert "meshing_close_holes" in filter_list()
@@ -101,68 +89,6 @@ def test_native_filters_are_handed_to_pymeshlab(pair):
     assert area == pytest.approx(SIZE**2, rel=0.1)
     apply_filter(pair, "meshing_decimation_quadric_edge_collapse", targetfacenum=100)
     assert pair.current_mesh().face_number() <= 100
-
-
-@pytest.mark.parametrize(
-    ("name", "parameters", "sentence"),
-    [
-        ("nothing", {}, "no filter 'nothing'"),
-        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh 9 among the 2"),
-        ("create_sphere", {"radios": 1}, "radios"),
-        ("create_sphere", {"radius": "wide"}, "create_sphere does not take"),
-        ("transfer_attributes_by_zoomout", {"colours": True}, "no parameter 'colours'"),
-        ("transfer_attributes_by_zoomout", {"colortransfer": 1}, "'colortransfer' is 1: give true or false"),
-        ("transfer_attributes_by_zoomout", {"sourcemesh": 0.5}, "'sourcemesh' is 0.5: give the id"),
-        ("transfer_attributes_by_zoomout", {"initial": "magic"}, "give auto or landmarks or"),
-        ("transfer_attributes_by_zoomout", {"correspondence": "none"}, "none of the attributes"),
-        ("compute_scalar_by_correspondence_error", {"selectabove": 3}, "give a PercentageValue"),
-        ("compute_laplacian_eigenfunctions", {"functions": 5, "show": 5}, "from 0 to 4"),
-        ("compute_laplacian_eigenfunctions", {"functions": 10**6, "show": 1}, "vertices"),
-        ("compute_laplacian_eigenfunctions", {"name": "a b"}, "letters, digits"),
-        ("compute_correspondence_by_zoomout", {"landmarks": "nowhere.txt", "initial": "landmarks"}, "nowhere.txt"),
-    ],
-)
-def test_what_cannot_be_applied_is_said_in_a_sentence_and_changes_nothing(pair, name, parameters, sentence):
-    before = everything(pair)
-    with pytest.raises((ValueError, OSError), match=sentence) as refusal:
-        apply_filter(pair, name, **parameters)
-    assert "\n" not in str(refusal.value)
-    assert everything(pair) == before
-
-
-@pytest.mark.parametrize("name", BY_PAIR)
-@pytest.mark.parametrize("side", ["sourcemesh", "targetmesh"])
-@pytest.mark.parametrize(("mesh_id", "sentence"), [(7, "no mesh 7"), (2, "'points'.* no faces"), (3, "'empty'")])
-def test_wrong_ids_point_clouds_and_empty_meshes_are_refused(pair, name, side, mesh_id, sentence):
-    pair.add_mesh(pymeshlab.Mesh(np.eye(3)), "points")
-    pair.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]])), "empty")
-    pair.apply_filter("set_selection_all")
-    pair.apply_filter("meshing_remove_selected_vertices_and_faces")
-    before = everything(pair)
-    with pytest.raises(MeshError, match=sentence):
-        apply_filter(pair, name, **{side: mesh_id})
-    assert everything(pair) == before
-
-
-@pytest.mark.parametrize("name", BY_STORED)
-def test_filters_on_a_correspondence_want_one(pair, name):
-    before = everything(pair)
-    with pytest.raises(ValueError, match="has no correspondence 'correspondence': find it with"):
-        apply_filter(pair, name)
-    assert everything(pair) == before
-
-
-def test_texture_coordinates_that_are_missing_are_named(pair, found):
-    with pytest.raises(ValueError, match="none of the attributes"):
-        meshlab_filter.transfer_attributes_by_zoomout(pair, colortransfer=False, qualitytransfer=False)
-    ms, _ = found
-    copied = copy_of(ms)
-    copied.mesh(0).add_vertex_custom_scalar_attribute(np.arange(copied.mesh(0).vertex_number(), dtype=float), "number")
-    report = meshlab_filter.transfer_attributes_by_zoomout(
-        copied, customattributes="*", correspondence="correspondence"
-    )
-    assert report["transferred"] == ["number"]
-    assert "Layer 'source' has no texcoord." in report["notes"]
 
 
 def test_a_correspondence_is_stored_on_the_target(found, source, target):
@@ -277,6 +203,18 @@ def test_eigenfunctions_become_attributes_and_quality(pair, target):
     assert everything(pair) == before
 
 
+def test_eigenfunctions_of_points_are_those_of_the_surface_that_they_lie_on():
+    made = creature(0.08, TARGET_POSE)
+    said, quality = [], []
+    for mesh in (made.mesh(), pymeshlab.Mesh(made.vertices)):
+        ms = pymeshlab.MeshSet()
+        ms.add_mesh(mesh)
+        said.append(meshlab_filter.compute_laplacian_eigenfunctions(ms, functions=6)["eigenvalues"])
+        quality.append(ms.current_mesh().vertex_scalar_array())
+    np.testing.assert_allclose(said[1][1:], said[0][1:], rtol=0.03)
+    assert abs(np.corrcoef(*quality)[0, 1]) > 0.99
+
+
 def test_the_target_takes_on_the_shape_of_the_source(found, source, target):
     copied = copy_of(found[0])
     conformed = meshlab_filter.apply_conform_by_zoomout(copied, correspondence="correspondence")
@@ -326,3 +264,10 @@ def test_the_symmetry_tells_left_from_right():
     assert np.linalg.norm(image - place * [1, -1, 1], axis=1).mean() < 0.1
     with pytest.raises(ValueError, match="'symmetry_triangle' already"):
         meshlab_filter.compute_symmetry_by_zoomout(ms)
+    other = meshlab_filter.compute_symmetry_by_zoomout(ms, left="-y", detail="fast", name="other")
+    np.testing.assert_array_equal(other["side"], -said["side"])
+    np.testing.assert_array_equal(mesh.vertex_custom_scalar_attribute_array("other_side"), other["side"])
+    before = everything(ms)
+    with pytest.raises(ValueError, match="no candidate 99"):
+        meshlab_filter.compute_symmetry_by_zoomout(ms, candidate=99, detail="fast", name="third")
+    assert everything(ms) == before

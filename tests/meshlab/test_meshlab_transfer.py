@@ -13,9 +13,9 @@ from creature import (
     rest_of,
     write_textured_obj,
 )
+from mesh_set_state import everything
 
-from meshlab_filter import transfer_attributes_by_zoomout
-from meshlab_filter.mesh_data import COMPONENTS
+from meshlab_filter import compute_correspondence_by_zoomout, transfer_attributes_by_zoomout
 
 # Errors in units of the square root of the area, as papers quote them.
 SIZE = 14.2**0.5
@@ -75,16 +75,6 @@ def transferred(source, target):
     ms = mesh_set(source, target)
     report = transfer_attributes_by_zoomout(ms, selectiontransfer=True, customattributes=["rest", "height"])
     return ms, report
-
-
-def everything(ms):
-    """All that can be told of a MeshSet from outside."""
-    told = [ms.mesh_number(), ms.current_mesh_id()]
-    for mesh_id in range(ms.mesh_number()):
-        mesh = ms.mesh(mesh_id)
-        told += [mesh.label(), mesh.vertex_matrix().tobytes(), mesh.face_matrix().tobytes(), mesh.textures().keys()]
-        told += [getattr(mesh, c.getter)().tobytes() for c in COMPONENTS if c.is_in(mesh)]
-    return told
 
 
 def test_every_vertex_gets_the_data_of_its_place(transferred, target):
@@ -153,12 +143,47 @@ def test_the_report_and_the_new_layer_say_what_was_done(transferred, target):
     assert {"origin", "reverses_orientation", "total"} <= set(report["candidates"][0])
 
 
+SWITCHES = {
+    "texcoordtransfer": {"texcoord"},
+    "colortransfer": {"vertex_color", "face_color"},
+    "qualitytransfer": {"vertex_scalar", "face_scalar"},
+    "normaltransfer": {"vertex_normal"},
+    "selectiontransfer": {"vertex_selection", "face_selection"},
+}
+
+
+@pytest.fixture(scope="module")
+def rich(tmp_path_factory, coarse_source, coarse_target):
+    """Mesh 0 has all that a switch is about, and mesh 1 a correspondence."""
+    folder = tmp_path_factory.mktemp("rich")
+    write_textured_obj(folder, coarse_source)
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(folder / "creature.obj"))
+    ms.apply_filter("compute_color_by_function_per_vertex", x="127+127*sin(vi)", y="17", z="0", a="255")
+    ms.apply_filter("compute_color_by_function_per_face", r="127+127*sin(fi)", g="17", b="0", a="255")
+    ms.apply_filter("compute_scalar_by_function_per_vertex", q="vi")
+    ms.apply_filter("compute_scalar_by_function_per_face", q="fi")
+    ms.apply_filter("compute_selection_by_condition_per_vertex", condselect="x>0.5")
+    ms.apply_filter("compute_selection_by_condition_per_face", condselect="x0>0.5")
+    ms.add_mesh(coarse_target.mesh(), "target")
+    compute_correspondence_by_zoomout(ms)
+    return ms
+
+
+@pytest.mark.parametrize("switch", SWITCHES)
+def test_each_switch_transfers_what_it_names_and_nothing_else(rich, switch):
+    switches = {name: name == switch for name in SWITCHES}
+    report = transfer_attributes_by_zoomout(rich, correspondence="correspondence", **switches)
+    assert set(report["transferred"]) == SWITCHES[switch]
+
+
 def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
     ms = mesh_set(coarse_source, coarse_target)
     before = everything(ms)
     transfer_attributes_by_zoomout(ms, qualitytransfer=False)
-    after = everything(ms)
-    assert after[2 : len(before)] == before[2:]
+    ms.delete_current_mesh()
+    ms.set_current_mesh(0)
+    assert everything(ms) == before
 
 
 @pytest.mark.parametrize(
@@ -167,6 +192,7 @@ def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
         ({"sourcemesh": 5}, "no mesh 5"),
         ({"sourcemesh": 1, "targetmesh": 0}, "'target' has none of the attributes"),
         ({"customattributes": ["nothing"]}, "no custom attribute 'nothing'"),
+        ({"customattributes": "height, nothing"}, "no custom attribute 'nothing'"),
         ({"initial": "landmarks"}, "landmarks"),
         ({"landmarks": ([0, 1], [0, 10**6]), "initial": "landmarks"}, "target"),
         ({"initial": "proximity", "candidate": 3}, "candidate 3"),

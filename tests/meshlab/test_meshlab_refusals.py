@@ -1,0 +1,184 @@
+"""What filters refuse, in a sentence that says what to do, and without a change to the MeshSet."""
+
+import numpy as np
+import pymeshlab
+import pytest
+from creature import SOURCE_POSE, TARGET_POSE, creature
+from mesh_set_state import everything
+
+import meshlab_filter
+import zoomout_core as zo
+from meshlab_filter import apply_filter
+from meshlab_filter.catalogue import CATALOGUE
+from meshlab_filter.parameters import CHOICE, COUNT, DATA, LENGTH, MESH, NAMES, SWITCH, TEXT
+from zoomout_core.cli import DETAIL
+from zoomout_core.surface import MeshError
+
+BY_PAIR = [name for name, row in CATALOGUE.items() if row.parameters[0].name == "sourcemesh"]
+OF_CURRENT = [name for name in CATALOGUE if name not in BY_PAIR]
+BY_STORED = ["compute_color_by_correspondence", "compute_scalar_by_correspondence_error"]
+# Values that are not of a parameter's type.
+WRONG = {
+    MESH: (0.5, True, "0"),
+    COUNT: (-1, 0.5, True),
+    SWITCH: (1, "true"),
+    TEXT: (5, None),
+    NAMES: (3, [3]),
+    CHOICE: ("magic", 0),
+    LENGTH: (3, "3%"),
+    DATA: (True, 5.0),
+}
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    return creature(0.12, SOURCE_POSE), creature(0.14, TARGET_POSE)
+
+
+@pytest.fixture
+def pair(shapes):
+    """Meshes 0 and 1 without any attributes but a scalar of the source."""
+    source, target = shapes
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(source.mesh(v_scalar_array=source.rest[:, 0]), "source")
+    ms.add_mesh(target.mesh(), "target")
+    return ms
+
+
+@pytest.fixture
+def odd(pair):
+    """The pair, points as mesh 2, a mesh without vertices as mesh 3, and a single triangle as mesh 4."""
+    pair.add_mesh(pymeshlab.Mesh(np.eye(3)), "points")
+    pair.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]])), "empty")
+    pair.apply_filter("set_selection_all")
+    pair.apply_filter("meshing_remove_selected_vertices_and_faces")
+    pair.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]])), "triangle")
+    return pair
+
+
+def check_refusal(ms, sentence, name, /, **parameters):
+    before = everything(ms)
+    with pytest.raises((ValueError, OSError), match=sentence) as refusal:
+        apply_filter(ms, name, **parameters)
+    assert "\n" not in str(refusal.value)
+    assert everything(ms) == before
+    return refusal.value
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "sentence"),
+    [
+        ("nothing", {}, "no filter 'nothing'"),
+        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh 9 among the 2"),
+        ("create_sphere", {"radios": 1}, "radios"),
+        ("create_sphere", {"radius": "wide"}, "create_sphere does not take"),
+        ("transfer_attributes_by_zoomout", {"colours": True}, "no parameter 'colours'"),
+        ("transfer_attributes_by_zoomout", {"colortransfer": 1}, "'colortransfer' is 1: give true or false"),
+        ("transfer_attributes_by_zoomout", {"sourcemesh": 0.5}, "'sourcemesh' is 0.5: give the id"),
+        ("transfer_attributes_by_zoomout", {"initial": "magic"}, "give auto or landmarks or"),
+        ("transfer_attributes_by_zoomout", {"qualitytransfer": False}, "none of the attributes"),
+        ("compute_scalar_by_correspondence_error", {"selectabove": 3}, "give a PercentageValue"),
+        ("compute_laplacian_eigenfunctions", {"functions": 5, "show": 5}, "from 0 to 4"),
+        ("compute_laplacian_eigenfunctions", {"functions": 10**6, "show": 1}, "vertices"),
+        ("compute_laplacian_eigenfunctions", {"name": "a b"}, "letters, digits"),
+        ("compute_correspondence_by_zoomout", {"landmarks": "nowhere.txt", "initial": "landmarks"}, "nowhere.txt"),
+    ],
+)
+def test_what_cannot_be_applied_is_said_in_a_sentence_and_changes_nothing(pair, name, parameters, sentence):
+    check_refusal(pair, sentence, name, **parameters)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"), [(name, parameter) for name, row in CATALOGUE.items() for parameter in row.parameters]
+)
+def test_a_value_of_another_type_is_refused_and_the_parameter_named(pair, name, parameter):
+    for value in WRONG[parameter.type]:
+        check_refusal(pair, f"The filter {name}: '{parameter.name}' is .*: give ", name, **{parameter.name: value})
+
+
+@pytest.mark.parametrize("name", BY_PAIR)
+@pytest.mark.parametrize("side", ["sourcemesh", "targetmesh"])
+@pytest.mark.parametrize(
+    ("mesh_id", "sentence"),
+    [(7, "no mesh 7 among the 5"), (-1, "no mesh -1"), (2, "'points'.* no faces"), (3, "'empty'")],
+)
+def test_wrong_ids_point_clouds_and_empty_meshes_are_refused(odd, name, side, mesh_id, sentence):
+    assert isinstance(check_refusal(odd, sentence, name, **{side: mesh_id}), MeshError)
+
+
+@pytest.mark.parametrize("name", OF_CURRENT)
+def test_filters_of_the_current_mesh_want_one_that_is_large_enough(odd, name):
+    check_refusal(pymeshlab.MeshSet(), "no mesh in the MeshSet: load one", name)
+    for mesh_id, sentence in ((2, "'points'"), (3, "'empty'"), (4, "vertices")):
+        odd.set_current_mesh(mesh_id)
+        check_refusal(odd, sentence, name)
+
+
+def test_the_symmetry_of_points_is_refused(odd):
+    odd.add_mesh(pymeshlab.Mesh(np.random.default_rng(0).random((50, 3))), "cloud")
+    check_refusal(odd, "'cloud'.* no faces", "compute_symmetry_by_zoomout")
+
+
+@pytest.mark.parametrize("name", BY_STORED)
+def test_filters_on_a_correspondence_want_one(pair, name):
+    check_refusal(pair, "has no correspondence 'correspondence': find it with", name)
+
+
+def test_a_target_that_has_a_hidden_fault_is_refused_before_the_work(pair, shapes):
+    _, target = shapes
+    vertices = np.vstack([target.vertices, [[np.nan, 0, 0]]])
+    pair.add_mesh(pymeshlab.Mesh(vertices, target.faces), "holed")
+    for name in ("transfer_attributes_by_zoomout", "apply_conform_by_zoomout"):
+        check_refusal(pair, "'holed' has 1 vertices that are not finite", name, targetmesh=2)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, name, monkeypatch):
+    """Whatever the core is asked to do, it gives up."""
+    if name in BY_STORED:
+        meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast")
+
+    def give_up(*_arguments, **_options):
+        raise MeshError("The core gives up.")
+
+    for function in ("match_steps", "detect_symmetry_steps", "eigenbasis", "conform"):
+        monkeypatch.setattr(zo, function, give_up)
+    monkeypatch.setattr("zoomout_core.correspondence.surface_map.SurfaceMap.interpolate", give_up)
+    check_refusal(pair, "The core gives up", name)
+
+
+def test_texture_coordinates_that_are_missing_are_named(pair):
+    name = "transfer_attributes_by_zoomout"
+    check_refusal(pair, "none of the attributes", name, colortransfer=False, qualitytransfer=False)
+    report = apply_filter(pair, name, detail="fast")
+    assert report["transferred"] == ["vertex_scalar"]
+    assert "Layer 'source' has no texcoord." in report["notes"]
+
+
+def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pair, tmp_path, monkeypatch):
+    asked = []
+
+    def listen(*_surfaces, **arguments):
+        asked.append(arguments)
+        raise MeshError("Heard.")
+
+    monkeypatch.setattr(zo, "match_steps", listen)
+    (tmp_path / "pairs.txt").write_text("1 2\n3 4\n")
+    np.savez(tmp_path / "map.npz", vertex=np.arange(5))
+    in_files = {"landmarks": str(tmp_path / "pairs.txt"), "initial_map": str(tmp_path / "map.npz"), "common_axes": "-z"}
+    in_arrays = {"landmarks": ([1, 3], [2, 4]), "initial_map": np.arange(5), "common_axes": [[0, 0, -1]]}
+    for data in (in_files, in_arrays):
+        options = {"initial": "landmarks", "exact_landmarks": True, "detail": "fine", "seed": 7, **data}
+        check_refusal(pair, "Heard", "compute_correspondence_by_zoomout", **options)
+    for arguments in asked:
+        np.testing.assert_array_equal(arguments.pop("landmarks"), [[1, 3], [2, 4]])
+        np.testing.assert_array_equal(arguments.pop("initial_map"), np.arange(5))
+        np.testing.assert_array_equal(arguments.pop("common_axes"), [[0, 0, -1]])
+        assert arguments == {"initial": "landmarks", "exact_landmarks": True, "seed": 7, **DETAIL["fine"]}
+
+
+def test_another_candidate_is_another_correspondence(pair):
+    best = meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast")
+    second = meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast", candidate=1, name="second")
+    assert best["candidates"][0]["total"] == second["candidates"][0]["total"]
+    assert np.mean(best["triangle"] != second["triangle"]) > 0.5
