@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 from creatures import Creature, creature
 
 # Tests keep nothing in the cache of this machine's user.
 os.environ["ZOOMOUT_CACHE"] = "off"
-
-BENCHMARK_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
 @pytest.fixture(scope="session")
@@ -23,10 +20,3 @@ def resting() -> Creature:
 def bent() -> Creature:
     """The same creature in another pose, with another topology and fewer vertices."""
     return creature(2500, seed=1, bend=0.9)
-
-
-@pytest.fixture(scope="session")
-def benchmark_data() -> Path:
-    if not BENCHMARK_DATA.is_dir():
-        pytest.skip("the benchmark meshes are not here")
-    return BENCHMARK_DATA

@@ -3,10 +3,12 @@
 import re
 from pathlib import Path
 
+import creatures
 import numpy as np
 import pymeshlab
 import pytest
 from creature import SOURCE_POSE, TARGET_POSE, Creature, creature, rest_of, write_textured_obj
+from PIL import Image
 
 from meshlab_filter import transfer_attributes_by_zoomout
 from meshlab_filter.script import read_script
@@ -59,7 +61,9 @@ def texture_error(mesh, target):
 
 
 def test_every_recipe_has_a_test():
-    assert set(RECIPES) == {"Texture a retopologised scan", "Propagate a selection", "Map quality"}
+    names = {f"test_{title.lower().replace(' ', '_')}" for title in RECIPES}
+    assert len(names) == 6
+    assert names <= set(globals())
 
 
 def test_texture_a_retopologised_scan(folder, target):
@@ -68,6 +72,37 @@ def test_texture_a_retopologised_scan(folder, target):
     ms.load_new_mesh(str(folder / "textured.obj"))
     assert texture_error(ms.current_mesh(), target).mean() < 0.02
     assert sorted(ms.current_mesh().textures()) == ["back.png", "front.png"]
+
+
+def place_error(colors, places):
+    """Off by how much the places are that colours of `gradient` stand for, in thousandths of the size."""
+    return 1000 * np.linalg.norm(rest_of(colors[:, :2]) - places[:, :2], axis=1) / SIZE
+
+
+def gradient(pixels=256):
+    """An image whose red is u and whose green is v."""
+    middle = (np.arange(pixels) + 0.5) / pixels
+    u, v = np.meshgrid(middle, middle[::-1])
+    return Image.fromarray(np.rint(255 * np.stack([u, v, 0 * u], axis=-1)).astype(np.uint8))
+
+
+def test_bake_the_texture_anew(folder, target):
+    for name in ("front.bmp", "back.png"):
+        gradient().save(folder / name)
+    names = run("Bake the texture anew")
+    assert place_error(names["ms"].mesh(1).vertex_color_matrix(), target.rest).mean() < 10
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(folder / "baked.obj"))
+    baked = ms.current_mesh()
+    assert list(baked.textures()) == ["baked.png"]
+    image = np.array(Image.open(folder / "baked.png").convert("RGB")) / 255
+    u, v = baked.wedge_tex_coord_matrix().reshape(-1, 3, 2).mean(axis=1).T
+    assert ((u > 0) & (u < 1) & (v > 0) & (v < 1)).all()
+    seen = image[((1 - v) * len(image)).astype(int), (u * len(image[0])).astype(int)]
+    np.testing.assert_array_equal(baked.face_matrix(), target.faces)
+    error = place_error(seen, target.rest[target.faces].mean(axis=1))
+    assert error.mean() < 10
+    assert np.mean(error > 50) < 0.01
 
 
 def test_propagate_a_selection(folder, source, target):
@@ -85,6 +120,47 @@ def test_map_quality(folder, target):
     ms = pymeshlab.MeshSet()
     ms.load_new_mesh(str(folder / "quality.ply"))
     np.testing.assert_allclose(ms.current_mesh().vertex_scalar_array(), names["error"]["error"], atol=1e-6)
+
+
+def test_remesh_a_posed_shape_symmetrically(tmp_path, monkeypatch):
+    made = creatures.creature(3000, seed=1, bend=0.9)
+    scan = made.surface
+    monkeypatch.chdir(tmp_path)
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(pymeshlab.Mesh(scan.vertices, scan.triangles))
+    ms.save_current_mesh("scan.ply")
+    names = run("Remesh a posed shape symmetrically")
+    measures = names["ms"].apply_filter("get_topological_measures")
+    assert measures["is_mesh_two_manifold"]
+    assert measures["boundary_edges"] == 0
+    assert measures["genus"] == 0
+    assert measures["connected_components_number"] == 1
+    size = np.sqrt(scan.area)
+    symmetric = names["ms"].current_mesh_id()
+    for one, other in ((0, symmetric), (symmetric, 0)):
+        names["ms"].set_current_mesh(one)
+        distance = names["ms"].apply_filter(
+            "get_hausdorff_distance", sampledmesh=one, targetmesh=other, maxdist=pymeshlab.PercentageValue(50)
+        )
+        assert 1000 * distance["mean"] / size < 1.5
+    # The truth is known at vertices of the scan, which are 18 apart.
+    nearest = np.linalg.norm(names["here"][:, None] - scan.vertices, axis=2).argmin(axis=1)
+    mirrored = scan.vertices[creatures.mirrored_vertex(made, made)[nearest]]
+    off = 1000 * np.linalg.norm(names["there"] - mirrored, axis=1) / size
+    assert np.median(off) < 36
+    assert np.mean(off > 100) < 0.05
+
+
+@pytest.mark.parametrize("rebuilt", ["iso", "qes", "mc", "dense"])
+def test_measure_a_correspondence_against_the_truth(benchmark_data, monkeypatch, rebuilt):
+    """The figures are those of the document's table."""
+    monkeypatch.chdir(benchmark_data / "faust_discretisation")
+    title = "Measure a correspondence against the truth"
+    monkeypatch.setitem(RECIPES, title, RECIPES[title].replace("iso_081", f"{rebuilt}_081"))
+    error = run(title)["error"]
+    assert error["zoomout"].mean() < 15
+    assert error["closest point"].mean() > 4 * error["zoomout"].mean()
+    assert np.mean(error["closest point"] > 50) > 20 * np.mean(error["zoomout"] > 50)
 
 
 def test_the_script_of_the_document_can_be_read(tmp_path):
