@@ -3,13 +3,14 @@
 A script is a list of filters with their parameters in XML. Those that the desktop program saves call filters as its
 menus do ("Simplification: Quadric Edge Collapse Decimation"); pymeshlab runs these, one at a time. Filters may be
 called by pymeshlab's names, too. The whole script is read and checked before the first filter runs, but for what only
-pymeshlab knows: whether there is a filter of a name from the menus.
+pymeshlab knows when it runs one: whether there is a filter of a name from the menus.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from xml.sax import SAXParseException, parseString
 from xml.sax.handler import ContentHandler
 from xml.sax.saxutils import quoteattr
 
-from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh
+from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh, filter_list
 from meshlab_filter.parameters import OTHER_RICH, RICH_TYPES, Parameter
 from zoomout_core.progress import Progress, Steps, within
 from zoomout_core.surface import MeshError
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 # What pymeshlab says of a filter that it does not know.
 UNKNOWN = "Something really bad happened"
+# The names of filters in Python; those in the menus are words with capitals and spaces.
+SNAKE_CASE = re.compile("[a-z0-9]+(_[a-z0-9]+)+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +164,11 @@ def _check_filter(element: Element) -> None:
         )
     if not element.attributes.get("name"):
         raise MeshError("the filter has no name: give one.")
+    name = element.attributes["name"]
+    if SNAKE_CASE.fullmatch(name) and name not in (known := filter_list()):
+        like = get_close_matches(name, known, n=1)
+        remedy = f"is '{like[0]}' meant?" if like else "filter_list() names them all."
+        raise MeshError(f"there is no filter '{name}': {remedy}")
 
 
 def _value(child: Element, row: Filter | None) -> tuple[str, Any]:

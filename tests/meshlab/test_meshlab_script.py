@@ -1,5 +1,7 @@
 """Filter scripts: saved by MeshLab, written by hand, and wrong."""
 
+from pathlib import Path
+
 import numpy as np
 import pymeshlab
 import pytest
@@ -59,6 +61,37 @@ def test_a_script_that_meshlab_saved_does_what_it_did(meshes, tmp_path):
     np.testing.assert_allclose(ms.current_mesh().vertex_matrix(), made.current_mesh().vertex_matrix(), atol=1e-6)
     np.testing.assert_array_equal(ms.current_mesh().face_matrix(), made.current_mesh().face_matrix())
     np.testing.assert_allclose(ms.mesh(1).vertex_scalar_array(), made.mesh(1).vertex_scalar_array(), atol=1e-6)
+
+
+DESKTOP = Path(__file__).with_name("desktop.mlx")
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_a_script_as_the_desktop_program_writes_it_runs_unchanged(meshes, tmp_path, ending):
+    """Every kind of parameter with its description and tooltip, and the lines as Linux and as Windows end them."""
+    path = tmp_path / "desktop.mlx"
+    path.write_text(DESKTOP.read_text(encoding="utf-8"), encoding="utf-8", newline=ending)
+    made = loaded(meshes[1:])
+    made.apply_filter("meshing_remove_duplicate_vertices")
+    made.apply_filter("meshing_remove_unreferenced_vertices")
+    made.apply_filter("meshing_merge_close_vertices", threshold=pymeshlab.PureValue(0.0005))
+    made.apply_filter("meshing_close_holes", maxholesize=30)
+    made.apply_filter(
+        "meshing_decimation_quadric_edge_collapse", targetfacenum=1200, preserveboundary=True, preservenormal=True
+    )
+    made.apply_filter("compute_scalar_by_discrete_curvature_per_vertex", curvaturetype="Gaussian Curvature")
+    made.apply_filter("set_color_per_vertex", color1=pymeshlab.Color(255, 0, 10, 255))
+    made.apply_filter("apply_color_brightness_contrast_gamma_per_vertex", brightness=20)
+    ran = CliRunner().invoke(main, ["run", str(path), str(meshes[1]), "-o", str(tmp_path / "out.ply")])
+    assert ran.exit_code == 0, ran.output
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(tmp_path / "out.ply"))
+    mesh = ms.current_mesh()
+    assert mesh.face_number() == made.current_mesh().face_number() <= 1200
+    np.testing.assert_allclose(mesh.vertex_matrix(), made.current_mesh().vertex_matrix(), atol=1e-6)
+    np.testing.assert_allclose(mesh.vertex_scalar_array(), made.current_mesh().vertex_scalar_array(), rtol=1e-5)
+    np.testing.assert_allclose(mesh.vertex_color_matrix(), made.current_mesh().vertex_color_matrix(), atol=0.002)
+    assert mesh.vertex_color_matrix()[:, 0].min() == 1
 
 
 MIXED = (
@@ -127,6 +160,16 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
             "Line 4 of .*'initial' is '7': give auto or",
         ),
         (
+            '<filter name="transfer_attributes_by_zoomout">\n' + param("seed", "RichInt", -1) + "</filter>",
+            "Line 4 of .*'seed' is '-1': give a whole number that is not negative",
+        ),
+        (
+            '<filter name="transfer_attributes_by_zoomout">\n' + param("targetmesh", "RichMesh", 9) + "</filter>",
+            "Line 3 of .*no mesh 9 among the 2",
+        ),
+        ('<filter name="transfer_attribute_by_zoomout"/>', "is 'transfer_attributes_by_zoomout' meant"),
+        ('<filter name="something_entirely_different"/>', "Line 3 of .*no filter 'something_entirely_different'"),
+        (
             '<filter name="transfer_attributes_by_zoomout">\n' + param("seed", "RichFloat", 7) + "</filter>",
             "Line 4 of .*'seed' is of the type RichFloat: give it as RichInt",
         ),
@@ -147,6 +190,9 @@ def test_what_is_wrong_is_said_in_a_sentence_with_its_line(meshes, tmp_path, bod
 
 def test_a_wrong_line_is_found_before_the_first_filter_runs(meshes, tmp_path):
     body = '<filter name="Delete ALL Faces"/>\n<filter name="compute_color_by_correspondence">\n'
+    misspelt = script(tmp_path, '<filter name="Delete ALL Faces"/>\n<filter name="meshing_close_hole"/>')
+    with pytest.raises(ValueError, match=r"Line 4 of .*no filter 'meshing_close_hole': is 'meshing_close_holes' meant"):
+        read_script(misspelt)
     path = script(tmp_path, body + param("sourcemesh", "RichMesh", "first") + "</filter>")
     with pytest.raises(ValueError, match=r"Line 5 of .*'sourcemesh' is 'first'"):
         read_script(path)
