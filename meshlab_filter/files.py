@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, chdir
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,7 +50,8 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
     before = ms.mesh_number()
     gltf = Path(path).suffix.lower() in (".gltf", ".glb")
     try:
-        ms.load_new_mesh(str(path), **({"load_in_a_single_layer": True} if gltf else {}))
+        with _staying():
+            ms.load_new_mesh(str(path), **({"load_in_a_single_layer": True} if gltf else {}))
     except PyMeshLabException as error:
         raise MeshError(f"{path} could not be read ({' '.join(str(error).split())}): check the file.") from error
     if ms.mesh_number() > before + 1:
@@ -67,9 +69,15 @@ def save_mesh(ms: MeshSet, output: str | Path) -> None:
 
     custom = dict.fromkeys(custom_in_ply(ms), True) if Path(output).suffix.lower() == ".ply" else {}
     try:
-        ms.save_current_mesh(str(output), **custom)
+        with _staying():
+            ms.save_current_mesh(str(output), **custom)
     except PyMeshLabException as error:
         raise MeshError(f"{output} could not be written ({' '.join(str(error).split())}): write elsewhere.") from error
+
+
+def _staying() -> AbstractContextManager[None]:
+    """The process stays in its folder; where pymeshlab fails, it leaves it in the file's."""
+    return chdir(Path.cwd())
 
 
 def save_beside(ms: MeshSet, output: Path, textures: dict[str, bytes]) -> None:

@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pymeshlab
@@ -111,10 +112,13 @@ def scans(files, tmp_path):
     return scans
 
 
-def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_the_others_alone(files, scans, tmp_path):
+def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_the_others_alone(
+    files, scans, tmp_path, monkeypatch
+):
     folder, target = files
-    out = tmp_path / "out"
-    ran = run(folder / "creature.ply", scans, "-o", out, "--detail", "fast")
+    monkeypatch.chdir(tmp_path)  # relative names still mean the same after a file that cannot be read
+    out = Path("out")
+    ran = run(folder / "creature.ply", "scans", "-o", out, "--detail", "fast")
     assert ran.exit_code == 3
     images = {"back.png", "front.png"}
     assert {path.name for path in out.iterdir()} == {"first.ply", "second.ply", "report.json", *images}
@@ -126,7 +130,7 @@ def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_th
     assert "2 of 3 targets written" in ran.output
     assert "3/3 Transferring" in ran.stderr
     (failure,) = [line for line in ran.stderr.splitlines() if "failed." in line]
-    assert failure.startswith(f"{scans / 'broken.ply'}: failed. ")
+    assert failure.startswith(f"{Path('scans', 'broken.ply')}: failed. ")
     broken, first, second = json.loads((out / "report.json").read_text())["targets"]
     assert set(broken) == {"target", "output", "error"}
     assert "could not be read" in broken["error"]
