@@ -28,6 +28,8 @@ from zoomout_core.working_mesh import WorkingMesh
 # The search for the right map runs on this many samples; distances are known from the first of them.
 SEARCH_SAMPLES = 400
 DISTANCE_SAMPLES = 200
+# Distances to so many vertices, from all samples together, are worked out at once.
+VISITS = 100_000
 # Two samples of a limb turn alike when they are nearer than this, at unit area; so many of them are neighbours.
 REACH, NEIGHBOURS = 0.2, 8
 # Mean curvature is looked at on these scales (diffusion times at unit area), after cutting off its spikes.
@@ -206,7 +208,8 @@ def _distance_steps(mesh: WorkingMesh, samples: Integers) -> Generator[float, No
     graph = edge_graph(mesh.vertices, mesh.triangles)
     found: list[Floats] = []
     # dijkstra keeps the interpreter to itself, so not for long at a time.
-    for few in np.array_split(samples, 8):
-        yield len(found) / 8
+    pieces = min(len(samples), 8 + len(samples) * len(mesh.vertices) // VISITS)
+    for few in np.array_split(samples, pieces):
+        yield len(found) / pieces
         found.append(dijkstra(graph, indices=few))
     return np.concatenate(found)
