@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.progress import Progress, Steps, drain
 
 from . import mesh_data
 from .mesh_data.arrays import hash_of
+
+READING = Progress(0.0, "Reading the meshes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,21 @@ class ObjectPair:
     target_content: str
     source_mirrored: bool
     target_mirrored: bool
+
+
+@dataclass(frozen=True)
+class Look:
+    """What tells whether an object was edited, without its surface.
+
+    Attributes:
+        fingerprint: changes when it is edited, or the faces of its surface become others.
+        content: of its own mesh, see `mesh_data.content_hash`.
+        mirrored: whether its matrix mirrors it.
+    """
+
+    fingerprint: str
+    content: str
+    mirrored: bool
 
 
 def find_mesh(context: Context, name: str) -> Object:
@@ -126,24 +145,34 @@ def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPai
     Raises:
         MeshError: one of them cannot be used, or the target cannot be written to.
     """
-    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
-    check_distinct(source, target)
-    check_writable(target)
-    depsgraph = context.evaluated_depsgraph_get()
-    source_surface = mesh_data.read_source_surface(source, depsgraph)
-    target_surface = mesh_data.read_target_surface(target, depsgraph)
-    contents = mesh_data.content_hash(source.data), mesh_data.content_hash(target.data)
-    return ObjectPair(
+    return drain(read_pair_steps(context, source_name, target_name))
+
+
+def read_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
+    """`read_pair` as a generator, which holds no Blender data while it is suspended.
+
+    What tells an edit is read before the first yield, so that all edits from then on are noticed.
+    """
+    of_source, of_target = _looked_at(context, source_name, target_name)
+    yield READING
+    source = mesh_data.read_source_surface(find_mesh(context, source_name), context.evaluated_depsgraph_get())
+    yield READING
+    target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
+    pair = ObjectPair(
         source_name,
         target_name,
-        source_surface,
-        target_surface,
-        _fingerprint(source, source_surface, contents[0]),
-        _fingerprint(target, target_surface, contents[1]),
-        *contents,
-        mesh_data.is_mirrored(source),
-        mesh_data.is_mirrored(target),
+        source,
+        target,
+        of_source.fingerprint,
+        of_target.fingerprint,
+        of_source.content,
+        of_target.content,
+        of_source.mirrored,
+        of_target.mirrored,
     )
+    yield READING
+    check_unedited(context, pair)
+    return pair
 
 
 def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
@@ -152,10 +181,10 @@ def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
     Raises:
         MeshError: one of them was removed or edited since.
     """
-    now = read_pair(context, pair.source_name, pair.target_name)
+    now = _looked_at(context, pair.source_name, pair.target_name)
     for name, before, after in (
-        (pair.source_name, pair.source_fingerprint, now.source_fingerprint),
-        (pair.target_name, pair.target_fingerprint, now.target_fingerprint),
+        (pair.source_name, pair.source_fingerprint, now[0].fingerprint),
+        (pair.target_name, pair.target_fingerprint, now[1].fingerprint),
     ):
         if before != after:
             raise zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
@@ -167,7 +196,27 @@ def users_of_mesh(context: Context, target: Object) -> int:
     return sum(obj.data == target.data for obj in context.blend_data.objects)
 
 
-def _fingerprint(obj: Object, surface: zo.Surface, content: str) -> str:
-    # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way.
-    words = f"{content} {mesh_data.is_mirrored(obj)}"
-    return hash_of(words, surface.corner_vertex, surface.face_start)
+def _looked_at(context: Context, source_name: str, target_name: str) -> tuple[Look, Look]:
+    """A look at the source and one at the target, which can be matched.
+
+    Raises:
+        MeshError: one of them cannot be used, or the target cannot be written to.
+    """
+    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
+    check_distinct(source, target)
+    check_writable(target)
+    depsgraph = context.evaluated_depsgraph_get()
+    return (
+        _look(source, mesh_data.read_source_faces(source, depsgraph)),
+        _look(target, mesh_data.read_target_faces(target, depsgraph)),
+    )
+
+
+def _look(obj: Object, faces: mesh_data.Faces) -> Look:
+    """A look at an object whose surface has these faces."""
+    content, mirrored = mesh_data.content_hash(obj.data), mesh_data.is_mirrored(obj)
+    # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way. The numbers are
+    # hashed as a surface has them.
+    corner_vertex = faces.corner_vertex.astype(np.int64)
+    face_start = np.append(faces.start, len(corner_vertex)).astype(np.int64)
+    return Look(hash_of(f"{content} {mirrored}", corner_vertex, face_start), content, mirrored)

@@ -17,11 +17,12 @@ import numpy as np
 from bpy.types import Context, Mesh
 
 import zoomout_core as zo
+from zoomout_core.progress import Steps
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from . import candidates
 from .mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
-from .pair import ObjectPair, choose_source, find_mesh, read_pair
+from .pair import ObjectPair, choose_source, find_mesh, read_pair_steps
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
@@ -113,7 +114,7 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     )
 
 
-def read_kept(context: Context, target_name: str) -> tuple[ObjectPair, StoredMatch]:
+def read_kept_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:
     """The match that is kept on a target, and its two objects as they are now.
 
     Raises:
@@ -125,8 +126,8 @@ def read_kept(context: Context, target_name: str) -> tuple[ObjectPair, StoredMat
         raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
     renamed = kept["source"] not in context.scene.objects
     source_name = choose_source(context, target).name if renamed else kept["source"]
-    pair = read_pair(context, source_name, target_name)
-    match = read(target.data, pair)
+    pair = yield from read_pair_steps(context, source_name, target_name)
+    match = read(find_mesh(context, target_name).data, pair)
     if match is None:
         raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")
     return pair, match

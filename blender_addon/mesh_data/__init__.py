@@ -42,6 +42,7 @@ from .shape_keys import (
     write_shape_keys,
 )
 from .surfaces import (
+    Faces,
     change_of_vertices,
     directions_in_world,
     evaluated_mesh,
@@ -49,8 +50,10 @@ from .surfaces import (
     is_mirrored,
     positions_in_world,
     read_positions,
+    read_source_faces,
     read_source_surface,
     read_surface_at_rest,
+    read_target_faces,
     read_target_surface,
     to_object,
 )
@@ -65,6 +68,7 @@ __all__ = [
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
+    "Faces",
     "Layer",
     "MeshFacts",
     "Place",
@@ -103,8 +107,10 @@ __all__ = [
     "read_rest_positions",
     "read_selection",
     "read_shape_keys",
+    "read_source_faces",
     "read_source_surface",
     "read_surface_at_rest",
+    "read_target_faces",
     "read_target_surface",
     "read_weights",
     "seen_place",

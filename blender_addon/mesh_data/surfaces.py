@@ -90,9 +90,29 @@ def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
         MeshError: there is no surface, or modifiers add or remove vertices.
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        if len(mesh.vertices) != len(obj.data.vertices):
-            raise zo.MeshError(change_of_vertices(obj))
+        _check_vertices(obj, mesh)
         return _world_surface(evaluated, obj.data, read_positions(mesh), obj.data)
+
+
+def read_source_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
+    """The faces of the surface that `read_source_surface` gives, in a fraction of its time.
+
+    Raises:
+        MeshError: the object is not evaluated.
+    """
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        return read_faces(mesh)
+
+
+def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
+    """The faces of the surface that `read_target_surface` gives, in a fraction of its time.
+
+    Raises:
+        MeshError: the object is not evaluated, or modifiers add or remove vertices.
+    """
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        _check_vertices(obj, mesh)
+    return read_faces(obj.data)
 
 
 def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None) -> zo.Surface:
@@ -119,7 +139,7 @@ def read_faces(mesh: Mesh) -> Faces:
     return Faces(
         len(mesh.vertices),
         read_array(mesh.polygons, "loop_start", np.int32),
-        read_array(mesh.loops, "vertex_index", np.int32),
+        _read_corner_vertices(mesh),
     )
 
 
@@ -143,6 +163,12 @@ def is_flat(obj: Object) -> bool:
     return bool(np.linalg.matrix_rank(np.array(obj.matrix_world)[:3, :3]) < 3)
 
 
+def _check_vertices(obj: Object, evaluated: Mesh) -> None:
+    """Raise a MeshError if modifiers leave an object other vertices than its mesh has."""
+    if len(evaluated.vertices) != len(obj.data.vertices):
+        raise zo.MeshError(change_of_vertices(obj))
+
+
 def _world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
     """A mesh in world space: corners and triangles are numbered as Blender does, edges as in `with_edges`.
 
@@ -160,13 +186,23 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
     try:
         return zo.Surface.from_corners(
             points,
-            read_array(mesh.loops, "vertex_index", np.int32),
+            _read_corner_vertices(mesh),
             face_start,
             triangle_corners,
             read_array(with_edges.edges, "vertices", np.int32, 2),
         )
     except zo.MeshError as error:
         raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error
+
+
+def _read_corner_vertices(mesh: Mesh) -> Integers:
+    """(c,) the vertex of each corner: from the attribute that they are kept in, which is copied as a whole.
+
+    Through `loops` Blender calls a function for each, which takes many times as long.
+    """
+    if not mesh.loops:  # then there may be no attribute
+        return np.empty(0, np.int32)
+    return read_array(mesh.attributes[".corner_vert"].data, "value", np.int32)
 
 
 def is_mirrored(obj: Object) -> bool:

@@ -15,7 +15,7 @@ from .. import candidates, match_preview, stored_match
 from ..candidates import Listing
 from ..evidence import matching_steps
 from ..pair import ObjectPair, check_unedited, find_mesh
-from ..stored_match import read_kept
+from ..stored_match import read_kept_steps
 from .stepped import SteppedOperator
 
 # Part of the progress that matching anew takes, where results are no longer held in memory.
@@ -95,7 +95,7 @@ def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps
     """`use_candidate` as a generator, which holds no Blender data while it is suspended."""
     target = find_mesh(context, target_name)
     listing = _listing(target)
-    pair, kept = read_kept(context, target_name)
+    pair, kept = yield from read_kept_steps(context, target_name)
     result = yield from _result_steps(context, pair, listing, place, kept)
     result = replace(result, notes=(f"Candidate {place + 1} of {len(listing.candidates)} was chosen.", *result.notes))
     coats = yield from match_preview.following_steps(context, pair, result)

@@ -15,7 +15,7 @@ from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
 from .. import stored_match
 from ..mesh_data import cut_mesh, evaluated_mesh, read_active_uv_map
-from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair
+from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, read_pair_steps
 from ..properties.settings import SourceName
 from .stepped import SteppedOperator
 
@@ -55,7 +55,7 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
 
 def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Steps[str]:
     """`cut_seams` as a generator, which holds no Blender data while it is suspended."""
-    pair = read_pair(context, source_name, target_name)
+    pair = yield from read_pair_steps(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     if kept is None:
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")

@@ -10,7 +10,7 @@ from zoomout_core.progress import Steps, drain
 
 from .. import match_preview, stored_match
 from ..evidence import matching_steps
-from ..pair import check_unedited, choose_source, read_pair
+from ..pair import check_unedited, choose_source, read_pair_steps
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..targets import Outcome, Write, each_target_steps, target_names
@@ -74,7 +74,7 @@ def worked_out_match_steps(
     context: Context, source_name: str, target_name: str, **options: Any
 ) -> Steps[Write[stored_match.Match]]:
     """The same without the end: it returns what keeps the match on the target."""
-    pair = read_pair(context, source_name, target_name)
+    pair = yield from read_pair_steps(context, source_name, target_name)
     result = yield from matching_steps(context, pair, **options)
     coats = yield from match_preview.following_steps(context, pair, result)
 

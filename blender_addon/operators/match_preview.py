@@ -10,7 +10,7 @@ from zoomout_core.progress import Steps
 
 from .. import match_preview, overlay
 from ..pair import check_unedited
-from ..stored_match import read_kept
+from ..stored_match import read_kept_steps
 from .stepped import SteppedOperator
 
 KINDS = (
@@ -35,7 +35,7 @@ class ZOOMOUT_OT_preview(SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         target = context.active_object
-        pair, match = read_kept(context, target.name)
+        pair, match = yield from read_kept_steps(context, target.name)
         coats = yield from match_preview.coats_steps(context, pair, match, self.kind)
         check_unedited(context, pair)
         match_preview.show(self.kind, coats)

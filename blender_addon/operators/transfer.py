@@ -15,7 +15,7 @@ from .. import stored_match, stored_report
 from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
 from ..evidence import matching_steps
 from ..mesh_data import evaluated_mesh
-from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, users_of_mesh
+from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair_steps, users_of_mesh
 from ..properties.match import MatchOptions, option_label
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
@@ -119,7 +119,7 @@ def worked_out_transfer_steps(
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
     """The same without the end: it returns what writes the data to the target."""
-    pair = read_pair(context, source_name, target_name)
+    pair = yield from read_pair_steps(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     cargo, remarks, blend = _packed(context, pair, data, settings)
     match: stored_match.Match
