@@ -103,7 +103,9 @@ def obstacle(context: Context, mode: str = "OBJECT") -> str:
 
 def places_on(scene: Scene, obj: Object) -> dict[int, Place]:
     """The places of all landmarks on an object, by their numbers."""
-    found = ((landmark.number, _kept_place(landmark, obj)) for landmark in scene.zoomout.landmarks)
+    settings = getattr(scene, "zoomout", None)  # none where the functions are used without the extension
+    landmarks = settings.landmarks if settings else ()
+    found = ((landmark.number, _kept_place(landmark, obj)) for landmark in landmarks)
     return {number: kept.place() for number, kept in found if kept is not None}
 
 
