@@ -56,4 +56,4 @@ def test_maps_that_reverse_the_orientation_are_laid_mirrored(shape: Shape) -> No
 
 def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:
     result = zo.match(resting.surface, bent.surface)
-    assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.02
+    assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.03
