@@ -6,7 +6,7 @@ from typing import Any
 
 from bpy.types import Context, Panel, UILayout
 
-from .. import preview, stored_symmetry
+from .. import stored_symmetry, symmetry_preview
 from ..operators import symmetry as operators
 from ..operators.symmetry.detect import summary
 from ..properties.symmetry import ZOOMOUT_PG_symmetry
@@ -35,8 +35,8 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         row = layout.row(align=True)
         row.operator(operators.ZOOMOUT_OT_preview_symmetry.bl_idname, icon="HIDE_OFF")
         row.operator(operators.ZOOMOUT_OT_remove_preview.bl_idname, text="", icon="X")
-        if preview.is_shown(mesh):
-            sentences(context, layout.box(), [preview.shown(mesh)])
+        if symmetry_preview.is_shown(mesh):
+            sentences(context, layout.box(), [symmetry_preview.shown(mesh)])
 
 
 class SymmetrySubpanel(SidebarPanel):

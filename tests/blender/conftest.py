@@ -7,6 +7,7 @@ import pytest
 os.environ.setdefault("BLENDER_USER_EXTENSIONS", tempfile.mkdtemp())
 
 import bpy
+from scenes import activate, ellipsoid
 
 import blender_addon
 
@@ -18,3 +19,18 @@ def empty_scene():
     blender_addon.register()
     yield bpy.context.scene
     blender_addon.unregister()
+
+
+@pytest.fixture
+def source():
+    """A mesh to read from."""
+    return ellipsoid("Source", 4)
+
+
+@pytest.fixture
+def target(source):
+    """The same once more, active, with the source selected besides."""
+    obj = ellipsoid("Target", 4)
+    bpy.context.view_layer.update()
+    activate(obj, source)
+    return obj

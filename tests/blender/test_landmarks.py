@@ -22,19 +22,6 @@ VIEW = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 PROJECTION = Matrix.Diagonal((0.5, 0.5, -0.01, 1))
 
 
-@pytest.fixture
-def source():
-    return ellipsoid("Source", 4)
-
-
-@pytest.fixture
-def target(source):
-    obj = ellipsoid("Target", 4)
-    bpy.context.view_layer.update()
-    activate(obj, source)
-    return obj
-
-
 def place(obj, *point):
     return nearest_place(obj, Vector(point), 10.0, bpy.context.evaluated_depsgraph_get())
 

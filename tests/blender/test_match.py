@@ -29,11 +29,6 @@ KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
 
 
 @pytest.fixture
-def source():
-    return ellipsoid("Source", 4)
-
-
-@pytest.fixture
 def target(source):
     """The source's shape, turned, moved and scaled, its vertices in another order."""
     obj = ellipsoid("Target", 4)

@@ -113,14 +113,6 @@ def source():
     return obj
 
 
-@pytest.fixture
-def target(source):
-    obj = ellipsoid("Target", 4)
-    bpy.context.view_layer.update()
-    activate(obj, source)
-    return obj
-
-
 def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert "Source (selected)" in texts()
     assert "Target (active)" in texts()

@@ -11,19 +11,6 @@ from blender_addon.operators.match import match_objects
 from blender_addon.pair import read_pair
 
 
-@pytest.fixture
-def source():
-    return ellipsoid("Source", 4)
-
-
-@pytest.fixture
-def target(source):
-    obj = ellipsoid("Target", 4)
-    bpy.context.view_layer.update()
-    activate(obj, source)
-    return obj
-
-
 def found():
     """Sentences that block and that do not, when all is known that is asked for."""
     bpy.context.view_layer.update()

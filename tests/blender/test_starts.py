@@ -3,17 +3,12 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, ellipsoid, linked, positions, values
+from scenes import activate, linked, positions, values
 
 import zoomout_core as zo
 from blender_addon import stored_match
 from blender_addon.operators.match import match_objects
 from blender_addon.pair import read_pair
-
-
-@pytest.fixture
-def source():
-    return ellipsoid("Source", 4)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import preview, stored_symmetry
+from blender_addon import stored_symmetry, symmetry_preview
 from blender_addon.operators.symmetry.check import check_symmetry
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
 from blender_addon.operators.symmetry.layers import mirror_attributes
@@ -297,7 +297,7 @@ def test_asymmetry_is_shown_and_told(body):
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
     assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
     assert heat()[np.abs(X) > 0.8].mean() > 0.5 > 0.1 > heat()[np.abs(X) < 0.1].mean()
-    assert preview.shown(body.data).startswith("Weights: the sides differ by ")
+    assert symmetry_preview.shown(body.data).startswith("Weights: the sides differ by ")
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
     add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
     like = check_symmetry(bpy.context, body, "key", "Smile.L")

@@ -16,7 +16,7 @@ from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.threads import in_background
 
-from ... import mesh_data, preview, stored_symmetry
+from ... import mesh_data, stored_symmetry, symmetry_preview
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
 from .base import SymmetryOperator, unedited, writable_mesh
@@ -79,7 +79,7 @@ def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) 
     least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(symmetry.surface.area)
     most = max(float(np.percentile(values, 100 - FEW)), least)
     what = _described(check, key, values, most)
-    preview.show(context, obj.data, preview.heat(values, most), what)
+    symmetry_preview.show(context, obj.data, symmetry_preview.heat(values, most), what)
     return what
 
 

@@ -10,7 +10,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.progress import Progress, Steps, drain
 
-from ... import preview, stored_symmetry
+from ... import stored_symmetry, symmetry_preview
 from ...properties.once import ONCE
 from ...properties.settings import take_settings
 from ...properties.symmetry import AXES, DetectOptions
@@ -118,7 +118,7 @@ def summary(candidate: dict[str, Any]) -> str:
 
 def _follow(context: Context, obj: Object) -> None:
     """Bring the colours that show the symmetry up to date, if they are there."""
-    if preview.is_shown(obj.data):
+    if symmetry_preview.is_shown(obj.data):
         show_symmetry(context, obj)
 
 

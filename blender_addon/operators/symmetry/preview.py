@@ -9,7 +9,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.progress import Progress, Steps
 from zoomout_core.symmetry.self_map import SelfMap
 
-from ... import preview, stored_symmetry
+from ... import stored_symmetry, symmetry_preview
 from ..stepped import SteppedOperator
 from .base import SymmetryOperator, writable_mesh
 
@@ -46,7 +46,7 @@ class ZOOMOUT_OT_remove_preview(SteppedOperator):
         """Whether the active mesh shows such colours."""
         if not super().poll(context):
             return False
-        if not preview.is_shown(context.active_object.data):
+        if not symmetry_preview.is_shown(context.active_object.data):
             cls.poll_message_set("The active mesh shows no such colors")
             return False
         return True
@@ -54,7 +54,7 @@ class ZOOMOUT_OT_remove_preview(SteppedOperator):
     def steps(self, context: Context) -> Steps[str]:
         obj = writable_mesh(context, context.active_object.name)
         yield Progress(0.0, "Removing")
-        preview.remove(context, obj.data)
+        symmetry_preview.remove(context, obj.data)
         return f"'{obj.name}' shows its own colors again"
 
 
@@ -64,7 +64,7 @@ def show_symmetry(context: Context, obj: Object) -> None:
     Raises:
         MeshError: its symmetry is not known, or not any more.
     """
-    preview.show(context, obj.data, symmetry_colours(stored_symmetry.read(obj)), WHAT)
+    symmetry_preview.show(context, obj.data, symmetry_colours(stored_symmetry.read(obj)), WHAT)
 
 
 def symmetry_colours(symmetry: SelfMap) -> Floats:
