@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import bsr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
@@ -126,45 +128,48 @@ class Bending:
             pull: (q, 3, 3) square roots of what a miss counts in each direction.
             stiffness: see `Round`.
         """
-        count = len(self.nodes.vertex)
         near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
-        c = near.shape[1]
-        turning = np.einsum("qij,qcjk->qcik", pull, crossing(self.offsets(vertex)) * weight[..., None, None])
+        turning = pull[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
         shifting = pull[:, None] * weight[..., None, None]
-        jacobian = np.concatenate([turning, shifting], axis=-1).transpose(0, 2, 1, 3).reshape(len(vertex), 3, 6 * c)
-        column = (6 * near[:, :, None] + np.arange(6)).reshape(len(vertex), 6 * c)
-        products = jacobian.transpose(0, 2, 1) @ jacobian
-        matrix = _scattered(column, products, 6 * count)
-        rhs = np.bincount(
-            column.ravel(),
-            np.einsum("qic,qi->qc", jacobian, np.einsum("qij,qj->qi", pull, misses)).ravel(),
-            minlength=6 * count,
-        )
-        self._add_stiffness(matrix, rhs, stiffness)
+        pulling = _Rows(near, np.concatenate([turning, shifting], axis=-1), np.einsum("qij,qj->qi", pull, misses))
+        matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], len(self.nodes.vertex))
         matrix[np.diag_indices_from(matrix)] += 1e-9 * np.trace(matrix) / len(matrix)
         change = cho_solve(cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False), rhs).reshape(-1, 6)
         self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
         self.images = self.images + change[:, 3:]
 
-    def _add_stiffness(self, matrix: Floats, rhs: Floats, stiffness: float) -> None:
-        """Add what neighbouring nodes that disagree count to the normal equations, in place."""
+    def _stiffness(self, stiffness: float) -> list[_Rows]:
+        """What neighbouring nodes that disagree count: in where they put each other, and in how they turn."""
         first, second = self.nodes.first, self.nodes.second
         places = self.rest[self.nodes.vertex]
         away = np.einsum("eij,ej->ei", self.rotations[first], places[second] - places[first])
         apart = away + self.images[first] - self.images[second]
-        count = stiffness * self.nodes.bond / len(places) / (1 + (np.linalg.norm(apart, axis=1) / JOINT) ** 2)
-        identity = np.broadcast_to(np.eye(3), (len(first), 3, 3))
-        zero = np.zeros_like(identity)
-        placing = np.concatenate([crossing(away), identity, zero, -identity], axis=2)
-        turning = np.sqrt(TURNING) * np.concatenate([identity, zero, -identity, zero], axis=2)
-        jacobian = np.concatenate([placing, turning], axis=1)
         relative = np.einsum("eij,ekj->eik", self.rotations[second], self.rotations[first])
         turn = np.stack([relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
-        residual = np.concatenate([apart, -np.sqrt(TURNING) * turn], axis=1)
-        column = np.concatenate([6 * first[:, None] + np.arange(6), 6 * second[:, None] + np.arange(6)], axis=1)
-        weighted = jacobian * count[:, None, None]
-        matrix += _scattered(column, weighted.transpose(0, 2, 1) @ jacobian, len(matrix))
-        rhs -= np.bincount(column.ravel(), np.einsum("eic,ei->ec", weighted, residual).ravel(), minlength=len(rhs))
+        placing, turning = np.zeros((2, len(first), 2, 3, 6))
+        placing[:, 0, :, :3] = crossing(away)
+        placing[:, 0, :, 3:], placing[:, 1, :, 3:] = np.eye(3), -np.eye(3)
+        turning[:, 0, :, :3], turning[:, 1, :, :3] = np.eye(3), -np.eye(3)
+        count = np.sqrt(stiffness * self.nodes.bond / len(places) / (1 + (np.linalg.norm(apart, axis=1) / JOINT) ** 2))
+        both, turning_count = np.stack([first, second], axis=1), np.sqrt(TURNING) * count
+        return [
+            _Rows(both, count[:, None, None, None] * placing, -count[:, None] * apart),
+            _Rows(both, turning_count[:, None, None, None] * turning, turning_count[:, None] * turn),
+        ]
+
+
+class _Rows(NamedTuple):
+    """Some rows of a linear system for the nodes' motion, three at a time.
+
+    Attributes:
+        node: (r, c) the nodes that they speak of.
+        blocks: (r, c, 3, 6) what a small turn and a shift of each does.
+        goal: (r, 3) what they ask for.
+    """
+
+    node: Integers
+    blocks: Floats
+    goal: Floats
 
 
 def crossing(vectors: Floats) -> Floats:
@@ -174,7 +179,13 @@ def crossing(vectors: Floats) -> Floats:
     return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(*vectors.shape, 3)
 
 
-def _scattered(column: Integers, blocks: Floats, size: int) -> Floats:
-    """(size, size) the sum of square blocks (b, c, c), each at its own rows and columns (b, c)."""
-    position = column[:, :, None] * size + column[:, None]
-    return np.bincount(position.ravel(), blocks.ravel(), minlength=size * size).reshape(size, size)
+def _normal_equations(parts: list[_Rows], count: int) -> tuple[Floats, Floats]:
+    """(6 * count, 6 * count) and (6 * count,) for the motion of so many nodes."""
+    width = np.concatenate([np.full(len(part.node), part.node.shape[1]) for part in parts])
+    node = np.concatenate([part.node.ravel() for part in parts])
+    blocks = np.concatenate([part.blocks.reshape(-1, 3, 6) for part in parts])
+    goal = np.concatenate([part.goal.ravel() for part in parts])
+    start = np.concatenate([[0], np.cumsum(width)])
+    jacobian = bsr_array((blocks, node, start), shape=(3 * len(width), 6 * count))
+    # A symmetric matrix is its transpose, of which LAPACK makes no copy.
+    return (jacobian.T @ jacobian).toarray().T, jacobian.T @ goal

@@ -19,7 +19,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.confidence import spectral_distance
 from zoomout_core.correspondence.fitting.bending import Bending, Nodes
-from zoomout_core.correspondence.fitting.partners import Leaps, Surroundings, pulls, spread_places
+from zoomout_core.correspondence.fitting.partners import Leaps, Places, Surroundings, pulls
 from zoomout_core.correspondence.fitting.rigid import settle, unmoved
 from zoomout_core.correspondence.laying import IMAGE_FUNCTIONS, lay
 from zoomout_core.correspondence.proxy import Proxy, carried
@@ -110,22 +110,22 @@ def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -
     if laid.facing(image_normals, source, target) is not laid:
         normals = -normals
     around, leaps = Surroundings.of(source), Leaps(first.vertex, source)
-    at, areas = spread_places(target)
-    still, placed = unmoved(first, rest, normals, at, areas, around, leaps, target)
+    still, placed = unmoved(first, rest, normals, around, leaps, target)
     positions, bending = np.where(still[:, None], placed, laid.positions), None
     for i, (count, sliding, stiffness) in enumerate(ROUNDS):
         yield (i + 1) / (len(ROUNDS) + 2)
         count = min(count, len(target.distances))
         if bending is None or len(bending.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
+            here, there = Places.on(target, count), Places.on(source, count)
             bending = Bending.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
         positions, turned, _ = bending.moved()
         if sliding == 1:
-            pull = np.sqrt(areas)[:, None, None] * np.eye(3)
-            bending.step(at, goal[at] - positions[at], pull, stiffness)
+            pull = np.sqrt(here.areas)[:, None, None] * np.eye(3)
+            bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness)
         else:
-            bending.step(*pulls(positions, turned, at, areas, around, leaps, sliding), stiffness)
+            bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness)
     yield (len(ROUNDS) + 1) / (len(ROUNDS) + 2)
     assert bending is not None
     positions, turned, blends = bending.moved()

@@ -16,11 +16,31 @@ from zoomout_core.triangles import unit_vectors
 
 # Places that are farther than this from their partner, at unit area, pull less; some pull is left to all.
 REACH, LEAST_PULL = 0.03, 1e-3
-# So many places of each of the two shapes look for their partner.
-PLACES = 1000
+# So many places of each of the two shapes look for their partner, for each node that moves the target, and at most.
+PLACES_PER_NODE, MOST_PLACES = 10, 1000
 # A partner is none that is farther than this, along the surface and at unit area, from where the first map leads.
 LEAP = 0.12
 LEAP_SAMPLES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Samples of a shape that look for their partners on the other one.
+
+    Attributes:
+        vertex: (p,) their numbers.
+        areas: (p,) what each stands for.
+    """
+
+    vertex: Integers
+    areas: Floats
+
+    @classmethod
+    def on(cls, shape: Shape, nodes: int) -> Places:
+        """As many as tell how so many nodes should move."""
+        samples = shape.sampled.samples[: min(PLACES_PER_NODE * nodes, MOST_PLACES)]
+        _, owner = cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)
+        return cls(samples, np.bincount(owner, shape.basis.areas, minlength=len(samples)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +51,16 @@ class Surroundings:
         source: the shape.
         places: (n_s, 6) its vertices and normals, in one scale.
         tree: of these.
-        samples: (p,) vertices that look for a partner on the target.
-        areas: (p,) what each stands for.
     """
 
     source: Shape
     places: Floats
     tree: cKDTree
-    samples: Integers
-    areas: Floats
 
     @classmethod
     def of(cls, source: Shape) -> Surroundings:
         places = _with_normals(source.mesh.vertices, source.mesh.vertex_normals)
-        return cls(source, places, cKDTree(places), *spread_places(source))
+        return cls(source, places, cKDTree(places))
 
     def closest(self, positions: Floats, normals: Floats) -> SurfaceMap:
         """The points closest to places (q, 3), next to vertices whose normals agree with those given (q, 3)."""
@@ -71,8 +87,8 @@ class Leaps:
 def pulls(
     positions: Floats,
     normals: Floats,
-    at: Integers,
-    areas: Floats,
+    here: Places,
+    there: Places,
     around: Surroundings,
     leaps: Leaps,
     sliding: float,
@@ -82,8 +98,8 @@ def pulls(
     Args:
         positions: (n, 3) of the target's vertices.
         normals: (n, 3) of these.
-        at: (p,) vertices of the target that look for a partner.
-        areas: (p,) what each stands for.
+        here: places of the target.
+        there: places of the source.
         around: the source.
         leaps: which partners are none.
         sliding: see `Round`.
@@ -92,27 +108,20 @@ def pulls(
         The vertices, the misses and the pulls that `Bending.step` takes.
     """
     mesh = around.source.mesh
-    found = around.closest(positions[at], normals[at])
-    back = cKDTree(_with_normals(positions, normals)).query(around.places[around.samples])[1]
-    vertex = np.concatenate([at, back])
-    partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[around.samples]])
-    partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[around.samples]])
+    found = around.closest(positions[here.vertex], normals[here.vertex])
+    back = cKDTree(_with_normals(positions, normals)).query(around.places[there.vertex])[1]
+    vertex = np.concatenate([here.vertex, back])
+    partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
+    partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])
     partner_normal = unit_vectors(partner_normal)
-    leap = leaps.are(vertex, np.concatenate([found.vertex, around.samples]))
+    leap = leaps.are(vertex, np.concatenate([found.vertex, there.vertex]))
     misses = partner - positions[vertex]
     agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)
     trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(misses, axis=1) / REACH) ** 2) ** 2
     trust = np.where(leap, LEAST_PULL, np.maximum(trust, LEAST_PULL))
     across = partner_normal[:, :, None] * partner_normal[:, None]
     pull = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
-    return vertex, misses, np.sqrt(np.concatenate([areas, around.areas]) * trust)[:, None, None] * pull
-
-
-def spread_places(shape: Shape) -> tuple[Integers, Floats]:
-    """(p,) samples of a shape, and (p,) the area that each stands for."""
-    samples = shape.sampled.samples[:PLACES]
-    _, owner = cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)
-    return samples, np.bincount(owner, shape.basis.areas, minlength=len(samples))
+    return vertex, misses, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * pull
 
 
 def _with_normals(positions: Floats, normals: Floats) -> Floats:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.fitting.bending import crossing
-from zoomout_core.correspondence.fitting.partners import Leaps, Surroundings, pulls
+from zoomout_core.correspondence.fitting.partners import Leaps, Places, Surroundings, pulls
 from zoomout_core.correspondence.proxy import Proxy
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
@@ -17,6 +17,8 @@ from zoomout_core.triangles import triangle_normals
 # A rigid motion is sought in so many rounds; it lays a part into the source where that is nearer than this, at unit
 # area, for at least this part of the surroundings, which reach as far as this diffusion length.
 RIGID_ROUNDS, SLIDING, COINCIDING, MOSTLY, POOLING = 5, 0.02, 0.006, 0.8, 0.03
+# It is found from as many places as so many nodes take.
+NODES = 40
 # On the full meshes so many rounds make it exact, if it takes at least this part of the vertices where they are to go.
 SETTLING_ROUNDS, FEWEST_SETTLED = 4, 0.2
 # They look at so many vertices, and at no mesh with fewer than that.
@@ -34,8 +36,6 @@ def unmoved(
     first: SurfaceMap,
     rest: Floats,
     normals: Floats,
-    at: Integers,
-    areas: Floats,
     around: Surroundings,
     leaps: Leaps,
     target: Shape,
@@ -46,13 +46,15 @@ def unmoved(
         (n,) where that is so, and (n, 3) where the motion takes the target's vertices.
     """
     mesh = around.source.mesh
+    here, there = Places.on(target, NODES), Places.on(around.source, NODES)
+    at = here.vertex
     images = first.interpolate(mesh.vertices)[at]
-    share = areas / areas.sum()
+    share = here.areas / here.areas.sum()
     centre, image_centre = share @ rest[at], share @ images
     turn = nearest_rotations((images - image_centre).T @ (share[:, None] * (rest[at] - centre)))
     for _ in range(RIGID_ROUNDS):
         placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
-        vertex, misses, pull = pulls(placed, turned, at, areas, around, leaps, SLIDING)
+        vertex, misses, pull = pulls(placed, turned, here, there, around, leaps, SLIDING)
         jacobian = np.concatenate([pull @ crossing(placed[vertex] - image_centre), pull], axis=2).reshape(-1, 6)
         change = np.linalg.lstsq(jacobian, np.einsum("qij,qj->qi", pull, misses).ravel(), rcond=None)[0]
         turn = Rotation.from_rotvec(change[:3]).as_matrix() @ turn
