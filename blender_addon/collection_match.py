@@ -16,6 +16,7 @@ from bpy.types import Collection, Context
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
+from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.progress import Steps, drain
 from zoomout_core.projection import closest_points
 
@@ -63,7 +64,7 @@ def match_collections(
         context: Blender's; the objects are in its scene.
         source: its meshes have the data; read as their modifiers leave them.
         target: its meshes receive the data.
-        options: of `zoomout_core.match`.
+        options: `detail`, one of `DETAIL`, and those of `zoomout_core.match`.
 
     Returns:
         For the name of each target that of its source, and the match.
@@ -83,15 +84,14 @@ def match_collections_steps(
 
 
 def worked_out_collections_steps(
-    context: Context, source: str, target: str, **options: Any
+    context: Context, source: str, target: str, detail: str = "balanced", **options: Any
 ) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
     """The same without the end: it returns what keeps the matches."""
     sources, targets = _read(context, source, False), _read(context, target, True)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
-    result = yield from zo.match_steps(
-        sources.joined, targets.joined, **{"regions": _same_names(sources, targets)} | options
-    )
+    arguments = DETAIL[detail] | {"regions": _same_names(sources, targets)} | options
+    result = yield from zo.match_steps(sources.joined, targets.joined, **arguments)
     matches = {name: _alone(result, sources, targets, i) for i, name in enumerate(targets.names)}
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
@@ -100,7 +100,7 @@ def worked_out_collections_steps(
             _check_same(pair.source_name, sources, pair.source)
             _check_same(name, targets, pair.target)
         for name, pair in pairs.items():
-            stored_match.write(context.scene.objects[name].data, matches[name][1], pair, options)
+            stored_match.write(context.scene.objects[name].data, matches[name][1], pair, options | {"detail": detail})
         return matches
 
     return write

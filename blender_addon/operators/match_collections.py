@@ -32,7 +32,7 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
     def steps(self, context: Context) -> Steps[str]:
         settings = context.scene.zoomout
         names = settings.source_collection.name, settings.target_collection.name
-        matches = yield from match_collections_steps(context, *names)
+        matches = yield from match_collections_steps(context, *names, detail=settings.detail.lower())
         pairs = ", ".join(f"'{target}' with '{source}'" for target, (source, _) in matches.items())
         doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
         vertices = sum(len(match.confidence) for _, match in matches.values())
