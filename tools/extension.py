@@ -30,7 +30,7 @@ DIST = ROOT / "dist"
 
 MANIFEST = "blender_manifest.toml"
 # What of the add-on an artist gets, and what stays at home: whoever adds a folder decides.
-SHIPPED = ("*.py", "cargo/*.py", "mesh_data/*.py", "operators/**/*.py", "panels/*.py", "properties/*.py")
+SHIPPED = ("*.py", "cargo/*.py", "cli/*.py", "mesh_data/*.py", "operators/**/*.py", "panels/*.py", "properties/*.py")
 LEFT_AT_HOME = ("demo/*.py",)
 # What the core's own wheel is built from.
 CORE = ("pyproject.toml", "README.md", "LICENSE", "zoomout_core/**/*.py", "zoomout_core/py.typed")

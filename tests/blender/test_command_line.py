@@ -5,9 +5,23 @@ import json
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, add_uv_map, decimated, ellipsoid, set_weights, snapshot_file
+from creatures import creature
+from scenes import (
+    activate,
+    add_uv_map,
+    decimated,
+    ellipsoid,
+    from_pydata,
+    set_weights,
+    snapshot_file,
+    weight_array,
+    weights,
+)
 
-from blender_addon import cli, stored_match
+from blender_addon import cli, stored_match, stored_symmetry
+from blender_addon.cli.arguments import as_in_sidebar, parse
+from blender_addon.properties.match import MatchOptions
+from blender_addon.properties.transfer import BlendOptions
 
 
 @pytest.fixture
@@ -84,13 +98,128 @@ def test_what_cannot_be_done_is_one_sentence_and_exit_status_1(pair, capsys, mor
     assert sentence in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [(), ("dance",), ("match",), ("match", "--source", "Source", "--target")])
+@pytest.mark.parametrize(
+    "arguments", [(), ("dance",), ("match",), ("symmetry",), ("match", "--source", "Source", "--target")]
+)
 def test_a_command_line_that_cannot_be_understood_ends_with_the_usage_and_exit_status_2(arguments, capsys):
     assert run(*arguments) == 2
     assert "usage: blender --background FILE.blend --command zoomout" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("command", "mentioned"), [((), "transfer"), (("transfer",), "--mask-group")])
+@pytest.mark.parametrize("start", ["auto", "landmarks", "proximity", "nearest", "same_order", "file"])
+def test_what_is_left_open_is_as_in_a_fresh_sidebar(start):
+    options = parse(["transfer", "--source", "A", "--target", "B", "--initial", start])
+    settings = bpy.context.scene.zoomout
+    settings.initial = start.upper()
+    assert MatchOptions.match_options(as_in_sidebar(options, MatchOptions)) == pytest.approx(settings.match_options())
+    ours, theirs = (BlendOptions.settings(given) for given in (as_in_sidebar(options, BlendOptions), settings))
+    assert ours.fill_below == pytest.approx(theirs.fill_below)
+    assert {**vars(ours), "fill_below": 0} == {**vars(theirs), "fill_below": 0}
+
+
+def test_every_option_of_the_sidebar_can_be_given():
+    line = (
+        "--initial nearest --detail fine --k-final 90 --map-file m.npz --exact-landmarks --no-landmarks --no-names "
+        "--same-up --from-last --most-distance 0.2 --most-angle 90 --either-side --fill-below 0.3 --mode missing "
+        "--factor 0.5 --mask-group Mask --limit 4 --flip-names --group-names a=b --turning flow"
+    )
+    options = parse(["transfer", "--source", "A", "--target", "B", *line.split()])
+    for group in (MatchOptions, BlendOptions):
+        given = as_in_sidebar(options, group)
+        for name, option in group.__annotations__.items():
+            assert getattr(given, name) != option.keywords.get("default", ""), name
+    assert MatchOptions.match_options(as_in_sidebar(options, MatchOptions))["most_angle"] == 90
+
+
+def test_collections_are_matched_part_by_part(pair, tmp_path):
+    for name, obj in zip(("Hero", "Scan"), pair, strict=True):
+        collection = bpy.data.collections.new(name)
+        bpy.context.scene.collection.children.link(collection)
+        collection.objects.link(obj)
+    path, both = tmp_path / "report.json", ("--source-collection", "Hero", "--target-collection", "Scan")
+    assert run("match", *both, "--detail", "fast", "--report", path) == 0
+    report = json.loads(path.read_text())
+    assert report["source"] == "Hero"
+    assert report["targets"]["Target"]["source"] == "Source"
+    assert run("transfer", *both, "--detail", "fast", "--data", "vertex_groups", "--report", path) == 0
+    assert json.loads(path.read_text())["targets"]["Target"]["written"]["vertex_groups"] == ["Bone"]
+    assert run("match", "--source-collection", "Nobody", "--target-collection", "Scan", "--report", path) == 1
+    assert "no collection 'Nobody'" in json.loads(path.read_text())["error"]
+
+
+@pytest.fixture
+def body():
+    """A posed creature with weights on its left side."""
+    made = creature(1500, seed=1, bend=0.9)
+    obj = from_pydata("Body", made.surface.vertices.tolist(), made.surface.triangles.tolist())
+    set_weights(obj, "Arm.L", np.clip(made.directions[:, 0], 0, 1))
+    return obj
+
+
+def test_a_symmetry_is_found_used_saved_and_reported(body, tmp_path, capsys):
+    out, path = tmp_path / "out.blend", tmp_path / "report.json"
+    actions = ("--check", "weights", "--save", out, "--report", path)
+    assert run("symmetry", "--object", "Body", *actions) == 0
+    before = json.loads(path.read_text())["objects"]["Body"]
+    assert before["candidates"][before["used"] - 1]["name"] == "Reflection"
+    assert run("symmetry", "--object", "Body", "--name-sides", "--symmetrise-weights", *actions) == 0
+    after = json.loads(path.read_text())["objects"]["Body"]
+    assert len(after["done"]) == 2  # the symmetry is that of before
+    assert before["asymmetry"]["weights"]["mean"] > 10 * after["asymmetry"]["weights"]["mean"]
+    assert "zoomout: symmetry of 'Body' done" in capsys.readouterr().out
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    body = bpy.data.objects["Body"]
+    assert list(weights(body)) == ["Arm.L", "Side.L", "Side.R", "Side Middle", "Arm.R"]
+    assert weight_array(body, "Side.L")[weight_array(body, "Arm.L") > 0.5].min() == 1
+
+
+def test_a_symmetry_is_found_anew_where_that_is_asked_for_or_the_mesh_was_edited(body):
+    assert run("symmetry", "--object", "Body", "--swap-sides") == 0
+    swapped = stored_symmetry.read(body).distance
+    assert run("symmetry", "--object", "Body") == 0
+    np.testing.assert_array_equal(stored_symmetry.read(body).distance, swapped)
+    assert run("symmetry", "--object", "Body", "--anew") == 0
+    np.testing.assert_array_equal(stored_symmetry.read(body).distance, -swapped)
+    body.data.vertices[0].co.x += 0.01
+    assert run("symmetry", "--object", "Body") == 0
+    stored_symmetry.read(body)
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (("--use", 99), "'Body' has one symmetry, not the one that is asked for"),
+        (("--mirror-shape-keys", "Smile"), "'Body' has no shape key 'Smile'"),
+        (("--mirror-attributes", "uv_maps"), "none of the data that is to be mirrored"),
+        (("--object", "Nobody"), "There is no object 'Nobody' in the scene"),
+    ],
+)
+def test_where_anything_fails_along_a_symmetry_nothing_is_saved(body, tmp_path, capsys, more, sentence):
+    out, path = tmp_path / "out.blend", tmp_path / "report.json"
+    assert run("symmetry", "--object", "Body", *more, "--save", out, "--report", path) == 1
+    assert sentence in capsys.readouterr().err
+    assert not out.exists()
+    errors = [entry["error"] for entry in json.loads(path.read_text())["objects"].values() if "error" in entry]
+    assert len(errors) == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "complaint"),
+    [
+        (("--factor", "3"), "3 is more than 1"),
+        (("--k-final", "-1"), "-1 is less than 0"),
+        (("--target-collection", "Scan"), "or --source-collection and --target-collection"),
+        (("--detail", "coarse"), "invalid choice: 'coarse'"),
+    ],
+)
+def test_a_value_that_makes_no_sense_is_refused_with_exit_status_2(more, complaint, capsys):
+    assert run("transfer", "--source", "Source", "--target", "Target", *more) == 2
+    assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "mentioned"), [((), "symmetry"), (("transfer",), "--mask-group"), (("symmetry",), "--name-sides")]
+)
 def test_help_says_what_there_is(command, mentioned, capsys):
     assert run(*command, "--help") == 0
     assert mentioned in capsys.readouterr().out

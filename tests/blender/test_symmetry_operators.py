@@ -103,7 +103,7 @@ def test_candidates_can_be_chosen(body, found):
     stored_symmetry.write(body, (found[0], found[0]), "X")
     assert bpy.ops.zoomout.choose_symmetry(number=1) == {"FINISHED"}
     assert stored_symmetry.description(body.data)["chosen"] == 1
-    with pytest.raises(zo.MeshError, match="no symmetry number 2 on 'Creature': 2 were found"):
+    with pytest.raises(zo.MeshError, match="'Creature' has 2 symmetries, not the one"):
         choose_symmetry(bpy.context, body, 2)
 
 

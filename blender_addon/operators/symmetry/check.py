@@ -64,6 +64,21 @@ def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key:
 
 def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) -> Steps[str]:
     """`check_symmetry` as a generator, which holds no Blender data while it is suspended."""
+    values = yield from asymmetry_steps(context, name, check, key)
+    obj = writable_mesh(context, name)
+    least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(stored_symmetry.read(obj).surface.area)
+    most = max(float(np.percentile(values, 100 - FEW)), least)
+    what = _described(check, key, values, most)
+    symmetry_preview.show(context, obj.data, symmetry_preview.heat(values, most), what)
+    return what
+
+
+def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") -> Steps[Floats]:
+    """The values (n,) that `check_symmetry` shows: lengths in the mesh's own units, or parts of weights.
+
+    Raises:
+        MeshError: there is no symmetry, or no such key.
+    """
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     if check == "shape":
@@ -75,12 +90,8 @@ def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) 
         partner = flip_name(key) if flip_name(key) in obj.data.shape_keys.key_blocks else key
         work = partial(_key_asymmetry, own, read_key(obj, partner)[1], symmetry)
     values = np.nan_to_num((yield from spread(in_background(work), 0, 1, "Comparing the sides")))
-    obj = unedited(context, name, symmetry.surface)
-    least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(symmetry.surface.area)
-    most = max(float(np.percentile(values, 100 - FEW)), least)
-    what = _described(check, key, values, most)
-    symmetry_preview.show(context, obj.data, symmetry_preview.heat(values, most), what)
-    return what
+    unedited(context, name, symmetry.surface)
+    return values
 
 
 def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Floats:

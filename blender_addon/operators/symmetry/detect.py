@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from bpy.props import IntProperty
@@ -35,8 +36,7 @@ class ZOOMOUT_OT_detect_symmetry(DetectOptions, SteppedOperator):
         take_settings(self, context.scene.zoomout.symmetry)
         name = context.active_object.name
         found = yield from detect_symmetry_steps(context, name, self.left)
-        first = stored_symmetry.described(found[0])
-        return f"{_count(len(found))} of '{name}'; the first: {summary(first)}"
+        return found_summary(name, found)
 
 
 class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
@@ -105,10 +105,17 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
     kept = stored_symmetry.description(obj.data)
     candidates = kept["candidates"] if kept else []
     if number >= len(candidates):
-        raise zo.MeshError(f"There is no symmetry number {number} on '{obj.name}': {len(candidates)} were found.")
+        raise zo.MeshError(
+            f"'{obj.name}' has {_count(len(candidates))}, not the one that is asked for: choose another."
+        )
     stored_symmetry.choose(obj.data, number)
     _follow(context, obj)
     return f"'{obj.name}': {summary(candidates[number])}"
+
+
+def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
+    """What was found on an object of some name, in a sentence."""
+    return f"Found {_count(len(found))} of '{name}'; the first: {summary(stored_symmetry.described(found[0]))}"
 
 
 def summary(candidate: dict[str, Any]) -> str:
@@ -123,4 +130,4 @@ def _follow(context: Context, obj: Object) -> None:
 
 
 def _count(number: int) -> str:
-    return "Found one symmetry" if number == 1 else f"Found {number} symmetries"
+    return "one symmetry" if number == 1 else f"{number} symmetries"

@@ -1,0 +1,164 @@
+"""What may stand on the command line. Options that the sidebar has, too, are taken from where they are defined."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Iterable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+from zoomout_core.correspondence.detail import DETAIL
+
+from ..cargo import DATA, USUAL_DATA
+from ..properties.match import MatchOptions
+from ..properties.symmetry import DetectOptions, KeyOptions, LayerOptions, SideOptions, WinnerOptions
+from ..properties.transfer import BlendOptions
+
+NAME = "zoomout"
+# Pipelines have the time for a match that the sidebar does not offer.
+MORE_CHOICES = {"detail": tuple(DETAIL)}
+LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
+CHECKS = ("shape", "weights")
+
+
+def parse(command_line: Sequence[str]) -> argparse.Namespace:
+    """What a command line says.
+
+    Raises:
+        SystemExit: it says nothing that can be understood, or asks for help; the terminal shows what there is.
+    """
+    parser = _parser()
+    options = parser.parse_args(command_line)
+    if options.command != "symmetry":
+        _check_pair(parser, options)
+    return options
+
+
+def as_in_sidebar(options: argparse.Namespace, *groups: type) -> Any:
+    """The options of some groups, with the values that Blender's properties have."""
+    values = {}
+    for group in groups:
+        for name, option in group.__annotations__.items():
+            value = getattr(options, name)
+            kind = _kind(option)
+            is_angle = option.keywords.get("subtype") == "ANGLE"
+            values[name] = value.upper() if kind == "Enum" else math.radians(value) if is_angle else value
+    return SimpleNamespace(**values)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"blender --background FILE.blend --command {NAME}",
+        description="Match meshes of a file across pose and topology, transfer data between them, and find the "
+        "symmetries of one.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    match = commands.add_parser("match", help="match targets with a source, and keep the matches in the file")
+    _add_pair(match)
+    transfer = commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
+    _add_pair(transfer)
+    transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
+    _add_options(transfer, BlendOptions)
+    _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and what is done along it"))
+    for name, command in commands.choices.items():
+        when = "if all was done" if name == "symmetry" else "when at least one target is done"
+        command.add_argument("--save", metavar="OUT.blend", help=f"save the file there {when}")
+        command.add_argument("--report", metavar="REPORT.json", help="write what was done")
+    return parser
+
+
+def _add_pair(parser: argparse.ArgumentParser) -> None:
+    """Add options of who is matched, and how."""
+    parser.add_argument("--source", metavar="NAME", help="object that has the data")
+    parser.add_argument(
+        "--target", action="append", dest="targets", default=[], metavar="NAME", help="object; may be repeated"
+    )
+    parser.add_argument("--source-collection", metavar="NAME", help="collection whose meshes have the data")
+    parser.add_argument("--target-collection", metavar="NAME", help="collection whose meshes receive it, part by part")
+    _add_options(parser, MatchOptions)
+
+
+def _check_pair(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with the usage unless there are either objects or collections."""
+    objects, collections = (options.source, options.targets), (options.source_collection, options.target_collection)
+    if (any(objects) and any(collections)) or not (all(objects) or all(collections)):
+        parser.error("give --source and --target, or --source-collection and --target-collection")
+    options.source = options.source or options.source_collection
+
+
+def _add_symmetry(parser: argparse.ArgumentParser) -> None:
+    """Add options of a mesh's own symmetry."""
+    parser.description = (
+        "Find the symmetries of objects, in any pose, and keep them in the file; then do what is asked for along "
+        "the one that is used, in the order of these options. Where an object already has one, that is used."
+    )
+    parser.add_argument(
+        "--object", required=True, action="append", dest="objects", metavar="NAME", help="object; may be repeated"
+    )
+    parser.add_argument("--anew", action="store_true", help="find symmetries even where an object has some")
+    _add_options(parser, DetectOptions)
+    parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth that was found")
+    parser.add_argument("--swap-sides", action="store_true", help="take left for right")
+    parser.add_argument("--name-sides", action="store_true", help="make vertex groups of the sides")
+    _add_options(parser, SideOptions)
+    parser.add_argument("--symmetrise-weights", action="store_true", help="make vertex groups the same on both sides")
+    _add_options(parser, WinnerOptions)
+    parser.add_argument(
+        "--mirror-shape-keys", nargs="+", default=(), metavar="KEY", help="make keys from these, as --key-mode says"
+    )
+    _add_options(parser, KeyOptions)
+    parser.add_argument(
+        "--mirror-attributes", nargs="+", choices=LAYERS, default=(), metavar="KIND", help=", ".join(LAYERS)
+    )
+    _add_options(parser, LayerOptions, ["uv_layout"])
+    parser.add_argument(
+        "--check", nargs="+", choices=CHECKS, default=(), help="report how far the sides differ in these, at the end"
+    )
+
+
+def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[str] = ()) -> None:
+    """Add the options of a group of properties, or some of them."""
+    for name in names or group.__annotations__:
+        option = group.__annotations__[name]
+        known, kind = option.keywords, _kind(option)
+        flag, default = "--" + name.removeprefix("use_").replace("_", "-"), known.get("default")
+        told: dict[str, Any] = {"dest": name, "default": default, "help": known["description"].replace("%", "%%")}
+        if kind == "Bool" and default:
+            parser.add_argument(
+                flag.replace("--", "--no-", 1), action="store_false", **told | {"help": f"turn off: {told['help']}"}
+            )
+        elif kind == "Bool":
+            parser.add_argument(flag, action="store_true", **told)
+        elif kind == "Enum":
+            choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in known["items"])
+            parser.add_argument(flag, choices=choices, type=str.lower, **told | {"default": default.lower()})
+        elif kind == "String":
+            parser.add_argument(flag, metavar="TEXT", **told | {"default": ""})
+        else:
+            is_angle = known.get("subtype") == "ANGLE"
+            turn = math.degrees if is_angle else float if kind == "Float" else int
+            least, most = (None if known.get(end) is None else turn(known[end]) for end in ("min", "max"))
+            told |= {"default": round(turn(default), 6)} | ({"help": f"{told['help']}, in degrees"} if is_angle else {})
+            parser.add_argument(flag, type=_number(int if kind == "Int" else float, least, most), metavar="N", **told)
+
+
+def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:
+    """What reads a number of a range."""
+
+    def read(text: str) -> float:
+        number: float = kind(text)
+        if least is not None and number < least:
+            raise argparse.ArgumentTypeError(f"{text} is less than {least:g}")
+        if most is not None and number > most:
+            raise argparse.ArgumentTypeError(f"{text} is more than {most:g}")
+        return number
+
+    read.__name__ = kind.__name__  # argparse names it where a text is no number
+    return read
+
+
+def _kind(option: Any) -> str:
+    """Which of Blender's properties an option is, such as "Enum"."""
+    name: str = option.function.__name__
+    return name.removesuffix("Property")

@@ -1,0 +1,94 @@
+"""The commands `match` and `transfer`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from bpy.types import Context
+
+import zoomout_core as zo
+from zoomout_core.progress import Steps, drain
+
+from .. import stored_match
+from ..collection_match import match_collections_steps
+from ..operators.match import worked_out_match_steps
+from ..operators.transfer import worked_out_transfer_steps
+from ..properties.match import MatchOptions
+from ..properties.transfer import BlendOptions
+from ..targets import Write, each_target_steps
+from .arguments import as_in_sidebar
+
+Result = TypeVar("Result")
+
+
+def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Match, and report on each target, by its name.
+
+    Raises:
+        MeshError: the collections cannot be matched; nothing was written.
+    """
+    if options.target_collection:
+        return {name: _entry(*matched) for name, matched in _match_collections(context, options).items()}
+
+    def work(target: str) -> Steps[Write[stored_match.Match]]:
+        return worked_out_match_steps(context, options.source, target, **_match_options(options))
+
+    return _reports(dict.fromkeys(options.targets, options.source), work, _entry)
+
+
+def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Transfer, and report on each target, by its name.
+
+    Raises:
+        MeshError: new names of groups are no pairs, or the collections cannot be matched; nothing was written.
+    """
+    settings = BlendOptions.settings(as_in_sidebar(options, BlendOptions))
+    if options.target_collection:
+        source_of = {name: source for name, (source, _) in _match_collections(context, options).items()}
+        matching: dict[str, Any] = {}
+    else:
+        source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
+
+    def work(target: str) -> Steps[Write[dict[str, Any]]]:
+        return worked_out_transfer_steps(context, source_of[target], target, options.data, settings, **matching)
+
+    return _reports(source_of, work, lambda _, report: dict(report))
+
+
+def _match_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of `match_objects`."""
+    return MatchOptions.match_options(as_in_sidebar(options, MatchOptions))
+
+
+def _match_collections(
+    context: Context, options: argparse.Namespace
+) -> dict[str, tuple[str, stored_match.StoredMatch]]:
+    """Match the meshes of two collections: for each target its source and the match."""
+    names = options.source_collection, options.target_collection
+    return drain(match_collections_steps(context, *names, detail=options.detail))
+
+
+def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
+    """What is reported of a match."""
+    return {
+        "source": source,
+        "vertices": len(match.confidence),
+        "low_confidence": stored_match.low_confidence(match.confidence),
+        "mean_confidence": float(match.confidence.mean()),
+        "certainty": match.certainty if isinstance(match, zo.MatchResult) else None,
+        "notes": list(match.notes),
+    }
+
+
+def _reports(
+    source_of: Mapping[str, str],
+    work: Callable[[str], Steps[Write[Result]]],
+    entry: Callable[[str, Result], dict[str, Any]],
+) -> dict[str, Any]:
+    """What was done on each target, or why it was not, by its name."""
+    outcome = drain(each_target_steps(list(source_of), work))
+    done = {name: entry(source_of[name], result) for name, result in outcome.done.items()}
+    failed = {name: {"error": reason} for name, reason in outcome.failed.items()}
+    return {name: (done | failed)[name] for name in source_of}

@@ -1,0 +1,80 @@
+"""The command `symmetry`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.progress import drain
+
+from .. import stored_symmetry
+from ..operators.symmetry.base import writable_mesh
+from ..operators.symmetry.check import Checked, asymmetry_steps
+from ..operators.symmetry.detect import choose_symmetry, detect_symmetry, found_summary
+from ..operators.symmetry.layers import mirror_attributes
+from ..operators.symmetry.shape_keys import mirror_shape_key
+from ..operators.symmetry.sides import name_sides
+from ..operators.symmetry.weights import symmetrise_weights
+
+
+def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Find symmetries, do what is asked for along them, and report on each object, by its name."""
+    report: dict[str, Any] = {}
+    for name in dict.fromkeys(options.objects):
+        entry = report[name] = {"done": []}
+        try:
+            obj = writable_mesh(context, name)
+            for sentence in _work(context, obj, options):
+                entry["done"].append(sentence)
+            entry |= _described(obj)
+            entry["asymmetry"] = {check: _asymmetry(context, name, check) for check in options.check}
+        except zo.MeshError as error:
+            entry["error"] = str(error)
+    return report
+
+
+def _work(context: Context, obj: Object, options: argparse.Namespace) -> Iterator[str]:
+    """Do one thing after another; a sentence about each."""
+    if options.anew or not _is_known(obj):
+        found = detect_symmetry(context, obj, options.left.upper())
+        yield found_summary(obj.name, found)
+    if options.use:
+        yield choose_symmetry(context, obj, options.use - 1)
+    if options.swap_sides:
+        stored_symmetry.swap_sides(obj)
+        yield f"Left and right of '{obj.name}' were swapped"
+    if options.name_sides:
+        yield name_sides(obj, options.middle_width)
+    if options.symmetrise_weights:
+        yield symmetrise_weights(context, obj, options.winner)
+    for key in options.mirror_shape_keys:
+        yield mirror_shape_key(context, obj, key, options.key_mode, options.winner, options.blend)
+    if options.mirror_attributes:
+        yield mirror_attributes(context, obj, options.mirror_attributes, options.winner, options.uv_layout)
+
+
+def _is_known(obj: Object) -> bool:
+    """Whether the object's mesh has a symmetry that still holds."""
+    try:
+        stored_symmetry.read(obj)
+    except zo.MeshError:  # there is none, or the mesh was edited since
+        return False
+    return True
+
+
+def _described(obj: Object) -> dict[str, Any]:
+    """The symmetries that are kept on an object's mesh, and the number of the one that is used, from 1."""
+    kept = stored_symmetry.description(obj.data)
+    assert kept is not None  # it was found before
+    return {"vertices": kept["vertices"], "candidates": kept["candidates"], "used": kept["chosen"] + 1}
+
+
+def _asymmetry(context: Context, name: str, check: Checked) -> dict[str, float]:
+    """How far the sides differ: in the mesh's own units, and of weights which part lies in other groups."""
+    values = drain(asymmetry_steps(context, name, check))
+    return {"mean": float(np.mean(values)), "most": float(np.max(values, initial=0))}
