@@ -19,6 +19,20 @@ Where the shapes alone lead astray, landmarks settle it: vertices of the one and
 
 A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
 
+A mesh's own symmetry is found in any pose, kept on the mesh, and what is done along it follows:
+
+>>> symmetry, *others = api.detect_symmetry(context, body, left="X")
+>>> symmetry.reverses_orientation, symmetry.has_sides
+(True, True)
+>>> api.symmetrise_weights(context, body, winner="left")
+"Made 2 vertex groups of 'Body' symmetric"
+>>> sides = api.symmetry_of(body).sides()  # of each vertex: 1 on the left, -1 on the right, 0 on the line
+>>> int(sides.min()), int(sides.max())
+(-1, 1)
+
+Likewise `mirror_shape_key`, `mirror_attributes`, `mirror_sculpt`, `name_sides`, `select_symmetry_line` and
+`check_symmetry`, which shows by colours what differs.
+
 What a window is to stay alive under runs in steps, which yield how far they are, and can be closed halfway: nothing is
 written before the last of them.
 
@@ -42,20 +56,40 @@ from .collection_match import match_collections, match_collections_steps
 from .landmarks import LandmarkPairs, landmark_pairs
 from .mesh_data import place_of_vertex
 from .operators.match import match_objects, match_steps
+from .operators.symmetry.check import check_symmetry
+from .operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps, swap_sides
+from .operators.symmetry.layers import mirror_attributes
+from .operators.symmetry.sculpt import mirror_sculpt
+from .operators.symmetry.shape_keys import mirror_shape_key
+from .operators.symmetry.sides import name_sides, select_symmetry_line
+from .operators.symmetry.weights import symmetrise_weights
 from .operators.transfer import transfer_objects, transfer_steps
 from .stored_report import transfer_report
+from .stored_symmetry import read as symmetry_of
 
 __all__ = [
     "DATA",
     "USUAL_DATA",
     "LandmarkPairs",
     "Settings",
+    "check_symmetry",
+    "choose_symmetry",
+    "detect_symmetry",
+    "detect_symmetry_steps",
     "landmark_pairs",
     "match_collections",
     "match_collections_steps",
     "match_objects",
     "match_steps",
+    "mirror_attributes",
+    "mirror_sculpt",
+    "mirror_shape_key",
+    "name_sides",
+    "select_symmetry_line",
     "set_landmark",
+    "swap_sides",
+    "symmetrise_weights",
+    "symmetry_of",
     "transfer_objects",
     "transfer_report",
     "transfer_steps",

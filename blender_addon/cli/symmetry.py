@@ -15,7 +15,7 @@ from zoomout_core.progress import drain
 from .. import stored_symmetry
 from ..operators.symmetry.base import writable_mesh
 from ..operators.symmetry.check import Checked, asymmetry_steps
-from ..operators.symmetry.detect import choose_symmetry, detect_symmetry, found_summary
+from ..operators.symmetry.detect import choose_symmetry, detect_symmetry, found_summary, swap_sides
 from ..operators.symmetry.layers import mirror_attributes
 from ..operators.symmetry.shape_keys import mirror_shape_key
 from ..operators.symmetry.sides import name_sides
@@ -46,8 +46,7 @@ def _work(context: Context, obj: Object, options: argparse.Namespace) -> Iterato
     if options.use:
         yield choose_symmetry(context, obj, options.use - 1)
     if options.swap_sides:
-        stored_symmetry.swap_sides(obj)
-        yield f"Left and right of '{obj.name}' were swapped"
+        yield swap_sides(context, obj)
     if options.name_sides:
         yield name_sides(obj, options.middle_width)
     if options.symmetrise_weights:

@@ -5,7 +5,8 @@ import doctest
 import bpy
 import numpy as np
 import pytest
-from scenes import add_uv_map, ellipsoid, set_weights
+from creatures import creature
+from scenes import add_uv_map, ellipsoid, from_pydata, set_weights
 
 import zoomout_core as zo
 from blender_addon import api
@@ -21,10 +22,13 @@ def objects():
 
 
 def test_the_example_runs(objects):
-    hero, scan = objects
-    found = doctest.DocTestFinder().find(api, globs={"api": api, "context": bpy.context, "hero": hero, "scan": scan})
+    made = creature(1500, seed=1, bend=0.9)
+    body = from_pydata("Body", made.surface.vertices.tolist(), made.surface.triangles.tolist())
+    set_weights(body, "Arm.L", np.clip(made.directions[:, 0], 0, 1))
+    names = {"api": api, "context": bpy.context, **dict(zip(("hero", "scan"), objects, strict=True)), "body": body}
+    found = doctest.DocTestFinder().find(api, globs=names)
     (example,) = [test for test in found if test.name == api.__name__]
-    assert len(example.examples) >= 9
+    assert len(example.examples) >= 13
     assert doctest.DocTestRunner().run(example).failed == 0
 
 

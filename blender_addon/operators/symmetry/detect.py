@@ -62,9 +62,7 @@ class ZOOMOUT_OT_swap_sides(SymmetryOperator):
     def steps(self, context: Context) -> Steps[str]:
         obj = writable_mesh(context, context.active_object.name)
         yield Progress(0.0, "Swapping")
-        stored_symmetry.swap_sides(obj)
-        _follow(context, obj)
-        return f"Left and right of '{obj.name}' were swapped"
+        return swap_sides(context, obj)
 
 
 def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.Symmetry, ...]:
@@ -111,6 +109,17 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
     stored_symmetry.choose(obj.data, number)
     _follow(context, obj)
     return f"'{obj.name}': {summary(candidates[number])}"
+
+
+def swap_sides(context: Context, obj: Object) -> str:
+    """Take left for right, in the symmetry that is chosen on an object's mesh; a sentence for the user.
+
+    Raises:
+        MeshError: there is none, or it has no sides.
+    """
+    stored_symmetry.swap_sides(obj)
+    _follow(context, obj)
+    return f"Left and right of '{obj.name}' were swapped"
 
 
 def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
