@@ -19,7 +19,7 @@ from zoomout_core.correspondence.pair import LandmarkError
 from zoomout_core.progress import Steps
 
 from . import mesh_data, stored_match
-from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs
+from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
 from .pair import ObjectPair, find_mesh
 from .starts import map_of_file, same_order
 from .stored_match import Match
@@ -32,6 +32,8 @@ MOST_REGIONS = 36
 # Where the map and the regions of the same name overlap less than by the rest, the user is told.
 CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
+# Starts that may weigh landmarks.
+OF_LANDMARKS = ("auto", "landmarks")
 
 # Vertices of each region of an object, by what it is, GROUP or MATERIAL, and its name.
 NamedRegions = dict[tuple[str, str], np.ndarray]
@@ -107,13 +109,22 @@ def matching_steps(
     return replace(result, notes=(*notes, *result.notes))
 
 
+def settings_to_keep(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:
+    """What `matching_steps` is called with, and which landmarks it then finds, so that a change of them is noticed."""
+    weighed = options.get("use_landmarks", True) and "landmarks" not in options
+    if not weighed or options.get("initial", "auto") not in OF_LANDMARKS:
+        return options
+    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+    return options | {stored_match.LANDMARKS: landmarks_fingerprint(context.scene, source, target)}
+
+
 def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -> LandmarkPairs:
     """The landmarks to match by, which a start from landmarks cannot do without.
 
     Raises:
         MeshError: it would have to.
     """
-    if not wanted or initial not in ("auto", "landmarks"):
+    if not wanted or initial not in OF_LANDMARKS:
         return NO_LANDMARKS
     found = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, pair.target_name))
     if initial == "landmarks" and not found.numbers:

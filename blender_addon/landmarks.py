@@ -18,6 +18,7 @@ from zoomout_core.correspondence.pair import OFF_SURFACE
 
 from . import stored_match
 from .mesh_data import Place, evaluated_mesh, extent, nearest_place
+from .mesh_data.arrays import hash_of
 from .pair import source_name
 from .properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
 from .targets import chosen_targets
@@ -73,6 +74,13 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
         np.array([places[obj][number] for number in on_both]).reshape(-1, 3) for obj in (source, target)
     )
     return LandmarkPairs(tuple(on_both), of_source, of_target, tuple(notes))
+
+
+def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
+    """What changes when a landmark that two objects have in common is placed, moved or removed, but not with poses."""
+    of_source, of_target = places_on(scene, source), places_on(scene, target)
+    common = [(number, of_source[number], of_target[number]) for number in sorted(of_source.keys() & of_target.keys())]
+    return hash_of(repr(common))
 
 
 def participants(context: Context) -> tuple[Object, list[Object]]:

@@ -14,6 +14,7 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 
 from . import mesh_data, stored_match
+from .landmarks import landmarks_fingerprint
 from .mesh_facts import facts
 from .pair import check_distinct, check_writable, choose_source, users_of_mesh
 
@@ -100,6 +101,20 @@ def stale(context: Context, target: Object) -> str:
         ):
             return f"The {role} '{obj.name}' was edited since: match again."
     return ""
+
+
+def outdated(context: Context, target: Object) -> list[str]:
+    """Sentences about what is other than when a target was matched, though its match still holds."""
+    kept = stored_match.description(target.data)
+    source = likely_source(context, kept["source"]) if kept else None
+    if kept is None or source is None:
+        return []
+    if source.name != kept["source"]:
+        return [f"The source is now '{source.name}': match again to go by it."]
+    then = kept.get("settings", {}).get(stored_match.LANDMARKS)
+    if then is not None and then != landmarks_fingerprint(context.scene, source, target):
+        return ["Landmarks were placed, moved or removed since: match again to go by them."]
+    return []
 
 
 def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]:

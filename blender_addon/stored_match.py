@@ -26,6 +26,8 @@ from .pair import ObjectPair, choose_source, find_mesh, read_pair_steps
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
+# Among the settings that are kept: a fingerprint of the landmarks that were weighed.
+LANDMARKS = "landmarks_fingerprint"
 # Vertices below this confidence are counted in reports.
 LOW_CONFIDENCE = 0.5
 

@@ -112,6 +112,7 @@ def _result_steps(
     if candidates.is_held(listing):
         return (yield from candidates.result_steps(listing, place))
     settings = kept.settings | {"initial": "auto", "from_last": False}
+    settings.pop(stored_match.LANDMARKS, None)
     anew = yield from within(matching_steps(context, pair, **settings), 0, MATCHING)
     assert isinstance(anew, zo.MatchResult)  # an automatic start
     found = candidates.listing_of(anew, pair)

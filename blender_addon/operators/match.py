@@ -9,7 +9,7 @@ from bpy.types import Context, Object
 from zoomout_core.progress import Steps, drain
 
 from .. import match_preview, stored_match
-from ..evidence import matching_steps
+from ..evidence import matching_steps, settings_to_keep
 from ..pair import check_unedited, choose_source, read_pair_steps
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
@@ -75,12 +75,13 @@ def worked_out_match_steps(
 ) -> Steps[Write[stored_match.Match]]:
     """The same without the end: it returns what keeps the match on the target."""
     pair = yield from read_pair_steps(context, source_name, target_name)
+    settings = settings_to_keep(context, pair, options)
     result = yield from matching_steps(context, pair, **options)
     coats = yield from match_preview.following_steps(context, pair, result)
 
     def write() -> stored_match.Match:
         _, target = check_unedited(context, pair)
-        stored_match.write(target.data, result, pair, options)
+        stored_match.write(target.data, result, pair, settings)
         match_preview.follow(coats)
         return result
 

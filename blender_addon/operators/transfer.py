@@ -13,7 +13,7 @@ from zoomout_core.transfer import Blend
 
 from .. import stored_match, stored_report
 from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
-from ..evidence import matching_steps
+from ..evidence import matching_steps, settings_to_keep
 from ..mesh_data import evaluated_mesh
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair_steps, users_of_mesh
 from ..properties.match import MatchOptions, option_label
@@ -124,6 +124,7 @@ def worked_out_transfer_steps(
     cargo, remarks, blend = _packed(context, pair, data, settings)
     match: stored_match.Match
     if kept is None:
+        made_with = settings_to_keep(context, pair, match_options)
         match = yield from within(matching_steps(context, pair, **match_options), 0, MATCHING)
     else:
         match = kept
@@ -134,7 +135,7 @@ def worked_out_transfer_steps(
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
         if kept is None:
-            stored_match.write(target.data, match, pair, match_options)
+            stored_match.write(target.data, match, pair, made_with)
         for one in cargo:
             one.write(target)
         target.data.update()

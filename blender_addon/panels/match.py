@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from bpy.types import Context, Object, Panel, UILayout
+from bpy.types import Context, Panel, UILayout
 
 from .. import stored_match
 from ..operators.match import ZOOMOUT_OT_match
 from ..preflight import findings, likely_source
-from .sidebar import SidebarPanel, main_button, show_findings, split_properties
+from ..targets import chosen_targets
+from .sidebar import SidebarPanel, counted, main_button, show_findings, split_properties
 
 
 class ZOOMOUT_PT_match(SidebarPanel, Panel):
@@ -19,9 +20,14 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         column = layout.column()
         column.prop(settings, "source")
         is_mesh = target is not None and target.type == "MESH"
-        if settings.source is None and is_mesh and (source := likely_source(context)):
-            _object_row(column, "", source, "(selected)")
-        _object_row(column, "Target", target if is_mesh else None, "(active)")
+        source = likely_source(context) if is_mesh else None
+        if settings.source is None and source:
+            _object_row(column, "", f"{source.name} (selected)")
+        _object_row(column, "Target", f"{target.name} (active)" if is_mesh else "")
+        others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
+        if others:
+            names = others[0].name if len(others) == 1 else f"{len(others)} more"
+            _object_row(column, "", f"{names} (selected)")
         layout.prop(settings, "initial")
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")
@@ -35,16 +41,16 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         main_button(
             layout,
             ZOOMOUT_OT_match.bl_idname,
-            "Match Again" if again else "Match",
+            "Match Again" if again and not others else counted("Match", "", context, source),
             "VIEWZOOM",
             not any(finding.blocks for finding in found),
         )
 
 
-def _object_row(layout: UILayout, label: str, obj: Object | None, role: str) -> None:
-    """An object that was chosen elsewhere, in the place of a property."""
+def _object_row(layout: UILayout, label: str, text: str) -> None:
+    """Objects that were chosen elsewhere, in the place of a property."""
     split = layout.split(factor=0.4)
     name = split.row()
     name.alignment = "RIGHT"
     name.label(text=label)
-    split.label(text=f"{obj.name} {role}" if obj else "None", icon="OUTLINER_OB_MESH" if obj else "BLANK1")
+    split.label(text=text or "None", icon="OUTLINER_OB_MESH" if text else "BLANK1")

@@ -7,10 +7,10 @@ from bpy.types import Context, Panel, UILayout
 from .. import candidates, match_preview, stored_match
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ..operators.match_preview import KINDS, ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
-from ..preflight import stale
+from ..preflight import Finding, outdated, stale
 from ..swatches import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
-from .sidebar import SidebarPanel, sentences
+from .sidebar import SidebarPanel, sentences, show_findings
 
 LEGENDS = {
     match_preview.CONFIDENCE: "Blue is sure, red is a guess",
@@ -46,6 +46,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             doubtful = kept["low_confidence"] / kept["vertices"]
             text = f"Matched with '{kept['source']}', {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK")
+            show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
         usable = layout.column()
         usable.enabled = not reason
         _draw_preview(usable, match_preview.shown_kind(target))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from bpy.types import Context, UILayout
+from bpy.types import Context, Object, UILayout
 
 from ..operators import stepped
 from ..preflight import Finding
+from ..targets import chosen_targets
 
 # Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
 LETTER, BORDER = 6.5, 60
@@ -52,6 +53,12 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
     row.scale_y = BUTTON
     row.enabled = enabled
     row.operator(operator, text=text, icon=icon)
+
+
+def counted(text: str, link: str, context: Context, source: Object | None) -> str:
+    """The text of a button, with the number of targets if there are several."""
+    number = len(chosen_targets(context, source)) if source else 1
+    return f"{text} {link}{number} Targets" if number > 1 else text
 
 
 def split_properties(layout: UILayout) -> None:

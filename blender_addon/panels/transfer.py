@@ -8,10 +8,10 @@ from .. import stored_match
 from ..inventory import inventory
 from ..operators.choose_data import ZOOMOUT_OT_choose_data
 from ..operators.transfer import ZOOMOUT_OT_transfer, summary
-from ..preflight import Finding, findings, likely_source, stale
+from ..preflight import Finding, findings, likely_source, outdated, stale
 from ..properties.transfer import TransferOptions
 from ..stored_report import transfer_report
-from .sidebar import SidebarPanel, main_button, sentences, show_findings
+from .sidebar import SidebarPanel, counted, main_button, sentences, show_findings
 
 
 class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
@@ -24,10 +24,13 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         source = likely_source(context, known) if target else None
         _draw_choice(layout, context, source)
         found = findings(context, known)
-        if kept and source and source.name == known and (reason := stale(context, target)):
+        matched = bool(kept and source and source.name == known)
+        if matched and (reason := stale(context, target)):
             found = [Finding(reason, True)]
+        elif matched:
+            found += [Finding(text, False) for text in outdated(context, target)]
         show_findings(context, layout, found)
-        text = "Transfer" if kept and source and source.name == known else "Match and Transfer"
+        text = counted("Transfer" if matched else "Match and Transfer", "to ", context, source)
         free = not any(finding.blocks for finding in found)
         main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
 

@@ -9,8 +9,10 @@ import pytest
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
 
 from blender_addon import mesh_facts, panels
+from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators import stepped
+from blender_addon.operators.candidates import use_candidate
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
 from zoomout_core.progress import Progress
@@ -173,6 +175,50 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     shown = buttons()
     assert shown["Match Again"]
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
+
+
+def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target):
+    def changed():
+        return "Landmarks were placed, moved or removed since" in texts()
+
+    for obj in (source, target):
+        set_landmark(bpy.context, obj, number=1, vertex=12)
+    match_objects(bpy.context, source, target, k_final=30)
+    set_landmark(bpy.context, target, number=2, vertex=40)  # on one of the two alone it says nothing
+    assert not changed()
+    set_landmark(bpy.context, source, number=2, vertex=40)
+    assert changed()
+    assert buttons()["Transfer"]  # the match holds all the same
+    match_objects(bpy.context, source, target, k_final=30)
+    assert not changed()
+    use_candidate(bpy.context, target, 1)  # of the same match
+    assert not changed()
+    set_landmark(bpy.context, target, number=2, vertex=41)
+    assert changed()
+    match_objects(bpy.context, source, target, k_final=30, use_landmarks=False)
+    assert not changed()
+    bpy.context.scene.zoomout.source = ellipsoid("Other", 3)
+    activate(target)
+    bpy.context.view_layer.update()
+    assert "The source is now 'Other': match again to go by it." in texts()
+    assert buttons()["Match and Transfer"]
+
+
+def test_buttons_say_how_many_targets_there_are(source, target):
+    bpy.context.scene.zoomout.source = source
+    third = ellipsoid("Third", 4)
+    activate(target, third, source)
+    bpy.context.view_layer.update()
+    assert "Third (selected)" in texts()
+    assert buttons()["Match 2 Targets"]
+    assert buttons()["Match and Transfer to 2 Targets"]
+    fourth = ellipsoid("Fourth", 4)
+    activate(target, third, fourth, source)
+    bpy.context.view_layer.update()
+    assert "2 more (selected)" in texts()
+    assert buttons()["Match 3 Targets"]
+    bpy.context.scene.zoomout.source = None
+    assert buttons()["Match"] is False
 
 
 def test_a_transfer_shows_its_report(source, target):
