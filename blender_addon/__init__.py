@@ -4,13 +4,13 @@ import bpy
 
 import zoomout_core as zo
 
-from . import cli, landmark_dots, operators, panels, swatches, watch
+from . import cli, landmark_dots, menus, operators, panels, swatches, watch
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (ZOOMOUT_PG_symmetry, *LANDMARK_CLASSES, ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES)
+    (ZOOMOUT_PG_symmetry, *LANDMARK_CLASSES, ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES, *menus.CLASSES)
 )
 
 
@@ -19,6 +19,7 @@ def register() -> None:
     _register_classes()
     watch.register()
     landmark_dots.register()
+    menus.register()
     cli.register()
     bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
     if __package__.startswith("bl_ext."):  # installed, so that Blender has a folder for it
@@ -30,6 +31,7 @@ def unregister() -> None:
     watch.unregister()
     swatches.unregister()
     cli.unregister()
+    menus.unregister()
     landmark_dots.unregister()
     del bpy.types.Scene.zoomout
     _unregister_classes()

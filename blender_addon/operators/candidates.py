@@ -66,7 +66,7 @@ class ZOOMOUT_OT_use_candidate(CandidateOperator):
 
 class ZOOMOUT_OT_swap_match_sides(CandidateOperator):
     bl_idname = "zoomout.swap_match_sides"
-    bl_label = "Swap Sides"
+    bl_label = "Swap Sides of Match"
     bl_description = "Use the map that has left and right the other way round"
     bl_options = {"REGISTER", "UNDO"}
 

@@ -58,7 +58,7 @@ class LandmarkOperator(Operator):
 
 class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
     bl_idname = "zoomout.landmarks_from_selected"
-    bl_label = "From Selected Vertices"
+    bl_label = "Landmarks from Selected Vertices"
     bl_description = (
         "Place a landmark on each selected vertex of the source and of the target, in the order of the selection: "
         "the first of one corresponds to the first of the other"
@@ -94,7 +94,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
 
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     bl_idname = "zoomout.import_landmarks"
-    bl_label = "Import"
+    bl_label = "Import Landmarks"
     bl_description = "Place landmarks where the source and the target have something of the same name"
 
     def change(self, context: Context, objects: list[Object]) -> str:
@@ -126,7 +126,10 @@ class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
     def poll(cls, context: Context) -> bool:
         """Whether one is chosen."""
         settings = context.scene.zoomout
-        return settings.active_landmark < len(settings.landmarks) and super().poll(context)
+        if settings.active_landmark >= len(settings.landmarks):
+            cls.poll_message_set("Choose a landmark in the list")
+            return False
+        return super().poll(context)
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove it."""

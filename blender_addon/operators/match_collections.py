@@ -8,6 +8,7 @@ from zoomout_core.progress import Steps
 
 from .. import stored_match
 from ..collection_match import match_collections_steps
+from . import stepped
 from .stepped import SteppedOperator
 
 
@@ -23,11 +24,16 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether both collections are chosen."""
-        settings = context.scene.zoomout
-        chosen = settings.source_collection is not None and settings.target_collection is not None
-        if not chosen or context.mode != "OBJECT":
-            cls.poll_message_set("Switch to Object Mode" if chosen else "Choose both collections")
-        return chosen and context.mode == "OBJECT"
+        settings, reason = context.scene.zoomout, ""
+        if stepped.running:
+            reason = stepped.AT_WORK
+        elif settings.source_collection is None or settings.target_collection is None:
+            reason = "Choose both collections in the sidebar"
+        elif context.mode != "OBJECT":
+            reason = "Switch to Object Mode"
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
 
     def steps(self, context: Context) -> Steps[str]:
         settings = context.scene.zoomout

@@ -22,7 +22,7 @@ KINDS = (
 
 class ZOOMOUT_OT_preview(SteppedOperator):
     bl_idname = "zoomout.preview"
-    bl_label = "Preview Match"
+    bl_label = "Show Match"
     bl_description = "Show the match of the active mesh by colours in the viewport. Nothing in the file is changed"
     bl_options = {"REGISTER"}
 
@@ -44,7 +44,7 @@ class ZOOMOUT_OT_preview(SteppedOperator):
 
 class ZOOMOUT_OT_clear_preview(Operator):
     bl_idname = "zoomout.clear_preview"
-    bl_label = "Clear Preview"
+    bl_label = "Hide Match"
     bl_description = "Stop showing the match; the viewport is as it was before"
     bl_options = {"REGISTER"}
 

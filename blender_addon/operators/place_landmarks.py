@@ -25,7 +25,7 @@ class Pointed(NamedTuple):
 
 class ZOOMOUT_OT_place_landmarks(Operator):
     bl_idname = "zoomout.place_landmarks"
-    bl_label = "Place"
+    bl_label = "Place Landmarks"
     bl_description = (
         "Click on the source and on the target, in turn, at places that correspond; drag a dot to move it. "
         "Backspace takes the last one back, ESC or the right mouse button ends"

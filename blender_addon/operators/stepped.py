@@ -21,6 +21,9 @@ SLICE = 0.1
 # What goes on to the view meanwhile, so that it can be looked at from all sides.
 LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
 
+# Why no other work can begin meanwhile, in words for a button.
+AT_WORK = "ZoomOut is at work: wait, or press ESC"
+
 # How far the work is that goes on in a window.
 running: Progress | None = None
 
@@ -45,7 +48,7 @@ class SteppedOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active object can receive data."""
-        reason = "ZoomOut is at work: wait, or press ESC" if running else obstacle(context)
+        reason = AT_WORK if running else obstacle(context)
         if reason:
             cls.poll_message_set(reason)
         return not reason

@@ -54,9 +54,11 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout
         if context.mode == "EDIT_MESH":
-            layout.operator(ZOOMOUT_OT_landmarks_from_selected.bl_idname, icon="VERTEXSEL")
+            layout.operator(
+                ZOOMOUT_OT_landmarks_from_selected.bl_idname, text="From Selected Vertices", icon="VERTEXSEL"
+            )
         else:
-            layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname, icon="CURSOR")
+            layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname, text="Place", icon="CURSOR")
         pair = _pair(context)
         row = layout.row()
         row.template_list(ZOOMOUT_UL_landmarks.__name__, "", settings, "landmarks", settings, "active_landmark", rows=4)

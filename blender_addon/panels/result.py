@@ -66,7 +66,7 @@ def _draw_preview(layout: UILayout, shown: str) -> None:
 
 def _draw_candidates(layout: UILayout, listing: candidates.Listing) -> None:
     row = layout.row(align=True)
-    row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, icon="MOD_MIRROR")
+    row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, text="Swap Sides", icon="MOD_MIRROR")
     row.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next", icon="FORWARD")
     grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
     column = grid.column(align=True)

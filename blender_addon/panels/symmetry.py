@@ -137,7 +137,7 @@ def _draw_candidates(context: Context, box: UILayout, kept: dict[str, Any]) -> N
         button.number = number
     candidate = kept["candidates"][kept["chosen"]]
     if candidate["sides"]:
-        box.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, icon="ARROW_LEFTRIGHT")
+        box.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, text="Swap Sides", icon="ARROW_LEFTRIGHT")
     sentences(context, box, candidate["notes"])
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from drawing import Context, Layout
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
 
 from blender_addon import mesh_facts, panels
@@ -16,72 +17,6 @@ from blender_addon.operators.candidates import use_candidate
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
 from zoomout_core.progress import Progress
-
-ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
-
-
-class Layout:
-    """Stands in for Blender's layout: keeps what is drawn, and refuses what Blender would refuse."""
-
-    def __init__(self, drawn, above=None):
-        object.__setattr__(self, "drawn", drawn)
-        object.__setattr__(self, "above", above)
-        object.__setattr__(self, "enabled", True)
-
-    def __setattr__(self, name, value):
-        assert name in bpy.types.UILayout.bl_rna.properties, name
-        object.__setattr__(self, name, value)
-
-    def usable(self):
-        return self.enabled and (self.above is None or self.above.usable())
-
-    def _inner(self, **_):
-        return Layout(self.drawn, self)
-
-    row = column = box = split = grid_flow = _inner
-
-    def prop(self, settings, name, **_):
-        assert name in settings.bl_rna.properties, name
-        self.drawn.append(("prop", name, self.usable))
-
-    def prop_search(self, settings, name, searched, collection):
-        assert hasattr(searched, collection)
-        self.prop(settings, name)
-
-    def label(self, text="", icon="NONE"):
-        assert icon in ICONS
-        self.drawn.append(("label", text, self.usable))
-
-    def operator(self, name, text=None, icon="NONE", depress=False):
-        assert icon in ICONS
-        kind = getattr(bpy.ops.zoomout, name.split(".")[1]).get_rna_type()
-        self.drawn.append(("operator", kind.name if text is None else text, self.usable))
-        return SimpleNamespace()
-
-    def progress(self, text, factor):
-        self.drawn.append(("progress", text, lambda: factor))
-
-    def template_list(self, kind, _, owner, name, active_owner, active_name, rows):
-        assert hasattr(bpy.types, kind)
-        assert name in owner.bl_rna.properties
-        assert active_name in active_owner.bl_rna.properties
-        self.drawn.append(("list", name, lambda: rows))
-
-    def separator(self):
-        pass
-
-    def template_icon(self, icon_value, scale):
-        self.drawn.append(("icon", icon_value, lambda: scale))
-
-
-class Context:
-    """Blender's context, in a region of some width."""
-
-    region = SimpleNamespace(width=300)
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-
-    def __getattr__(self, name):
-        return getattr(bpy.context, name)
 
 
 def drawn():

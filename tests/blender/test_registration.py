@@ -3,10 +3,18 @@
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
+import pytest
+from creatures import creature
+from drawing import Context, Layout
+from scenes import activate, ellipsoid, from_pydata
 
 import blender_addon
+from blender_addon import menus
+from blender_addon.operators import stepped
+from zoomout_core.progress import Progress
 
 
 def traces():
@@ -18,7 +26,8 @@ def traces():
         for name in dir(bpy.app.handlers)
         if isinstance(getattr(bpy.app.handlers, name), list)
     }
-    return names, hasattr(bpy.types.Scene, "zoomout"), handlers
+    extended = [menu.is_extended() for menu in (bpy.types.VIEW3D_MT_object, bpy.types.VIEW3D_MT_edit_mesh)]
+    return names, hasattr(bpy.types.Scene, "zoomout"), handlers, extended
 
 
 def test_registering_twice_leaves_no_trace():
@@ -35,13 +44,86 @@ def test_registering_twice_leaves_no_trace():
     blender_addon.register()  # as the fixture expects it
 
 
-def test_every_option_and_operator_explains_itself():
-    settings = bpy.types.Scene.bl_rna.properties["zoomout"].fixed_type.properties
-    for name in dir(bpy.ops.zoomout):
-        operator = getattr(bpy.ops.zoomout, name).get_rna_type()
-        assert operator.description
-        for option in (*operator.properties, *settings):
-            assert option.description or option.identifier in ("rna_type", "name"), option.identifier
+def operators():
+    return {name: getattr(bpy.ops.zoomout, name) for name in dir(bpy.ops.zoomout)}
+
+
+def groups_of_properties():
+    """The operators' properties, and those of all groups of the scene's settings, by the names of their owners."""
+    found = {name: operator.get_rna_type() for name, operator in operators().items()}
+    groups = [bpy.types.Scene.bl_rna.properties["zoomout"].fixed_type]
+    for group in groups:  # grows meanwhile
+        found[group.identifier] = group
+        groups += [
+            option.fixed_type
+            for option in group.properties
+            if option.type in ("POINTER", "COLLECTION") and option.fixed_type.identifier.startswith("ZOOMOUT")
+        ]
+    return found
+
+
+def test_every_operator_option_and_choice_explains_itself():
+    assert {"match", "ZOOMOUT_PG_settings", "ZOOMOUT_PG_symmetry", "ZOOMOUT_PG_place"} <= groups_of_properties().keys()
+    for name, operator in operators().items():
+        assert operator.get_rna_type().description, name
+    for owner, group in groups_of_properties().items():
+        for option in group.properties:
+            if option.identifier not in ("rna_type", "name") and not option.is_hidden:
+                assert option.description, (owner, option.identifier)
+                for choice in option.enum_items if option.type == "ENUM" else ():
+                    assert choice.description, (owner, option.identifier, choice.identifier)
+
+
+def test_operators_are_told_apart_by_their_labels():
+    labels = [operator.get_rna_type().name for operator in operators().values()]
+    assert len(set(labels)) == len(labels)
+
+
+def nothing():
+    pass
+
+
+def a_light():
+    bpy.ops.object.light_add()
+
+
+def one_mesh():
+    activate(ellipsoid("Mesh", 2))
+
+
+def edit_mode():
+    one_mesh()
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
+def work_in_a_window():
+    one_mesh()
+    stepped.running = Progress(0.5, "Working")
+
+
+@pytest.mark.parametrize("state", [nothing, a_light, one_mesh, edit_mode, work_in_a_window])
+def test_operators_that_cannot_be_used_say_why(state, monkeypatch):
+    monkeypatch.setattr(stepped, "running", None)
+    state()
+    refused = [operator for operator in operators().values() if not operator.poll()]
+    assert refused
+    for operator in refused:
+        with pytest.raises(RuntimeError, match=r"\.poll\(\) ") as refusal:
+            operator()
+        assert "context is incorrect" not in str(refusal.value), str(refusal.value)
+
+
+def test_every_operator_is_in_a_menu_so_that_it_is_found_by_searching():
+    found = []
+    made = creature(1500, seed=1, bend=0.9).surface
+    activate(from_pydata("Body", made.vertices.tolist(), made.triangles.tolist()))
+    assert bpy.ops.zoomout.detect_symmetry() == {"FINISHED"}  # each that is found can be chosen
+    for menu in menus.CLASSES:
+        layout = Layout([])
+        menu.draw(SimpleNamespace(layout=layout), Context())
+        found += layout.operators
+    hidden = {"zoomout.choose_data"}
+    assert set(found) == {f"zoomout.{name}" for name in operators()} - hidden
 
 
 def test_the_manifest_is_valid():

@@ -55,7 +55,7 @@ class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
 
 class ZOOMOUT_OT_swap_sides(SymmetryOperator):
     bl_idname = "zoomout.swap_sides"
-    bl_label = "Swap Sides"
+    bl_label = "Swap Sides of Symmetry"
     bl_description = "Take left for right, in the symmetry that is chosen: where the axis told them apart wrongly"
     bl_options = {"REGISTER", "UNDO"}
 

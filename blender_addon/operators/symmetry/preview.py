@@ -37,7 +37,7 @@ class ZOOMOUT_OT_preview_symmetry(SymmetryOperator):
 
 class ZOOMOUT_OT_remove_preview(SteppedOperator):
     bl_idname = "zoomout.remove_preview"
-    bl_label = "Hide Colors"
+    bl_label = "Hide Symmetry"
     bl_description = "Take away the colors that show a symmetry, or how much is asymmetric; nothing of them is left"
     bl_options = {"REGISTER", "UNDO"}
 
