@@ -4,13 +4,21 @@ import bpy
 
 import zoomout_core as zo
 
-from . import cli, landmark_dots, menus, operators, panels, swatches, watch
+from . import cli, landmark_dots, menus, operators, panels, presets, swatches, watch
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (ZOOMOUT_PG_symmetry, *LANDMARK_CLASSES, ZOOMOUT_PG_settings, *operators.CLASSES, *panels.CLASSES, *menus.CLASSES)
+    (
+        ZOOMOUT_PG_symmetry,
+        *LANDMARK_CLASSES,
+        ZOOMOUT_PG_settings,
+        *operators.CLASSES,
+        *presets.CLASSES,
+        *panels.CLASSES,
+        *menus.CLASSES,
+    )
 )
 
 

@@ -9,6 +9,7 @@ from ..inventory import inventory
 from ..operators.choose_data import ZOOMOUT_OT_choose_data
 from ..operators.transfer import ZOOMOUT_OT_transfer, summary
 from ..preflight import Finding, findings, likely_source, outdated, stale
+from ..presets import ZOOMOUT_PT_transfer_presets
 from ..properties.transfer import TransferOptions
 from ..stored_report import transfer_report
 from .sidebar import SidebarPanel, counted, main_button, sentences, show_findings
@@ -16,6 +17,9 @@ from .sidebar import SidebarPanel, counted, main_button, sentences, show_finding
 
 class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
     bl_label = "Transfer"
+
+    def draw_header_preset(self, context: Context) -> None:
+        ZOOMOUT_PT_transfer_presets.draw_panel_header(self.layout)
 
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object

@@ -1,0 +1,55 @@
+"""Options kept by name, as Blender keeps presets."""
+
+import bpy
+import pytest
+
+from blender_addon import presets
+from blender_addon.properties.match import MatchOptions
+from blender_addon.properties.transfer import BlendOptions, TransferOptions
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Where presets are kept, in place of the user's own folder."""
+    monkeypatch.setenv("BLENDER_USER_SCRIPTS", str(tmp_path))
+    assert bpy.utils.user_resource("SCRIPTS") == str(tmp_path)
+    return tmp_path / "presets" / "zoomout"
+
+
+def changed(group):
+    """Another value than the default for each option of a group."""
+    found = {}
+    for name, option in group.__annotations__.items():
+        default = option.keywords.get("default", "")
+        if isinstance(default, bool):
+            found[name] = not default
+        elif option.function.__name__ == "EnumProperty":
+            found[name] = next(identifier for identifier, *_ in option.keywords["items"] if identifier != default)
+        else:
+            found[name] = "Name" if isinstance(default, str) else default / 2 if default else 1
+    return found
+
+
+@pytest.mark.parametrize(("what", "groups"), [("match", [MatchOptions]), ("transfer", [TransferOptions, BlendOptions])])
+def test_options_are_kept_by_name_and_come_back(folder, what, groups):
+    settings = bpy.context.scene.zoomout
+    wanted = {name: value for group in groups for name, value in changed(group).items()}
+    for name, value in wanted.items():
+        setattr(settings, name, value)
+    add = getattr(bpy.ops.zoomout, f"add_{what}_preset")
+    assert add(name="Scans of heads") == {"FINISHED"}
+    (kept,) = (folder / what).iterdir()
+    for name in wanted:
+        settings.property_unset(name)
+    menu = f"ZOOMOUT_PT_{what}_presets"
+    assert bpy.ops.script.execute_preset(filepath=str(kept), menu_idname=menu) == {"FINISHED"}
+    assert {name: getattr(settings, name) for name in wanted} == pytest.approx(wanted)
+    assert add(name="Scans of heads", remove_name=True) == {"FINISHED"}
+    assert not kept.exists()
+
+
+def test_a_preset_leaves_other_settings_alone(folder):
+    presets_of = {cls.preset_menu: cls.preset_values for cls in presets.CLASSES if hasattr(cls, "preset_values")}
+    match, transfer = (set(values) for values in presets_of.values())
+    assert not match & transfer
+    assert not {"settings.source", "settings.landmarks", "settings.symmetry"} & (match | transfer)
