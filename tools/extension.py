@@ -2,10 +2,10 @@
 
 `make extension` leaves `dist/ID-VERSION-PLATFORM.zip` for every platform, or for those that are named. The wheels are
 those of the package index, unchanged, in the versions and with the hashes of `tools/wheels/`: a file for each Python
-that Blender runs on, and one for what builds the core's own wheel. To change a version, change it there, then run
-`python tools/extension.py --lock`, which writes the hashes anew.
+that Blender runs on, and one for what builds the core's own wheel and the documentation's pages. To change a version,
+change it there, then run `python tools/extension.py --lock`, which writes the hashes anew.
 
-A zip holds what `SHIPPED` names and nothing else, and its bytes depend on nothing but the tree and the wheels.
+A zip holds what `SHIPPED` and `DOCUMENTS` name and nothing else; its bytes depend only on the tree and the wheels.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 ADDON = ROOT / "blender_addon"
+DOCS = ROOT / "docs"
 LOCKS = ROOT / "tools" / "wheels"
 DOWNLOADS = ROOT / "build" / "wheels"
 DIST = ROOT / "dist"
@@ -32,8 +33,26 @@ MANIFEST = "blender_manifest.toml"
 # What of the add-on an artist gets, and what stays at home: whoever adds a folder decides.
 SHIPPED = ("*.py", "cargo/*.py", "cli/*.py", "mesh_data/*.py", "operators/**/*.py", "panels/*.py", "properties/*.py")
 LEFT_AT_HOME = ("demo/*.py",)
+# Texts of `docs` that become pages in the zip, with the pictures that they show.
+DOCUMENTS = ("blender.md", "transfer.md")
 # What the core's own wheel is built from.
 CORE = ("pyproject.toml", "README.md", "LICENSE", "zoomout_core/**/*.py", "zoomout_core/py.typed")
+
+# What a page is besides its text: readable lines, in the browser's own light or dark colours.
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<meta charset="utf-8">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark }}
+body {{ font-family: sans-serif; line-height: 1.5; max-width: 50rem; margin: 2rem auto; padding: 0 1rem }}
+img {{ max-width: 100% }}
+pre {{ overflow-x: auto }}
+td, th {{ text-align: left; vertical-align: top; padding: 0.3rem 1rem 0.3rem 0 }}
+</style>
+{body}
+</html>
+"""
 
 # Python 3.11 is Blender's until 5.0, 3.13 from 5.1 on.
 PYTHONS = ("cp311", "cp313")
@@ -92,12 +111,13 @@ def build(platforms: Sequence[str], folder: Path = DIST) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         core = build_core_wheel(Path(temporary))
+        pages = built_pages(Path(temporary))
         archives = []
         for platform in platforms:
             wheels = {core.name: core}
             for python in PYTHONS:
                 wheels |= {wheel.name: wheel for wheel in locked_wheels(python, platform)}
-            content = shipped_files()
+            content = shipped_files() | pages
             content[MANIFEST] = completed_manifest(manifest, platform, sorted(wheels)).encode()
             content |= {f"wheels/{name}": path.read_bytes() for name, path in wheels.items()}
             archive = folder / f"{fields['id']}-{fields['version']}-{platform}.zip"
@@ -145,17 +165,40 @@ def write_archive(archive: Path, content: dict[str, bytes]) -> None:
 
 def build_core_wheel(folder: Path) -> Path:
     """Build the wheel of `zoomout_core` alone, without the adaptors, which are no part of an extension."""
-    source, backend = folder / "source", folder / "backend"
+    source = folder / "source"
     for path in sorted(path for pattern in CORE for path in ROOT.glob(pattern)):
         copy = source / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
         copy.chmod(0o644)
-    pip("install", "--require-hashes", "--only-binary=:all:", "--target", backend, "-r", LOCKS / "build.txt")
-    environment = {**os.environ, "PYTHONPATH": str(backend), "SOURCE_DATE_EPOCH": str(EPOCH)}
+    environment = build_environment(folder)
     pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source, environment=environment)
     (wheel,) = folder.glob("*.whl")
     return wheel
+
+
+def built_pages(folder: Path) -> dict[str, bytes]:
+    """The documentation as pages for a browser, and their pictures, by their places in the zip."""
+    content = {}
+    for name in DOCUMENTS:
+        text = (DOCS / name).read_text(encoding="utf-8")
+        options = ["--extension=tables", "--extension=fenced_code", "--encoding=utf-8"]
+        run = [sys.executable, "-m", "markdown", *options]
+        done = subprocess.run(run, input=text.encode(), env=build_environment(folder), check=True, capture_output=True)
+        body = re.sub(r'href="(\w+)\.md', r'href="\1.html', done.stdout.decode())
+        title = re.sub(r"^# (.*)", r"\1", text.splitlines()[0])
+        content[f"docs/{Path(name).stem}.html"] = PAGE.format(title=title, body=body).encode()
+        for picture in re.findall(r'src="([^"]+)"', body):
+            content[f"docs/{picture}"] = (DOCS / picture).read_bytes()
+    return content
+
+
+def build_environment(folder: Path) -> dict[str, str]:
+    """The variables of a process that builds with what is pinned for building."""
+    backend = folder / "backend"
+    if not backend.exists():
+        pip("install", "--require-hashes", "--only-binary=:all:", "--target", backend, "-r", LOCKS / "build.txt")
+    return {**os.environ, "PYTHONPATH": str(backend), "SOURCE_DATE_EPOCH": str(EPOCH)}
 
 
 def locked_wheels(python: str, platform: str) -> list[Path]:

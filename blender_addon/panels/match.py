@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel, UILayout
 
-from .. import stored_match
+from .. import manual, stored_match
 from ..operators.match import ZOOMOUT_OT_match
 from ..preflight import findings, likely_source
 from ..presets import ZOOMOUT_PT_match_presets
 from ..targets import chosen_targets
-from .sidebar import SidebarPanel, counted, main_button, show_findings, split_properties
+from .sidebar import SidebarPanel, counted, help_button, main_button, show_findings, split_properties
 
 
 class ZOOMOUT_PT_match(SidebarPanel, Panel):
     bl_label = "Match"
 
     def draw_header_preset(self, context: Context) -> None:
+        help_button(self.layout, manual.GUIDE)
         ZOOMOUT_PT_match_presets.draw_panel_header(self.layout)
 
     def draw(self, context: Context) -> None:

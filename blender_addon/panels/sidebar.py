@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from bpy.types import Context, Object, UILayout
 
+from .. import manual
 from ..operators import stepped
 from ..preflight import Finding
 from ..targets import chosen_targets
@@ -59,6 +60,13 @@ def counted(text: str, link: str, context: Context, source: Object | None) -> st
     """The text of a button, with the number of targets if there are several."""
     number = len(chosen_targets(context, source)) if source else 1
     return f"{text} {link}{number} Targets" if number > 1 else text
+
+
+def help_button(layout: UILayout, page: str) -> None:
+    """A button that opens a page of the guide, in the header of a panel."""
+    row = layout.row()
+    row.emboss = "NONE"
+    row.operator("wm.url_open", text="", icon="HELP").url = manual.address(page)
 
 
 def split_properties(layout: UILayout) -> None:

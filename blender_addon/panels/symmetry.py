@@ -6,16 +6,19 @@ from typing import Any
 
 from bpy.types import Context, Panel, UILayout
 
-from .. import stored_symmetry, symmetry_preview
+from .. import manual, stored_symmetry, symmetry_preview
 from ..operators import symmetry as operators
 from ..operators.symmetry.detect import summary
 from ..properties.symmetry import ZOOMOUT_PG_symmetry
-from .sidebar import SidebarPanel, sentences
+from .sidebar import SidebarPanel, help_button, sentences
 
 
 class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
     bl_label = "Symmetry"
     bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, context: Context) -> None:
+        help_button(self.layout, manual.GUIDE)
 
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout.symmetry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Object, Panel, UILayout
 
-from .. import stored_match
+from .. import manual, stored_match
 from ..inventory import inventory
 from ..operators.choose_data import ZOOMOUT_OT_choose_data
 from ..operators.transfer import ZOOMOUT_OT_transfer, summary
@@ -12,13 +12,14 @@ from ..preflight import Finding, findings, likely_source, outdated, stale
 from ..presets import ZOOMOUT_PT_transfer_presets
 from ..properties.transfer import TransferOptions
 from ..stored_report import transfer_report
-from .sidebar import SidebarPanel, counted, main_button, sentences, show_findings
+from .sidebar import SidebarPanel, counted, help_button, main_button, sentences, show_findings
 
 
 class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
     bl_label = "Transfer"
 
     def draw_header_preset(self, context: Context) -> None:
+        help_button(self.layout, manual.RULES)
         ZOOMOUT_PT_transfer_presets.draw_panel_header(self.layout)
 
     def draw(self, context: Context) -> None:

@@ -42,7 +42,8 @@ class Layout:
 
     def operator(self, name, text=None, icon="NONE", depress=False):
         assert icon in ICONS
-        kind = getattr(bpy.ops.zoomout, name.split(".")[1]).get_rna_type()
+        owner, kind = name.split(".")
+        kind = getattr(getattr(bpy.ops, owner), kind).get_rna_type()
         self.drawn.append(("operator", kind.name if text is None else text, self.usable))
         self.operators.append(name)
         return SimpleNamespace()
@@ -50,6 +51,10 @@ class Layout:
     def menu(self, name):
         assert issubclass(getattr(bpy.types, name), bpy.types.Menu)
         self.drawn.append(("menu", name, self.usable))
+
+    def popover(self, panel, text="", icon="NONE"):
+        assert issubclass(getattr(bpy.types, panel), bpy.types.Panel)
+        assert icon in ICONS
 
     def progress(self, text, factor):
         self.drawn.append(("progress", text, lambda: factor))

@@ -27,7 +27,8 @@ def traces():
         if isinstance(getattr(bpy.app.handlers, name), list)
     }
     extended = [menu.is_extended() for menu in (bpy.types.VIEW3D_MT_object, bpy.types.VIEW3D_MT_edit_mesh)]
-    return names, hasattr(bpy.types.Scene, "zoomout"), handlers, extended
+    manuals = len(list(bpy.utils.manual_map()))
+    return names, hasattr(bpy.types.Scene, "zoomout"), handlers, extended, manuals
 
 
 def test_registering_twice_leaves_no_trace():

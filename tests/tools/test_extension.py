@@ -49,6 +49,15 @@ def test_the_demo_stays_at_home_and_the_licence_goes_along():
     assert not any(name.startswith("demo/") for name in files)
 
 
+def test_the_documentation_goes_along_as_pages_whose_links_and_pictures_are_there(tmp_path):
+    pages = extension.built_pages(tmp_path)
+    assert {"docs/blender.html", "docs/transfer.html"} <= pages.keys()
+    for name, page in pages.items():
+        if name.endswith(".html"):
+            for place in re.findall(r'(?:src|href)="([^"]+)"', page.decode()):
+                assert f"docs/{place}" in pages, place
+
+
 def test_a_file_that_no_pattern_names_is_refused(tmp_path, monkeypatch):
     (tmp_path / "__init__.py").touch()
     (tmp_path / "notes.txt").touch()
