@@ -4,7 +4,7 @@ import bpy
 
 import zoomout_core as zo
 
-from . import cli, landmark_dots, manual, menus, operators, panels, presets, swatches, watch
+from . import cli, landmark_dots, manual, menus, operators, panels, presets, swatches, translations, watch
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
@@ -29,6 +29,7 @@ def register() -> None:
     landmark_dots.register()
     menus.register()
     manual.register()
+    translations.register()
     cli.register()
     bpy.types.Scene.zoomout = bpy.props.PointerProperty(type=ZOOMOUT_PG_settings)
     if __package__.startswith("bl_ext."):  # installed, so that Blender has a folder for it
@@ -40,6 +41,7 @@ def unregister() -> None:
     watch.unregister()
     swatches.unregister()
     cli.unregister()
+    translations.unregister()
     manual.unregister()
     menus.unregister()
     landmark_dots.unregister()

@@ -31,7 +31,16 @@ DIST = ROOT / "dist"
 
 MANIFEST = "blender_manifest.toml"
 # What of the add-on an artist gets, and what stays at home: whoever adds a folder decides.
-SHIPPED = ("*.py", "cargo/*.py", "cli/*.py", "mesh_data/*.py", "operators/**/*.py", "panels/*.py", "properties/*.py")
+SHIPPED = (
+    "*.py",
+    "cargo/*.py",
+    "cli/*.py",
+    "mesh_data/*.py",
+    "operators/**/*.py",
+    "panels/*.py",
+    "properties/*.py",
+    "translations/*.py",
+)
 LEFT_AT_HOME = ("demo/*.py",)
 # Texts of `docs` that become pages in the zip, with the pictures that they show.
 DOCUMENTS = ("blender.md", "transfer.md")

@@ -1,0 +1,29 @@
+"""What the interface says in other languages: a module each, whose `MESSAGES` has the text for what it says in English.
+
+To add a language copy a module, translate the values, and name it in `LANGUAGES` by its code. What is composed of
+several parts, such as a report, stays English.
+"""
+
+from __future__ import annotations
+
+import bpy
+
+from . import german
+
+LANGUAGES = {"de": german.MESSAGES}
+
+
+def register() -> None:
+    """Make them known to Blender, which keeps its own translations of words that it has itself."""
+    known = bpy.app.translations.contexts
+    contexts = known.default, known.operator_default  # of texts, and of buttons
+    table = {
+        code: {(context, message): text for message, text in messages.items() for context in contexts}
+        for code, messages in LANGUAGES.items()
+    }
+    bpy.app.translations.register(__package__, table)
+
+
+def unregister() -> None:
+    """Take them away again."""
+    bpy.app.translations.unregister(__package__)
