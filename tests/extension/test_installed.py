@@ -10,6 +10,8 @@ import tomllib
 import zipfile
 from collections import Counter
 from pathlib import Path
+from urllib.parse import urlparse
+from urllib.request import url2pathname
 
 import addon_utils
 import bpy
@@ -198,6 +200,39 @@ def test_a_match_outlives_saving_reopening_and_a_new_process(pair, tmp_path):
     assert target.data["zoomout_match"] == kept
     later = subprocess.run([sys.executable, "-P", "-c", LATER, file, EXTENSION], capture_output=True, text=True)
     assert later.returncode == 0, later.stdout + later.stderr
+
+
+def test_pipelines_have_a_command(pair):
+    command = importlib.import_module(f"{EXTENSION}.cli").main
+    assert command(["transfer", "--source", "Source", "--target", "Target", "--data", "vertex_groups"]) == 0
+    np.testing.assert_allclose(
+        weight_array(pair[1], "Bone"), smooth(positions(pair[0].data)[values(pair[1].data, "truth")]), atol=0.05
+    )
+
+
+def test_options_are_kept_as_presets(installed):
+    settings = bpy.context.scene.zoomout
+    settings.detail = "FINE"
+    assert bpy.ops.zoomout.add_match_preset(name="Heads") == {"FINISHED"}
+    settings.detail = "FAST"
+    kept = Path(bpy.utils.preset_find("Heads", "zoomout/match"))
+    assert USER in kept.parents
+    menu = "ZOOMOUT_PT_match_presets"
+    assert bpy.ops.script.execute_preset(filepath=str(kept), menu_idname=menu) == {"FINISHED"}
+    assert settings.detail == "FINE"
+
+
+def test_the_guide_is_a_page_that_came_along(installed):
+    manual = importlib.import_module(f"{EXTENSION}.manual")
+    addresses = {
+        bpy.types.WM_OT_doc_view_manual._lookup_rna_url(f"bpy.ops.zoomout.{name}", verbose=False)
+        for name in ("match", "transfer")
+    }
+    assert addresses == {manual.address(page) for page in (manual.GUIDE, manual.RULES)}
+    for address in addresses:
+        page = Path(url2pathname(urlparse(address).path))
+        assert USER in page.parents
+        assert "<html" in page.read_text(encoding="utf-8")
 
 
 def test_disabled_it_leaves_no_trace_and_can_come_back(installed):
