@@ -11,6 +11,7 @@ from .. import manual
 from ..operators import stepped
 from ..preflight import Finding
 from ..targets import chosen_targets
+from ..translations import CONTEXT
 
 # Width of a letter and of the border around a panel's text, in pixels at the interface's normal scale.
 LETTER, BORDER = 6.5, 60
@@ -24,6 +25,7 @@ class SidebarPanel:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "ZoomOut"
+    bl_translation_context = CONTEXT
 
 
 def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE") -> None:

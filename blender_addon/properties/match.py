@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 
 from zoomout_core.correspondence.proximity import MOST_ANGLE, MOST_DISTANCE
 
+from ..translations import CONTEXT
 from .once import ONCE
 
 # Options that say which evidence an automatic start weighs.
@@ -57,6 +58,7 @@ class MatchOptions:
         description="How small the features are that the match follows, and how long it takes",
         items=tuple((name.upper(), name.title(), what) for name, what in OFFERED_DETAIL.items()),
         default="BALANCED",
+        translation_context=CONTEXT,
         options=ONCE,
     )
     k_final: IntProperty(

@@ -10,13 +10,15 @@ import bpy
 
 from . import german
 
+# Of what Blender has words for that mean something else, as of a "Fast" that is short for "fasten".
+CONTEXT = "ZoomOut"
 LANGUAGES = {"de": german.MESSAGES}
 
 
 def register() -> None:
     """Make them known to Blender, which keeps its own translations of words that it has itself."""
     known = bpy.app.translations.contexts
-    contexts = known.default, known.operator_default  # of texts, and of buttons
+    contexts = known.default, known.operator_default, CONTEXT
     table = {
         code: {(context, message): text for message, text in messages.items() for context in contexts}
         for code, messages in LANGUAGES.items()
