@@ -38,6 +38,7 @@ SHIPPED = (
     "mesh_data/*.py",
     "operators/**/*.py",
     "panels/*.py",
+    "presets/**/*.py",
     "properties/*.py",
     "translations/*.py",
 )

@@ -1,5 +1,7 @@
 """Options kept by name, as Blender keeps presets."""
 
+from pathlib import Path
+
 import bpy
 import pytest
 
@@ -12,6 +14,8 @@ from blender_addon.properties.transfer import BlendOptions, TransferOptions
 def folder(tmp_path, monkeypatch):
     """Where presets are kept, in place of the user's own folder."""
     monkeypatch.setenv("BLENDER_USER_SCRIPTS", str(tmp_path))
+    for panel in (presets.ZOOMOUT_PT_match_presets, presets.ZOOMOUT_PT_transfer_presets):
+        monkeypatch.setattr(panel, "bl_label", panel.bl_label)  # Blender writes the last preset's name there
     assert bpy.utils.user_resource("SCRIPTS") == str(tmp_path)
     return tmp_path / "presets" / "zoomout"
 
@@ -46,6 +50,23 @@ def test_options_are_kept_by_name_and_come_back(folder, what, groups):
     assert {name: getattr(settings, name) for name in wanted} == pytest.approx(wanted)
     assert add(name="Scans of heads", remove_name=True) == {"FINISHED"}
     assert not kept.exists()
+
+
+def test_presets_that_come_along_do_what_their_names_say():
+    settings = bpy.context.scene.zoomout
+    settings.detail = "FINE"
+    for what, name, wanted in (
+        ("match", "clothes_on_their_body", {"initial": "NEAREST"}),
+        ("match", "posed_or_remeshed", {"initial": "AUTO", "detail": "BALANCED"}),
+        ("transfer", "rig", {"vertex_groups": True, "shape_keys": True, "uv_maps": False, "materials": False}),
+        ("transfer", "surface", {"vertex_groups": False, "shape_keys": False, "uv_maps": True, "materials": True}),
+    ):
+        path, menu = bpy.utils.preset_find(name, f"zoomout/{what}"), f"ZOOMOUT_PT_{what}_presets"
+        assert bpy.ops.script.execute_preset(filepath=path, menu_idname=menu) == {"FINISHED"}
+        assert {option: getattr(settings, option) for option in wanted} == wanted
+        if what == "transfer":
+            written = Path(path).read_text(encoding="utf-8")
+            assert all(f"settings.{option} = " in written for option in TransferOptions.__annotations__)
 
 
 def test_a_preset_leaves_other_settings_alone(folder):

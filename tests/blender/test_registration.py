@@ -27,7 +27,7 @@ def traces():
         if isinstance(getattr(bpy.app.handlers, name), list)
     }
     extended = [menu.is_extended() for menu in (bpy.types.VIEW3D_MT_object, bpy.types.VIEW3D_MT_edit_mesh)]
-    manuals = len(list(bpy.utils.manual_map()))
+    manuals = len(list(bpy.utils.manual_map())), bpy.utils.preset_paths("zoomout/match")
     return names, hasattr(bpy.types.Scene, "zoomout"), handlers, extended, manuals
 
 

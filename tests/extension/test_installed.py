@@ -220,6 +220,7 @@ def test_options_are_kept_as_presets(installed):
     menu = "ZOOMOUT_PT_match_presets"
     assert bpy.ops.script.execute_preset(filepath=str(kept), menu_idname=menu) == {"FINISHED"}
     assert settings.detail == "FINE"
+    assert bpy.utils.preset_find("rig", "zoomout/transfer")  # came along
 
 
 def test_the_guide_is_a_page_that_came_along(installed):

@@ -1,13 +1,22 @@
-"""Sets of options that an artist keeps by name, as Blender keeps presets: in the user's own folder, for all files."""
+"""Sets of options that an artist keeps by name, as Blender keeps presets: in the user's own folder, for all files.
+
+A few come along, in the folder `zoomout`; their names are those of their files.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 from bpy.types import Operator, Panel
 
-from .properties.match import MatchOptions
-from .properties.transfer import BlendOptions, TransferOptions
+from ..properties.match import MatchOptions
+from ..properties.transfer import BlendOptions, TransferOptions
+
+# Where Blender looks for a folder `presets`.
+HOME = str(Path(__file__).parent.parent)
 
 
 class ZOOMOUT_PT_match_presets(PresetPanel, Panel):
@@ -57,3 +66,13 @@ CLASSES = (
     ZOOMOUT_OT_add_match_preset,
     ZOOMOUT_OT_add_transfer_preset,
 )
+
+
+def register() -> None:
+    """Let Blender know of those that come along."""
+    bpy.utils.register_preset_path(HOME)
+
+
+def unregister() -> None:
+    """Forget them."""
+    bpy.utils.unregister_preset_path(HOME)

@@ -1,0 +1,6 @@
+import bpy
+
+settings = bpy.context.scene.zoomout
+
+for name in ("initial", "detail", "k_final", "names", "same_up", "from_last"):
+    settings.property_unset(name)
