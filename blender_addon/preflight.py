@@ -17,6 +17,7 @@ from . import mesh_data, stored_match
 from .landmarks import landmarks_fingerprint
 from .mesh_facts import facts
 from .pair import check_distinct, check_writable, choose_source, users_of_mesh
+from .targets import chosen_targets
 
 # Meshes of fewer vertices have too few features to be matched by.
 FEW_VERTICES = 100
@@ -71,7 +72,8 @@ def findings(context: Context, otherwise: str = "") -> list[Finding]:
     except zo.MeshError as error:
         return [Finding(str(error), True)]
     blocking = [Finding(text, True) for text in _blocking(context, source, target)]
-    return blocking or [Finding(text, False) for text in _doubtful(context, source, target)]
+    doubtful = [*_left_out(context, source, target), *_doubtful(context, source, target)]
+    return blocking or [Finding(text, False) for text in doubtful]
 
 
 def seen_mesh(context: Context, obj: Object) -> Mesh | None:
@@ -126,6 +128,22 @@ def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]
             yield f"'{obj.name}' has no faces: choose a mesh with a surface."
         elif obj == target and len(seen.vertices) != len(obj.data.vertices):
             yield mesh_data.change_of_vertices(obj)
+
+
+def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]:
+    """Why other targets than the active one cannot receive data, where nothing is wrong with the source."""
+    for other in chosen_targets(context, source):
+        if other != target and (reason := _reason(context, source, other)):
+            yield f"{reason} Until then '{other.name}' is left out."
+
+
+def _reason(context: Context, source: Object, target: Object) -> str:
+    try:
+        check_distinct(source, target)
+        check_writable(target)
+    except zo.MeshError as error:
+        return str(error)
+    return next(_blocking(context, source, target), "")
 
 
 def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]:

@@ -152,6 +152,11 @@ def test_buttons_say_how_many_targets_there_are(source, target):
     bpy.context.view_layer.update()
     assert "2 more (selected)" in texts()
     assert buttons()["Match 3 Targets"]
+    third.modifiers.new("Finer", "SUBSURF")
+    bpy.context.view_layer.update()
+    assert "Disable 'Finer' on 'Third'" in texts()
+    assert "Until then 'Third' is left out." in texts()
+    assert buttons()["Match 3 Targets"]
     bpy.context.scene.zoomout.source = None
     assert buttons()["Match"] is False
 
