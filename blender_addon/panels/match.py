@@ -46,7 +46,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         main_button(
             layout,
             ZOOMOUT_OT_match.bl_idname,
-            "Match Again" if again and not others else counted("Match", "", context, source),
+            "Match Again" if again and not others else counted("Match", "Match {} Targets", context, source),
             "VIEWZOOM",
             not any(finding.blocks for finding in found),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
+from bpy.app.translations import pgettext_iface
 from bpy.types import Context, Object, UILayout
 
 from .. import manual
@@ -58,10 +59,10 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
     row.operator(operator, text=text, icon=icon)
 
 
-def counted(text: str, link: str, context: Context, source: Object | None) -> str:
-    """The text of a button, with the number of targets if there are several."""
+def counted(one: str, several: str, context: Context, source: Object | None) -> str:
+    """The text of a button for one target, or that for several, in which their number is put."""
     number = len(chosen_targets(context, source)) if source else 1
-    return f"{text} {link}{number} Targets" if number > 1 else text
+    return pgettext_iface(several, CONTEXT).format(number) if number > 1 else one
 
 
 def help_button(layout: UILayout, page: str) -> None:

@@ -35,7 +35,10 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         elif matched:
             found += [Finding(text, False) for text in outdated(context, target)]
         show_findings(context, layout, found)
-        text = counted("Transfer" if matched else "Match and Transfer", "to ", context, source)
+        if matched:
+            text = counted("Transfer", "Transfer to {} Targets", context, source)
+        else:
+            text = counted("Match and Transfer", "Match and Transfer to {} Targets", context, source)
         free = not any(finding.blocks for finding in found)
         main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
 
