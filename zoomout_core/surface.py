@@ -99,12 +99,12 @@ class Surface:
         )
 
     def with_vertices(self, vertices: ArrayLike) -> Surface:
-        """The same faces and triangles on other positions (n, 3).
+        """The same faces, triangles and edges on other positions (n, 3).
 
         Raises:
             MeshError: coordinates that are not finite, or no area.
         """
-        return Surface.from_corners(vertices, self.corner_vertex, self.face_start, self.triangle_corners)
+        return Surface.from_corners(vertices, self.corner_vertex, self.face_start, self.triangle_corners, self._edges)
 
     def _set(
         self,

@@ -195,11 +195,13 @@ def test_concave_polygons_are_triangulated_whichever_way_they_face(axis: int, do
     assert (normals[:, axis] == normals[0, axis]).all()
 
 
-def test_the_same_faces_on_other_positions_keep_their_triangles() -> None:
-    surface = Surface(SQUARE, [[0, 1, 2, 3]])
+def test_the_same_faces_on_other_positions_keep_their_triangles_and_the_order_of_edges() -> None:
+    edges = np.array([[2, 3], [1, 0], [3, 0], [1, 2]])
+    surface = Surface(SQUARE, [[0, 1, 2, 3]], edges)
     wider = np.array(SQUARE, dtype=float) * (2, 1, 1)
     moved = surface.with_vertices(wider)
     np.testing.assert_array_equal(moved.triangles, surface.triangles)
+    np.testing.assert_array_equal(moved.edges, edges)
     np.testing.assert_array_equal(moved.vertices, wider)
     assert moved.area == pytest.approx(2 * surface.area)
     with pytest.raises(MeshError, match="no area"):
