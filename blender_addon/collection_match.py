@@ -7,24 +7,36 @@ match with the one source that most of it lies on, as if the two had been matche
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from bpy.types import Collection, Context
+from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.progress import Steps, drain
+from zoomout_core.progress import Steps, drain, spread, within
 from zoomout_core.projection import closest_points
+from zoomout_core.threads import for_each
 
 from . import mesh_data, stored_match
-from .pair import check_writable, find_mesh, read_pair
+from .pair import (
+    READING,
+    Look,
+    ObjectPair,
+    check_distinct,
+    check_unedited,
+    find_mesh,
+    look_at_source,
+    look_at_target,
+)
 from .stored_match import StoredMatch
 from .targets import Write
 
+# Part of the progress that matching takes.
+MATCHING = 0.95
 # What Blender appends to a name that is taken.
 COPY = re.compile(r"\.\d{3,}$")
 
@@ -34,25 +46,30 @@ class Parts:
     """The objects of a collection as one surface.
 
     Attributes:
-        names: of the objects.
+        looks: at the objects, when they were read.
         surfaces: of each.
         joined: all of them.
         first_vertex: (p + 1,) the first vertex of each in the joined surface, and their number.
         first_triangle: (p + 1,) the first triangle of each, and their number.
     """
 
-    names: tuple[str, ...]
+    looks: tuple[Look, ...]
     surfaces: tuple[zo.Surface, ...]
     joined: zo.Surface
     first_vertex: Integers
     first_triangle: Integers
 
     @classmethod
-    def of(cls, names: Sequence[str], surfaces: Sequence[zo.Surface]) -> Parts:
-        """Those of these names and surfaces."""
+    def of(cls, looks: Sequence[Look], surfaces: Sequence[zo.Surface]) -> Parts:
+        """Those of these looks and surfaces."""
         vertices = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
         triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
-        return cls(tuple(names), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
+        return cls(tuple(looks), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the objects."""
+        return [look.name for look in self.looks]
 
 
 def match_collections(
@@ -87,33 +104,41 @@ def worked_out_collections_steps(
     context: Context, source: str, target: str, detail: str = "balanced", **options: Any
 ) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
     """The same without the end: it returns what keeps the matches."""
-    sources, targets = _read(context, source, False), _read(context, target, True)
+    sources = yield from _read_steps(context, source, look_at_source, mesh_data.read_source_surface)
+    targets = yield from _read_steps(context, target, look_at_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
     arguments = DETAIL[detail] | {"regions": _same_names(sources, targets)} | options
-    result = yield from zo.match_steps(sources.joined, targets.joined, **arguments)
-    matches = {name: _alone(result, sources, targets, i) for i, name in enumerate(targets.names)}
+    result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
+    pairing = for_each(lambda number: _alone(result, sources, targets, number), range(len(targets.looks)))
+    matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
+    pairs = [
+        ObjectPair(sources.surfaces[j], targets.surfaces[i], sources.looks[j], targets.looks[i])
+        for i, (j, _) in enumerate(matches)
+    ]
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
-        pairs = {name: read_pair(context, source_name, name) for name, (source_name, _) in matches.items()}
-        for name, pair in pairs.items():
-            _check_same(pair.source_name, sources, pair.source)
-            _check_same(name, targets, pair.target)
-        for name, pair in pairs.items():
-            stored_match.write(context.scene.objects[name].data, matches[name][1], pair, options | {"detail": detail})
-        return matches
+        meshes = [_unedited(context, pair) for pair in pairs]
+        for mesh, pair, (_, match) in zip(meshes, pairs, matches, strict=True):
+            stored_match.write(mesh, match, pair, options | {"detail": detail})
+        return {pair.target_name: (pair.source_name, match) for pair, (_, match) in zip(pairs, matches, strict=True)}
 
     return write
 
 
-def _check_same(name: str, parts: Parts, now: zo.Surface) -> None:
-    """Raise a MeshError if an object is no longer what it was when it was read."""
-    before = parts.surfaces[parts.names.index(name)]
-    if not (np.array_equal(before.vertices, now.vertices) and np.array_equal(before.triangles, now.triangles)):
-        raise zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+def _unedited(context: Context, pair: ObjectPair) -> Mesh:
+    """The mesh of the target of a pair, which can be written to, and which is still what it was."""
+    source, target = check_unedited(context, pair)
+    check_distinct(source, target)
+    return target.data
 
 
-def _read(context: Context, collection: str, writing: bool) -> Parts:
+def _read_steps(
+    context: Context,
+    collection: str,
+    look_at: Callable[[Context, str], Look],
+    read: Callable[[Object, Depsgraph], zo.Surface],
+) -> Steps[Parts]:
     """The meshes of a collection that have faces; of those that share one, the first."""
     found = context.blend_data.collections.get(collection)
     if found is None:
@@ -122,11 +147,14 @@ def _read(context: Context, collection: str, writing: bool) -> Parts:
     names = [obj.name for obj in reversed(objects.values())]
     if not names:
         raise zo.MeshError(f"There is no mesh in the collection '{collection}': choose another one.")
-    depsgraph = context.evaluated_depsgraph_get()
-    read = mesh_data.read_target_surface if writing else mesh_data.read_source_surface
-    for name in names if writing else ():
-        check_writable(find_mesh(context, name))
-    return Parts.of(names, [read(find_mesh(context, name), depsgraph) for name in names])
+    del found, objects  # Blender data, which may be gone after a yield
+    looks, surfaces = [], []
+    for name in names:
+        looks.append(look_at(context, name))
+        yield READING
+        surfaces.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
+        yield READING
+    return Parts.of(looks, surfaces)
 
 
 def _same_names(sources: Parts, targets: Parts) -> list[tuple[Integers, Integers]]:
@@ -140,8 +168,8 @@ def _same_names(sources: Parts, targets: Parts) -> list[tuple[Integers, Integers
     ]
 
 
-def _alone(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> tuple[str, StoredMatch]:
-    """The source that most of a target lies on, by how far that is trusted, and the match with that one alone."""
+def _alone(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> tuple[int, StoredMatch]:
+    """Number of the source that most of a target lies on, by how far that is trusted, and the match with that alone."""
     own = slice(*targets.first_vertex[number : number + 2])
     triangle, barycentric = result.surface_map.triangle[own].copy(), result.surface_map.barycentric[own].copy()
     confidence = result.confidence[own].copy()
@@ -159,4 +187,4 @@ def _alone(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) 
             "with no confidence."
         )
     surface_map = zo.SurfaceMap(triangle, barycentric, surface.triangles)
-    return sources.names[chosen], StoredMatch(surface_map, confidence, tuple(notes))
+    return chosen, StoredMatch(surface_map, confidence, tuple(notes))

@@ -5,8 +5,10 @@ Everything here is evidence, which `zoomout_core` weighs: where it contradicts t
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Generator
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +18,12 @@ import zoomout_core as zo
 from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.correspondence.matching import SMALLEST_FINAL
 from zoomout_core.correspondence.pair import LandmarkError
-from zoomout_core.progress import Steps
+from zoomout_core.progress import Steps, spread
+from zoomout_core.threads import in_background
 
 from . import mesh_data, stored_match
 from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
-from .pair import ObjectPair, find_mesh
+from .pair import ObjectPair, find_mesh, source_mesh, target_mesh
 from .starts import map_of_file, same_order
 from .stored_match import Match
 from .stored_report import transfer_report
@@ -80,7 +83,7 @@ def matching_steps(
     if initial == "nearest":
         return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **options))
     if initial == "same_order":
-        return same_order(pair)
+        return (yield from spread(in_background(partial(same_order, pair)), 0, 1, "Comparing the order"))
     arguments: dict[str, Any] = DETAIL[detail] | {"initial": initial}
     if k_final:
         arguments["k_final"] = max(k_final, SMALLEST_FINAL)
@@ -93,7 +96,9 @@ def matching_steps(
     if exact_landmarks and "landmarks" in arguments | options:
         arguments["exact_landmarks"] = True
     if initial == "auto":
-        evidence, of_evidence = _evidence(context, pair, names, same_up, from_last, len(landmarks.numbers))
+        evidence, of_evidence = yield from _evidence_steps(
+            context, pair, names, same_up, from_last, len(landmarks.numbers)
+        )
         arguments |= evidence
         notes = of_evidence + notes
     try:
@@ -136,16 +141,16 @@ def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -
     return found
 
 
-def _evidence(
+def _evidence_steps(
     context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool, landmarks: int
-) -> tuple[dict[str, Any], list[str]]:
+) -> Steps[tuple[dict[str, Any], list[str]]]:
     """Arguments of `zoomout_core.match`, and sentences about them and a number of landmarks."""
     arguments: dict[str, Any] = {}
     used, notes = [], []
     if landmarks:
         used.append(f"{landmarks} landmark{'s' if landmarks > 1 else ''}")
     if names:
-        regions, received = shared_regions(context, pair)
+        regions, received = yield from shared_regions_steps(context, pair)
         if regions:
             arguments["regions"] = list(regions.values())
             used.append(f"{_counted(regions)} of the same name")
@@ -155,7 +160,8 @@ def _evidence(
         arguments["common_axes"] = (0, 0, 1)  # the surfaces are in world space
         used.append("the same up axis")
     if from_last:
-        last = _last_match(find_mesh(context, pair.target_name).data, pair)
+        with target_mesh(context, pair) as (_, mesh):
+            last = _last_match(mesh, pair)
         if last is None:
             notes.append("There is no match of these two, as they are now, to start from.")
         else:
@@ -166,40 +172,45 @@ def _evidence(
     return arguments, notes
 
 
-def shared_regions(
+def shared_regions_steps(
     context: Context, pair: ObjectPair
-) -> tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]:
+) -> Steps[tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]]:
     """The regions of the same name on both objects, each a part of either, the largest first.
 
     Returns:
         The source's and the target's vertices for each, by what it is and its name; and whether there are more,
         which the target has from an earlier transfer.
     """
-    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
-    if not target.vertex_groups and not target.material_slots:
-        return {}, False  # reading weights takes long
-    with mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()) as (evaluated, mesh):
-        of_source = _regions(evaluated, mesh, pair.source)
-    of_target = _regions(target, target.data, pair.target)
-    shared = {region: (of_source[region], of_target[region]) for region in of_source if region in of_target}
-    written = (transfer_report(target) or {"written": {}})["written"]
+    with target_mesh(context, pair) as (target, _):
+        if not target.vertex_groups and not target.material_slots:
+            return {}, False  # reading weights takes long
+        written = (transfer_report(target) or {"written": {}})["written"]
     received = {GROUP: written.get("vertex_groups", ()), MATERIAL: written.get("materials", ())}
+    read_source = _regions_steps(partial(source_mesh, context, pair), pair.source)
+    read_target = _regions_steps(partial(target_mesh, context, pair), pair.target)
+    of_source = yield from spread(read_source, 0, 0, "Reading names")
+    of_target = yield from spread(read_target, 0, 0, "Reading names")
+    shared = {region: (of_source[region], of_target[region]) for region in of_source if region in of_target}
     own = [(what, name) for what, name in shared if name not in received[what]]
     size = {region: _smaller_share(shared[region], pair) for region in own}
     largest = sorted(own, key=lambda region: -size[region])[:MOST_REGIONS]
     return {region: shared[region] for region in largest}, len(own) < len(shared)
 
 
-def _regions(obj: Object, mesh: Mesh, surface: zo.Surface) -> NamedRegions:
-    """What an object's vertex groups and materials cover, where that is a part of it."""
+def _regions_steps(
+    fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]], surface: zo.Surface
+) -> Generator[float, None, NamedRegions]:
+    """What an object's vertex groups and materials cover, where that is a part of it; yields the fraction done."""
     regions: NamedRegions = {}
-    weights = mesh_data.read_weights(obj, mesh)
+    weights = yield from mesh_data.read_weights_steps(fetch)
     members = (weights.values >= MEMBER).tocsc()
     for column, name in enumerate(weights.labels):
         regions[GROUP, name] = members.indices[slice(*members.indptr[column : column + 2])]
-    names, face_slots = mesh_data.read_materials(obj, mesh)
+    with fetch() as (obj, mesh):
+        names, face_slots = mesh_data.read_materials(obj, mesh)
     corner_slot = np.repeat(face_slots.values, np.diff(surface.face_start))
     for name in filter(None, dict.fromkeys(names)):
+        yield 1.0
         slots = [slot for slot, other in enumerate(names) if other == name]
         regions[MATERIAL, name] = np.unique(surface.corner_vertex[np.isin(corner_slot, slots)])
     return {region: found for region, found in regions.items() if 0 < len(found) < len(surface.vertices)}

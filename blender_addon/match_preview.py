@@ -9,9 +9,9 @@ from zoomout_core.transfer import drape, transfer_steps
 
 from . import overlay
 from .colors import confidence_colors, place_colors
-from .mesh_data import evaluated_mesh, read_active_uv_map
+from .mesh_data import read_active_uv_map
 from .overlay import Coat
-from .pair import ObjectPair, find_mesh
+from .pair import ObjectPair, find_mesh, source_mesh
 from .stored_match import Match
 
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
@@ -45,7 +45,7 @@ def coats_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
         colors = place_colors(pair.source.vertices, pair.source.vertices)
         there = match.surface_map.interpolate(colors)
         return Coat(pair.target_name, there), Coat(pair.source_name, colors)
-    with evaluated_mesh(find_mesh(context, pair.source_name), context.evaluated_depsgraph_get()) as (evaluated, mesh):
+    with source_mesh(context, pair) as (evaluated, mesh):
         uv = read_active_uv_map(evaluated, mesh)
     carrying = transfer_steps(uv, drape(match, pair.source, pair.target))
     carried = yield from spread(carrying, 0.1, 1, "Laying the checker")

@@ -7,10 +7,12 @@ the positions in the meshes themselves. Posing a character leaves it the same.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from bpy.types import Context, Object
+from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.progress import Progress, Steps, drain
@@ -21,48 +23,50 @@ from .mesh_data.arrays import hash_of
 READING = Progress(0.0, "Reading the meshes")
 
 
-@dataclass(frozen=True, eq=False)
-class ObjectPair:
-    """The surfaces of two objects.
-
-    Attributes:
-        source_name: the object that has the data.
-        target_name: the object that receives it.
-        source: as its modifiers leave it.
-        target: its own mesh, where modifiers move it.
-        source_fingerprint: changes when the source is edited, or its modifiers make other faces.
-        target_fingerprint: changes when the target is edited.
-        source_content: of the source's own mesh, see `mesh_data.content_hash`.
-        target_content: of the target's.
-        source_mirrored: whether the source's matrix mirrors it.
-        target_mirrored: whether the target's does.
-    """
-
-    source_name: str
-    target_name: str
-    source: zo.Surface
-    target: zo.Surface
-    source_fingerprint: str
-    target_fingerprint: str
-    source_content: str
-    target_content: str
-    source_mirrored: bool
-    target_mirrored: bool
-
-
 @dataclass(frozen=True)
 class Look:
     """What tells whether an object was edited, without its surface.
 
     Attributes:
+        name: of the object.
         fingerprint: changes when it is edited, or the faces of its surface become others.
         content: of its own mesh, see `mesh_data.content_hash`.
         mirrored: whether its matrix mirrors it.
+        size: how many vertices and faces its surface has.
     """
 
+    name: str
     fingerprint: str
     content: str
     mirrored: bool
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPair:
+    """The surfaces of two objects.
+
+    Attributes:
+        source: as its modifiers leave it; it has the data.
+        target: its own mesh, where modifiers move it; it receives them.
+        source_look: of the source, when it was read.
+        target_look: of the target.
+    """
+
+    source: zo.Surface
+    target: zo.Surface
+    source_look: Look
+    target_look: Look
+
+    @property
+    def source_name(self) -> str:
+        """Of the source's object."""
+        return self.source_look.name
+
+    @property
+    def target_name(self) -> str:
+        """Of the target's object."""
+        return self.target_look.name
 
 
 def find_mesh(context: Context, name: str) -> Object:
@@ -153,23 +157,13 @@ def read_pair_steps(context: Context, source_name: str, target_name: str) -> Ste
 
     What tells an edit is read before the first yield, so that all edits from then on are noticed.
     """
-    of_source, of_target = _looked_at(context, source_name, target_name)
+    check_distinct(find_mesh(context, source_name), find_mesh(context, target_name))
+    looks = look_at_source(context, source_name), look_at_target(context, target_name)
     yield READING
     source = mesh_data.read_source_surface(find_mesh(context, source_name), context.evaluated_depsgraph_get())
     yield READING
     target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
-    pair = ObjectPair(
-        source_name,
-        target_name,
-        source,
-        target,
-        of_source.fingerprint,
-        of_target.fingerprint,
-        of_source.content,
-        of_target.content,
-        of_source.mirrored,
-        of_target.mirrored,
-    )
+    pair = ObjectPair(source, target, *looks)
     yield READING
     check_unedited(context, pair)
     return pair
@@ -181,14 +175,52 @@ def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
     Raises:
         MeshError: one of them was removed or edited since.
     """
-    now = _looked_at(context, pair.source_name, pair.target_name)
-    for name, before, after in (
-        (pair.source_name, pair.source_fingerprint, now[0].fingerprint),
-        (pair.target_name, pair.target_fingerprint, now[1].fingerprint),
-    ):
-        if before != after:
-            raise zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+    check_same(pair.source_look, look_at_source(context, pair.source_name))
+    check_same(pair.target_look, look_at_target(context, pair.target_name))
     return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+
+
+def check_same(before: Look, now: Look) -> None:
+    """Raise a MeshError if an object was edited between two looks."""
+    if before.fingerprint != now.fingerprint:
+        raise edited(before.name)
+
+
+def edited(name: str) -> zo.MeshError:
+    """What is said when an object of a name was edited meanwhile."""
+    return zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+
+
+@contextmanager
+def source_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
+    """The evaluated source of a pair and its mesh as the modifiers leave it, for what it carries.
+
+    Raises:
+        MeshError: it was removed, or its mesh has other elements since the pair was read.
+    """
+    source = find_mesh(context, pair.source_name)
+    with mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()) as (evaluated, mesh):
+        check_elements(pair.source_name, pair.source, mesh)
+        yield evaluated, mesh
+
+
+@contextmanager
+def target_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
+    """The target of a pair and its own mesh, for what it carries.
+
+    Raises:
+        MeshError: it was removed, or its mesh has other elements since the pair was read.
+    """
+    target = find_mesh(context, pair.target_name)
+    check_elements(pair.target_name, pair.target, target.data)
+    yield target, target.data
+
+
+def check_elements(name: str, surface: zo.Surface, mesh: Mesh) -> None:
+    """Raise a MeshError if a mesh has not as many elements as its surface: what it carries would not fit there."""
+    elements = len(mesh.vertices), len(mesh.polygons), len(mesh.loops)
+    if elements != (len(surface.vertices), len(surface.face_start) - 1, len(surface.corner_vertex)):
+        raise edited(name)
 
 
 def users_of_mesh(context: Context, target: Object) -> int:
@@ -196,20 +228,25 @@ def users_of_mesh(context: Context, target: Object) -> int:
     return sum(obj.data == target.data for obj in context.blend_data.objects)
 
 
-def _looked_at(context: Context, source_name: str, target_name: str) -> tuple[Look, Look]:
-    """A look at the source and one at the target, which can be matched.
+def look_at_source(context: Context, name: str) -> Look:
+    """A look at an object that has data.
 
     Raises:
-        MeshError: one of them cannot be used, or the target cannot be written to.
+        MeshError: it cannot be used.
     """
-    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
-    check_distinct(source, target)
+    source = find_mesh(context, name)
+    return _look(source, mesh_data.read_source_faces(source, context.evaluated_depsgraph_get()))
+
+
+def look_at_target(context: Context, name: str) -> Look:
+    """A look at an object that receives data.
+
+    Raises:
+        MeshError: it cannot be used or written to.
+    """
+    target = find_mesh(context, name)
     check_writable(target)
-    depsgraph = context.evaluated_depsgraph_get()
-    return (
-        _look(source, mesh_data.read_source_faces(source, depsgraph)),
-        _look(target, mesh_data.read_target_faces(target, depsgraph)),
-    )
+    return _look(target, mesh_data.read_target_faces(target, context.evaluated_depsgraph_get()))
 
 
 def _look(obj: Object, faces: mesh_data.Faces) -> Look:
@@ -219,4 +256,5 @@ def _look(obj: Object, faces: mesh_data.Faces) -> Look:
     # hashed as a surface has them.
     corner_vertex = faces.corner_vertex.astype(np.int64)
     face_start = np.append(faces.start, len(corner_vertex)).astype(np.int64)
-    return Look(hash_of(f"{content} {mirrored}", corner_vertex, face_start), content, mirrored)
+    size = faces.vertices, len(faces.start)
+    return Look(obj.name, hash_of(f"{content} {mirrored}", corner_vertex, face_start), content, mirrored, size)

@@ -61,7 +61,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
         pair: its two objects.
         settings: what it was made with; of these, those that are a number or a word are kept.
     """
-    surface_map = match.surface_map
+    surface_map, source, target = match.surface_map, pair.source_look, pair.target_look
     for name, kind, data_type, values in (
         (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
         (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", surface_map.barycentric),
@@ -70,13 +70,13 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
         write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
     mesh[PROPERTY] = json.dumps(
         {
-            "source": pair.source_name,
-            "source_fingerprint": pair.source_fingerprint,
-            "target_fingerprint": pair.target_fingerprint,
+            "source": source.name,
+            "source_fingerprint": source.fingerprint,
+            "target_fingerprint": target.fingerprint,
             # What can be compared in passing, see `preflight.stale`.
-            "content": {"source": pair.source_content, "target": pair.target_content},
-            "size": {"source": _size(pair.source), "target": _size(pair.target)},
-            "mirrored": {"source": pair.source_mirrored, "target": pair.target_mirrored},
+            "content": {"source": source.content, "target": target.content},
+            "size": {"source": source.size, "target": target.size},
+            "mirrored": {"source": source.mirrored, "target": target.mirrored},
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "notes": match.notes,
@@ -99,11 +99,11 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     kept = description(mesh)
     if kept is None:
         return None
-    if kept["source_fingerprint"] != pair.source_fingerprint:
+    if kept["source_fingerprint"] != pair.source_look.fingerprint:
         if kept["source"] != pair.source_name:
             return None
         raise zo.MeshError(f"The source '{pair.source_name}' was edited since it was matched: match again.")
-    if kept["target_fingerprint"] != pair.target_fingerprint:
+    if kept["target_fingerprint"] != pair.target_look.fingerprint:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
     # Stored in single precision: brought back to a sum of one.
@@ -140,10 +140,6 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     if PROPERTY not in mesh or any(name not in mesh.attributes for name in MATCH_ATTRIBUTES):
         return None
     return json.loads(mesh[PROPERTY])
-
-
-def _size(surface: zo.Surface) -> list[int]:
-    return [len(surface.vertices), len(surface.face_start) - 1]
 
 
 def low_confidence(confidence: np.ndarray) -> int:

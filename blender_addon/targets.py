@@ -13,6 +13,8 @@ from zoomout_core.progress import Progress, Steps
 
 Result = TypeVar("Result")
 
+WRITING = Progress(1.0, "Writing")
+
 # What writes a result that was worked out, and returns it.
 Write: TypeAlias = Callable[[], Result]
 
@@ -63,6 +65,7 @@ def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Re
             writes[name] = yield from _one_of(work(name), i, names)
         except zo.MeshError as error:
             outcome.failed[name] = str(error)
+    yield WRITING
     for name, write in writes.items():
         try:
             outcome.done[name] = write()

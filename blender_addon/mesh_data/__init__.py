@@ -3,7 +3,7 @@
 Whole arrays go through `foreach_get` and `foreach_set`.
 """
 
-from .cutting import cut_mesh
+from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .layers import (
     MATCH_ATTRIBUTES,
@@ -49,6 +49,7 @@ from .surfaces import (
     is_flat,
     is_mirrored,
     positions_in_world,
+    read_faces,
     read_positions,
     read_source_faces,
     read_source_surface,
@@ -57,7 +58,7 @@ from .surfaces import (
     read_target_surface,
     to_object,
 )
-from .vertex_groups import deforming_bones, locked_groups, read_weights, write_weights
+from .vertex_groups import deforming_bones, locked_groups, read_weights, read_weights_steps, write_weights
 
 __all__ = [
     "MARKS",
@@ -78,10 +79,10 @@ __all__ = [
     "change_of_vertices",
     "content_hash",
     "count_layers",
-    "cut_mesh",
     "data_without_a_way",
     "deforming_bones",
     "directions_in_world",
+    "divided_steps",
     "evaluated_mesh",
     "extent",
     "facts_steps",
@@ -97,6 +98,7 @@ __all__ = [
     "read_active_layers",
     "read_active_uv_map",
     "read_custom_normals",
+    "read_faces",
     "read_key_positions",
     "read_layer",
     "read_layers",
@@ -113,11 +115,13 @@ __all__ = [
     "read_target_faces",
     "read_target_surface",
     "read_weights",
+    "read_weights_steps",
     "seen_place",
     "to_object",
     "write_active_layers",
     "write_animation",
     "write_custom_normals",
+    "write_divided",
     "write_layer",
     "write_marks",
     "write_materials",

@@ -2,42 +2,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import bmesh
 import numpy as np
-from bmesh.types import BMFace, BMVert
+from bmesh.types import BMesh, BMFace, BMVert
 from bpy.types import Mesh
 
 from zoomout_core.transfer.seam_cut import SeamCut
 
 from .surfaces import read_positions
 
+# Edges or faces that are divided in a step: some ten milliseconds' work.
+A_STEP = 2000
 
-def cut_mesh(mesh: Mesh, cut: SeamCut) -> None:
-    """Give a mesh the new vertices of a cut, and divide its faces between them; what it carries is interpolated.
+
+def divided_steps(mesh: Mesh, cut: SeamCut) -> Generator[float, None, BMesh]:
+    """A copy of a mesh with the new vertices of a cut, and its faces divided between them; what it carries is mixed.
 
     New vertices come after those that the mesh has, in the order of the cut, and so do further parts of faces.
+
+    Args:
+        mesh: read at the first step; it may be gone at the others.
+        cut: where to divide it.
+
+    Yields:
+        The fraction done.
+
+    Returns:
+        The copy, for `write_divided`, which the caller frees.
     """
-    editable = bmesh.new()
-    editable.from_mesh(mesh)
-    editable.verts.ensure_lookup_table()
-    editable.faces.ensure_lookup_table()
-    vertices = list(editable.verts)
-    faces = [editable.faces[number] for number in cut.face.tolist()]
-    meeting = [editable.faces[number] for number in cut.meeting.tolist()]
-    for (first, second), fraction in zip(cut.edge.tolist(), cut.fraction.tolist(), strict=True):
-        edge = editable.edges.get((vertices[first], vertices[second]))
-        _, new = bmesh.utils.edge_split(edge, vertices[first], fraction)
+    copy = bmesh.new()
+    try:
+        copy.from_mesh(mesh)
+        points = _points(mesh, cut)
+        yield from _divide_steps(copy, cut, points)
+    except BaseException:
+        copy.free()
+        raise
+    return copy
+
+
+def write_divided(mesh: Mesh, divided: BMesh) -> None:
+    """Put the divided copy of a mesh in its place."""
+    divided.to_mesh(mesh)
+    mesh.update()
+
+
+def _divide_steps(copy: BMesh, cut: SeamCut, points: list[list[float]]) -> Generator[float, None, None]:
+    copy.verts.ensure_lookup_table()
+    copy.faces.ensure_lookup_table()
+    vertices = list(copy.verts)
+    faces = [copy.faces[number] for number in cut.face.tolist()]
+    meeting = [copy.faces[number] for number in cut.meeting.tolist()]
+    yield 0.4
+    for number, (ends, fraction) in enumerate(zip(cut.edge.tolist(), cut.fraction.tolist(), strict=True)):
+        first, second = (vertices[end] for end in ends)
+        _, new = bmesh.utils.edge_split(copy.edges.get((first, second)), first, fraction)
         vertices.append(new)
-    for face, (one, other) in zip(faces, cut.ends.tolist(), strict=True):
+        if number % A_STEP == 0:
+            yield 0.4 + 0.3 * number / len(cut.edge)
+    for number, (face, (one, other)) in enumerate(zip(faces, cut.ends.tolist(), strict=True)):
         bmesh.utils.face_split(face, vertices[one], vertices[other])
-    for face, spokes, point in zip(meeting, cut.spokes, _points(mesh, cut), strict=True):
+        if number % A_STEP == 0:
+            yield 0.7 + 0.2 * number / len(faces)
+    for face, spokes, point in zip(meeting, cut.spokes, points, strict=True):
         vertices.append(_divide_from(face, [vertices[place] for place in sorted(spokes.tolist(), reverse=True)], point))
+    yield 0.9
     for number, vertex in enumerate(vertices):
         vertex.index = number
-    editable.verts.sort()  # Blender puts new vertices where it has deleted others
-    editable.to_mesh(mesh)
-    editable.free()
-    mesh.update()
+    copy.verts.sort()  # Blender puts new vertices where it has deleted others
 
 
 def _points(mesh: Mesh, cut: SeamCut) -> list[list[float]]:

@@ -8,11 +8,19 @@ half the time, but its round trip writes all the rest of the mesh anew.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager
+
 import numpy as np
 from bpy.types import Mesh, Object
 from scipy.sparse import csc_array, csr_array
 
 from zoomout_core.transfer import Attribute, Domain, Kind
+
+# A weight of a vertex in a group, as it is read.
+ENTRY = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])
+# Vertices whose weights are read in a step: some ten milliseconds' work.
+A_STEP = 8000
 
 
 def read_weights(obj: Object, mesh: Mesh) -> Attribute:
@@ -22,15 +30,42 @@ def read_weights(obj: Object, mesh: Mesh) -> Attribute:
         obj: the object that names the groups.
         mesh: its mesh, original or evaluated.
     """
-    names = tuple(group.name for group in obj.vertex_groups)
-    record = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])
-    entries = np.fromiter(
-        ((vertex.index, group.group, group.weight) for vertex in mesh.vertices for group in vertex.groups), record
-    )
-    entries = entries[entries["group"] < len(names)]
-    values = csr_array(
-        (entries["weight"], (entries["vertex"], entries["group"])), shape=(len(mesh.vertices), len(names))
-    )
+    return _weights(_group_names(obj), len(mesh.vertices), [_entries(mesh, 0, len(mesh.vertices))])
+
+
+def read_weights_steps(
+    fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]],
+) -> Generator[float, None, Attribute]:
+    """`read_weights`, some vertices at a step; yields the fraction done.
+
+    Args:
+        fetch: gives the object and its mesh anew at each step, of as many vertices.
+    """
+    with fetch() as (obj, mesh):
+        names, count = _group_names(obj), len(mesh.vertices)
+    entries = []
+    for first in range(0, count, A_STEP):
+        yield first / count
+        with fetch() as (_, mesh):
+            entries.append(_entries(mesh, first, first + A_STEP))
+    return _weights(names, count, entries)
+
+
+def _group_names(obj: Object) -> tuple[str, ...]:
+    return tuple(group.name for group in obj.vertex_groups)
+
+
+def _entries(mesh: Mesh, first: int, end: int) -> np.ndarray:
+    """The weights of some vertices, as records."""
+    vertices = mesh.vertices[first:end]
+    return np.fromiter(((v.index, group.group, group.weight) for v in vertices for group in v.groups), ENTRY)
+
+
+def _weights(names: tuple[str, ...], count: int, entries: list[np.ndarray]) -> Attribute:
+    """The attribute of the records of all vertices."""
+    found = np.concatenate([np.empty(0, ENTRY), *entries])
+    found = found[found["group"] < len(names)]
+    values = csr_array((found["weight"], (found["vertex"], found["group"])), shape=(count, len(names)))
     return Attribute("vertex groups", Domain.POINT, Kind.WEIGHT, values, labels=names)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,10 +15,13 @@ from zoomout_core.transfer import drape
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
 from .. import stored_match
-from ..mesh_data import cut_mesh, evaluated_mesh, read_active_uv_map
-from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair, read_pair_steps
+from ..mesh_data import divided_steps, read_active_uv_map, write_divided
+from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, look_at_target, read_pair_steps, source_mesh
 from ..properties.settings import SourceName
 from .stepped import SteppedOperator
+
+# Part of the progress after which faces are divided.
+DIVIDING = 0.9
 
 
 class ZOOMOUT_OT_cut_seams(SourceName, SteppedOperator):
@@ -59,13 +63,18 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     if kept is None:
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
-    with evaluated_mesh(find_mesh(context, source_name), context.evaluated_depsgraph_get()) as (evaluated, mesh):
+    with source_mesh(context, pair) as (evaluated, mesh):
         uv = read_active_uv_map(evaluated, mesh)
     draped = drape(kept, pair.source, pair.target)
-    cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, 1, "Following the seams")
+    cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, DIVIDING, "Following the seams")
     _, target = check_unedited(context, pair)
-    before = len(target.data.polygons)
-    cut_mesh(target.data, cut)
+    divided = yield from spread(divided_steps(target.data, cut), DIVIDING, 1, "Dividing faces")
+    try:
+        _, target = check_unedited(context, pair)
+        before = len(target.data.polygons)
+        write_divided(target.data, divided)
+    finally:
+        divided.free()
     _keep_match(context, pair, kept, cut)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
     whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
@@ -74,7 +83,8 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
 
 def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:
     """Keep the match on the mesh that was cut: new vertices are trusted as the least trusted of those around them."""
-    pair = read_pair(context, before.source_name, before.target_name)
+    # The target's surface is no longer its own, but a match that was kept before is written by looks alone.
+    pair = replace(before, target_look=look_at_target(context, before.target_name))
     of_new = [kept.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
     confidence = np.concatenate([kept.confidence, *of_new])
     match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)

@@ -16,8 +16,8 @@ from ..mesh_facts import redraw_sidebars
 from ..preflight import obstacle
 from ..targets import Outcome
 
-# Seconds of work between two looks at the keyboard.
-SLICE = 0.1
+# Seconds of work between two looks at the keyboard, and of the step that is then under way up to a tenth more.
+SLICE = 0.05
 # What goes on to the view meanwhile, so that it can be looked at from all sides.
 LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
 

@@ -14,8 +14,17 @@ from zoomout_core.transfer import Blend
 from .. import stored_match, stored_report
 from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
 from ..evidence import matching_steps, settings_to_keep
-from ..mesh_data import evaluated_mesh
-from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, read_pair_steps, users_of_mesh
+from ..pair import (
+    READING,
+    ObjectPair,
+    check_unedited,
+    choose_source,
+    find_mesh,
+    read_pair_steps,
+    source_mesh,
+    target_mesh,
+    users_of_mesh,
+)
 from ..properties.match import MatchOptions, option_label
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
@@ -121,7 +130,7 @@ def worked_out_transfer_steps(
     """The same without the end: it returns what writes the data to the target."""
     pair = yield from read_pair_steps(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
-    cargo, remarks, blend = _packed(context, pair, data, settings)
+    cargo, remarks, blend = yield from _packed_steps(context, pair, data, settings)
     match: stored_match.Match
     if kept is None:
         made_with = settings_to_keep(context, pair, match_options)
@@ -153,19 +162,22 @@ def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -
     return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
 
 
-def _packed(
+def _packed_steps(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
-) -> tuple[list[Cargo], Remarks, Blend]:
+) -> Steps[tuple[list[Cargo], Remarks, Blend]]:
     """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
-    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
-    remarks, blend = Remarks(), settings.blend(target)
-    with evaluated_mesh(source, context.evaluated_depsgraph_get()) as (evaluated, mesh):
-        origin = Origin(source, evaluated, mesh, target, data, settings, blend)
-        cargo = [one for pack in PACK for one in pack(origin, remarks)]
+    cargo, remarks = list[Cargo](), Remarks()
+    with target_mesh(context, pair) as (target, _):
+        blend = settings.blend(target)
+    for pack in PACK:
+        yield READING
+        source = find_mesh(context, pair.source_name)
+        with source_mesh(context, pair) as (evaluated, mesh), target_mesh(context, pair) as (target, _):
+            cargo += pack(Origin(source, evaluated, mesh, target, data, settings, blend), remarks)
     if not cargo:
-        raise zo.MeshError(f"'{source.name}' has none of the data that is to be transferred: choose other data.")
+        raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")
     return cargo, remarks, blend
 
 

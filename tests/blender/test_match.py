@@ -19,11 +19,12 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon import stored_match
-from blender_addon.evidence import shared_regions
+from blender_addon.evidence import shared_regions_steps
 from blender_addon.operators.match import match_objects, match_steps
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
 from zoomout_core.correspondence.detail import DETAIL
+from zoomout_core.progress import drain
 
 KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
 
@@ -164,7 +165,7 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
     source.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
     bpy.context.view_layer.update()
     pair = read_pair(bpy.context, "Source", "Target")
-    regions, _ = shared_regions(bpy.context, pair)
+    regions, _ = drain(shared_regions_steps(bpy.context, pair))
     assert set(regions) == {("vertex group", "Nose"), ("material", "Skin")}
     for (what, _), (of_source, of_target) in regions.items():
         place = (1, 0, 0) if what == "vertex group" else (-1, 0, 0)
@@ -194,7 +195,8 @@ def test_names_from_an_earlier_transfer_prove_nothing(source, target):
         name_a_region(obj, (-1, 0, 0), "MATERIAL")
     transfer_objects(bpy.context, source, target, ["vertex_groups"], k_final=30)
     assert (weight_array(target, "Nose") > 0.5).sum() > 10
-    regions, received = shared_regions(bpy.context, read_pair(bpy.context, "Source", "Target"))
+    pair = read_pair(bpy.context, "Source", "Target")
+    regions, received = drain(shared_regions_steps(bpy.context, pair))
     assert set(regions) == {("material", "Skin")}
     assert received
 

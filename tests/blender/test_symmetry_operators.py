@@ -1,7 +1,9 @@
 """What is done along a mesh's own symmetry, in Blender: posed, and of another topology on either side."""
 
 import json
+from itertools import islice
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from creatures import creature
 from scenes import (
     activate,
     add_attribute,
+    add_uv_map,
     from_pydata,
     key_shape,
     positions,
@@ -20,15 +23,15 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import stored_symmetry, symmetry_preview
-from blender_addon.operators.symmetry.check import check_symmetry
+from blender_addon import mesh_data, stored_symmetry, symmetry_preview
+from blender_addon.operators.symmetry.check import check_symmetry, check_symmetry_steps
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
-from blender_addon.operators.symmetry.layers import mirror_attributes
+from blender_addon.operators.symmetry.layers import mirror_attributes, mirror_attributes_steps
 from blender_addon.operators.symmetry.preview import PALENESS
-from blender_addon.operators.symmetry.sculpt import mirror_sculpt
-from blender_addon.operators.symmetry.shape_keys import mirror_shape_key
+from blender_addon.operators.symmetry.sculpt import mirror_sculpt, mirror_sculpt_steps
+from blender_addon.operators.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
 from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
-from blender_addon.operators.symmetry.weights import symmetrise_weights
+from blender_addon.operators.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
 from zoomout_core.triangles import vertex_normals
 
 BENT = creature(1500, seed=1, bend=0.9)
@@ -122,6 +125,64 @@ def test_cancelling_or_editing_meanwhile_leaves_the_mesh_as_it_was():
     with pytest.raises(zo.MeshError, match="was edited while it was being worked on"):
         zo.drain(steps)
     assert snapshot(obj) == before
+
+
+OPERATIONS = {
+    "weights": lambda: symmetrise_weights_steps(bpy.context, "Creature", "left"),
+    "key": lambda: mirror_shape_key_steps(bpy.context, "Creature", "Smile.L", "mirror", "left", 0.1),
+    "attributes": lambda: mirror_attributes_steps(bpy.context, "Creature", ("uv_maps",), "left", "own"),
+    "sculpt": lambda: mirror_sculpt_steps(bpy.context, "Creature", "left"),
+    "check": lambda: check_symmetry_steps(bpy.context, "Creature", "weights", ""),
+}
+
+
+@pytest.mark.parametrize("taken", [1, 2])
+@pytest.mark.parametrize("work", OPERATIONS)
+def test_an_edit_between_two_steps_is_noticed_and_nothing_is_written(body, work, taken):
+    set_weights(body, "Arm.L", np.clip(X, 0, 1))
+    add_uv_map(body.data, "Atlas")
+    add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
+    if work == "sculpt":
+        mesh_data.move_vertices(body.data, bumps(np.clip(X, 0, 1)))
+    for edit in (moved, deleted):
+        steps = OPERATIONS[work]()
+        assert len([*islice(steps, taken)]) == taken
+        edit(body)
+        before = snapshot(body)
+        with pytest.raises(zo.MeshError, match="'Creature' was edited while it was being worked on: start again"):
+            zo.drain(steps)
+        assert snapshot(body) == before
+        if edit is moved:
+            mesh_data.move_vertices(body.data, -MOVE)
+
+
+MOVE = np.zeros((len(X), 3))
+MOVE[7] = 0.25
+
+
+def moved(obj):
+    mesh_data.move_vertices(obj.data, MOVE)
+
+
+def deleted(obj):
+    editable = bmesh.new()
+    editable.from_mesh(obj.data)
+    editable.verts.ensure_lookup_table()
+    editable.verts.remove(editable.verts[7])
+    editable.to_mesh(obj.data)
+    editable.free()
+
+
+def test_edges_are_mirrored_in_the_order_in_which_blender_has_them(body):
+    mesh = body.data
+    ends = np.array([edge.vertices for edge in mesh.edges])
+    middle = X[ends].mean(axis=1)
+    assert (np.diff(ends[:, 0]) < 0).any()  # an order of their own
+    add_attribute(mesh, "height", "FLOAT", "EDGE", np.where(middle > 0, BENT.directions[ends, 2].mean(axis=1), 5))
+    body.shape_key_add(name="Basis")  # positions at rest are read by themselves then
+    mirror_attributes(bpy.context, body, ("attributes",))
+    off = np.abs(values(mesh, "height") - BENT.directions[ends, 2].mean(axis=1))
+    assert off[np.abs(middle) > 0.2].mean() < 0.05
 
 
 def test_an_edited_mesh_says_so(body):

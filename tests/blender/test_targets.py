@@ -80,7 +80,7 @@ def test_nothing_is_written_before_all_are_worked_out(source, targets):
         except StopIteration as finished:
             outcome = finished.value
             break
-    assert [round(step.fraction, 3) for step in progress] == [0.167, 0.5, 0.833]
+    assert [round(step.fraction, 3) for step in progress] == [0.167, 0.5, 0.833, 1.0]
     assert progress[1].stage == "'B', 2 of 3: Working"
     assert order == ["A", "B", "C"]
     assert outcome.done == {"A": "A", "C": "C"}

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from bpy.types import Context, Object
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
+from zoomout_core.progress import Progress
 
 from ... import stored_symmetry
-from ...pair import check_writable, find_mesh
+from ...pair import check_elements, check_writable, edited, find_mesh
 from ..stepped import SteppedOperator
+
+# Part of the progress in which an operator's data is read, which takes steps.
+READ = 0.3
+READING = Progress(0.0, "Reading the mesh")
 
 
 class SymmetryOperator(SteppedOperator):
@@ -36,6 +44,18 @@ def writable_mesh(context: Context, name: str) -> Object:
     return obj
 
 
+@contextmanager
+def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple[Object, Mesh]]:
+    """The object of a name and its mesh, for what it carries besides its surface.
+
+    Raises:
+        MeshError: it was removed, or its mesh has other elements since the surface was read.
+    """
+    obj = writable_mesh(context, name)
+    check_elements(name, surface, obj.data)
+    yield obj, obj.data
+
+
 def unedited(context: Context, name: str, before: zo.Surface) -> Object:
     """The object of a name, whose mesh is still what it was when it was read.
 
@@ -43,7 +63,6 @@ def unedited(context: Context, name: str, before: zo.Surface) -> Object:
         MeshError: it was removed or edited since.
     """
     obj = writable_mesh(context, name)
-    now = stored_symmetry.rest_surface(obj)
-    if stored_symmetry.fingerprint_of(now) != stored_symmetry.fingerprint_of(before):
-        raise zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+    if stored_symmetry.fingerprint(obj) != stored_symmetry.fingerprint_of(before):
+        raise edited(name)
     return obj

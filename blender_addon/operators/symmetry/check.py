@@ -19,7 +19,7 @@ from zoomout_core.threads import in_background
 from ... import mesh_data, stored_symmetry, symmetry_preview
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
-from .base import SymmetryOperator, unedited, writable_mesh
+from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 from .shape_keys import read_key
 
 Checked: TypeAlias = Literal["shape", "weights", "key"]
@@ -81,15 +81,19 @@ def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") 
     """
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
+    yield READING
     if check == "shape":
         work = partial(shape_asymmetry, symmetry)
     elif check == "weights":
-        work = partial(asymmetry, mesh_data.read_weights(obj, obj.data), symmetry)
+        reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
+        weights = yield from spread(reading, 0, READ, READING.stage)
+        work = partial(asymmetry, weights, symmetry)
     else:
-        _, own = read_key(obj, key)
-        partner = flip_name(key) if flip_name(key) in obj.data.shape_keys.key_blocks else key
-        work = partial(_key_asymmetry, own, read_key(obj, partner)[1], symmetry)
-    values = np.nan_to_num((yield from spread(in_background(work), 0, 1, "Comparing the sides")))
+        with own_mesh(context, name, symmetry.surface) as (obj, mesh):
+            _, own = read_key(obj, key)
+            partner = flip_name(key) if flip_name(key) in mesh.shape_keys.key_blocks else key
+            work = partial(_key_asymmetry, own, read_key(obj, partner)[1], symmetry)
+    values = np.nan_to_num((yield from spread(in_background(work), READ, 1, "Comparing the sides")))
     unedited(context, name, symmetry.surface)
     return values
 

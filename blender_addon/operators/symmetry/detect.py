@@ -15,6 +15,7 @@ from ... import stored_symmetry, symmetry_preview
 from ...properties.once import ONCE
 from ...properties.settings import take_settings
 from ...properties.symmetry import AXES, DetectOptions
+from ...targets import WRITING
 from ..stepped import SteppedOperator
 from .base import SymmetryOperator, unedited, writable_mesh
 from .preview import show_symmetry
@@ -88,6 +89,7 @@ def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps
     found = yield from zo.detect_symmetry_steps(surface, most=MOST, left=AXES[left])
     if not found:
         raise zo.MeshError(f"No symmetry of '{name}' was found: it may have none.")
+    yield WRITING
     obj = unedited(context, name, surface)
     stored_symmetry.write(obj, found, left)
     _follow(context, obj)

@@ -20,7 +20,7 @@ from ... import mesh_data, stored_symmetry
 from ...mesh_data import Layer
 from ...properties.settings import take_settings
 from ...properties.symmetry import LayerOptions, WinnerOptions
-from .base import SymmetryOperator, unedited, writable_mesh
+from .base import READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 USUAL_DATA = ("uv_maps", "color_attributes", "attributes")
 
@@ -67,7 +67,10 @@ def mirror_attributes_steps(
 ) -> Steps[str]:
     """`mirror_attributes` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
-    symmetry, read = stored_symmetry.read(obj), _read(obj.data, data)
+    symmetry = stored_symmetry.read(obj)
+    yield READING
+    with own_mesh(context, name, symmetry.surface) as (_, mesh):
+        read = _read(mesh, data)
     found = [one for one in read if _has_way(one.attribute, winner)]
     skipped = [one.attribute.name for one in read if not _has_way(one.attribute, winner)]
     if not read:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from bpy.types import Context, Object
 
 from zoomout_core.arrays import Floats
-from zoomout_core.progress import Progress, Steps
+from zoomout_core.progress import Progress, Steps, spread
 from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.threads import in_background
 
 from ... import stored_symmetry, symmetry_preview
 from ..stepped import SteppedOperator
-from .base import SymmetryOperator, writable_mesh
+from .base import SymmetryOperator, unedited, writable_mesh
 
 # Colours of the right side are mixed with so much white, so that the line shows.
 PALENESS = 0.35
@@ -29,9 +32,12 @@ class ZOOMOUT_OT_preview_symmetry(SymmetryOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     def steps(self, context: Context) -> Steps[str]:
-        obj = writable_mesh(context, context.active_object.name)
-        yield Progress(0.0, "Colouring")
-        show_symmetry(context, obj)
+        name = context.active_object.name
+        symmetry = stored_symmetry.read(writable_mesh(context, name))
+        colouring = in_background(partial(symmetry_colours, symmetry))
+        colours = yield from spread(colouring, 0, 1, "Colouring")
+        obj = unedited(context, name, symmetry.surface)
+        symmetry_preview.show(context, obj.data, colours, WHAT)
         return WHAT
 
 

@@ -16,7 +16,7 @@ from zoomout_core.threads import in_background
 from ... import mesh_data, stored_symmetry
 from ...properties.settings import take_settings
 from ...properties.symmetry import WinnerOptions
-from .base import SymmetryOperator, unedited, writable_mesh
+from .base import READING, SymmetryOperator, unedited, writable_mesh
 
 
 class ZOOMOUT_OT_mirror_sculpt(WinnerOptions, SymmetryOperator):
@@ -54,6 +54,7 @@ def mirror_sculpt_steps(context: Context, name: str, winner: Winner) -> Steps[st
     """`mirror_sculpt` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
+    yield READING
     if not moved.any():
         raise zo.MeshError(
             f"No vertex of '{name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."

@@ -22,7 +22,7 @@ from ... import mesh_data, stored_symmetry
 from ...mesh_data import ShapeKey
 from ...properties.settings import take_settings
 from ...properties.symmetry import KeyName, KeyOptions, WinnerOptions
-from .base import SymmetryOperator, unedited, writable_mesh
+from .base import READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
 # Displacements shorter than this part of a key's longest one are noise.
@@ -79,7 +79,10 @@ def mirror_shape_key_steps(
 ) -> Steps[str]:
     """`mirror_shape_key` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
-    symmetry, (key, offsets) = stored_symmetry.read(obj), read_key(obj, key_name)
+    symmetry = stored_symmetry.read(obj)
+    yield READING
+    with own_mesh(context, name, symmetry.surface) as (obj, _):
+        key, offsets = read_key(obj, key_name)
     names = _new_names(key_name, mode)
     work = in_background(partial(_made, offsets, symmetry, mode, winner, blend))
     made = yield from spread(work, 0, 1, "Mirroring the key")

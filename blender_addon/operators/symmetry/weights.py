@@ -21,7 +21,7 @@ from zoomout_core.transfer.weights import sum_to_one
 from ... import mesh_data, stored_symmetry
 from ...properties.settings import take_settings
 from ...properties.symmetry import WeightOptions, WinnerOptions
-from .base import SymmetryOperator, unedited, writable_mesh
+from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 
 class ZOOMOUT_OT_symmetrise_weights(WinnerOptions, WeightOptions, SymmetryOperator):
@@ -62,9 +62,14 @@ def symmetrise_weights(context: Context, obj: Object, winner: Winner = "left", o
 def symmetrise_weights_steps(context: Context, name: str, winner: Winner, only: str = "") -> Steps[str]:
     """`symmetrise_weights` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
-    symmetry, chosen = stored_symmetry.read(obj), _choose(obj, only)
+    symmetry = stored_symmetry.read(obj)
+    yield READING
+    reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
+    weights = yield from spread(reading, 0, READ, READING.stage)
+    with own_mesh(context, name, symmetry.surface) as (obj, _):
+        chosen = _choose(obj, with_partners(weights), only)
     work = in_background(partial(symmetrised, chosen.weights, symmetry, winner, **chosen.sharing))
-    weights = yield from spread(work, 0, 1, "Mirroring weights")
+    weights = yield from spread(work, READ, 1, "Mirroring weights")
     obj = unedited(context, name, symmetry.surface)
     mesh_data.write_weights(obj, weights)
     obj.data.update()
@@ -87,8 +92,7 @@ class _Chosen:
     locked: list[str]
 
 
-def _choose(obj: Object, only: str) -> _Chosen:
-    weights = with_partners(mesh_data.read_weights(obj, obj.data))
+def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     if not weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex groups: give it some, or make another mesh active.")
     wanted = {only, flip_name(only)} if only else set(weights.labels)

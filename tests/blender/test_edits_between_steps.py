@@ -1,0 +1,101 @@
+"""Meshes that are edited while an operator is suspended between two of its steps: it says so, and writes nothing."""
+
+from itertools import islice
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from scenes import add_uv_map, new_material, positions, set_weights, snapshot_file
+from true_match import keep_true_match
+
+import zoomout_core as zo
+from blender_addon.cargo import USUAL_DATA
+from blender_addon.collection_match import match_collections_steps
+from blender_addon.operators.cut_seams import cut_seams_steps
+from blender_addon.operators.match import match_steps
+from blender_addon.operators.transfer import transfer_steps
+
+
+def moved(obj):
+    obj.data.vertices[7].co.z += 0.25
+    obj.data.update()
+
+
+def deleted(obj):
+    """A vertex is gone, and the faces around it, so that what is read afterwards is of other sizes."""
+    editable = bmesh.new()
+    editable.from_mesh(obj.data)
+    editable.verts.ensure_lookup_table()
+    editable.verts.remove(editable.verts[7])
+    editable.to_mesh(obj.data)
+    editable.free()
+    obj.data.update()
+
+
+def divided(obj):
+    """As many vertices and faces, connected otherwise."""
+    editable = bmesh.new()
+    editable.from_mesh(obj.data)
+    editable.edges.ensure_lookup_table()
+    bmesh.ops.rotate_edges(editable, edges=editable.edges[:1])
+    editable.to_mesh(obj.data)
+    editable.free()
+    obj.data.update()
+
+
+# Steps after which both are read, and what they carry, in any work.
+LAST = 7
+EDITS = (moved, deleted, divided)
+
+
+def furnish(obj):
+    """Give an object some of all that is read of it."""
+    x = positions(obj.data)[:, 0]
+    for name, side in (("Arm.L", x > 0.3), ("Arm.R", x < -0.3)):
+        set_weights(obj, name, side.astype(float))
+    add_uv_map(obj.data, "Atlas")
+    obj.data.materials.append(new_material("Skin"))
+    obj.data.materials.append(new_material("Cloth"))
+    obj.data.polygons.foreach_set("material_index", np.arange(len(obj.data.polygons)) % 2)
+    obj.shape_key_add(name="Basis")
+    obj.shape_key_add(name="Smile.L").points[7].co.z += 1
+
+
+@pytest.fixture
+def pair(source, target):
+    """Both furnished, each in a collection of its own, and the true match of the two."""
+    for obj in (source, target):
+        furnish(obj)
+        collection = bpy.data.collections.new(f"{obj.name}s")
+        bpy.context.scene.collection.children.link(collection)
+        collection.objects.link(obj)
+    bpy.context.view_layer.update()
+    keep_true_match(target)
+    return {"Source": source, "Target": target}
+
+
+WORK = {
+    "match": lambda: match_steps(bpy.context, "Source", "Target", k_final=30),
+    "transfer": lambda: transfer_steps(bpy.context, "Source", "Target", USUAL_DATA),
+    "cut seams": lambda: cut_seams_steps(bpy.context, "Source", "Target"),
+    "collections": lambda: match_collections_steps(bpy.context, "Sources", "Targets", k_final=30),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+@pytest.mark.parametrize("edited", ["Source", "Target"])
+@pytest.mark.parametrize("work", WORK)
+def test_an_edit_between_two_steps_is_noticed_and_nothing_is_written(pair, work, edited, edit):
+    # A collection's objects are read one after another, each as it is then.
+    first = 3 if work == "collections" and edited == "Target" else 1
+    for taken in range(first, LAST):
+        steps = WORK[work]()
+        assert len([*islice(steps, taken)]) == taken
+        edit(pair[edited])
+        bpy.context.view_layer.update()
+        before = snapshot_file()
+        with pytest.raises(zo.MeshError, match=f"'{edited}' was edited while it was being worked on: start again"):
+            zo.drain(steps)
+        assert snapshot_file() == before
+        keep_true_match(pair["Target"])
