@@ -18,14 +18,17 @@ from ..targets import Outcome
 
 # Seconds of work between two looks at the keyboard, and of the step that is then under way up to a tenth more.
 SLICE = 0.05
+# Seconds between two times that the progress is drawn, which takes time from the work, and much of it without a GPU.
+REDRAWN = 0.2
 # What goes on to the view meanwhile, so that it can be looked at from all sides.
 LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
 
 # Why no other work can begin meanwhile, in words for a button.
 AT_WORK = "ZoomOut is at work: wait, or press ESC"
 
-# How far the work is that goes on in a window.
+# How far the work is that goes on in a window, and when that was drawn.
 running: Progress | None = None
+_drawn = 0.0
 
 
 class SteppedOperator(Operator):
@@ -109,9 +112,13 @@ class SteppedOperator(Operator):
 
 
 def _show_progress(context: Context, progress: Progress | None) -> None:
-    """Tell the status bar and the sidebars how far the work is, or that there is none."""
-    global running
+    """Tell the status bar and the sidebars how far the work is, now and then, or that there is none."""
+    global running, _drawn
+    goes_on = running is not None and progress is not None
     running = progress
+    if goes_on and time.monotonic() < _drawn + REDRAWN:
+        return
+    _drawn = time.monotonic()
     text = None if progress is None else f"{progress.stage}: {progress.fraction:.0%} (ESC cancels)"
     context.workspace.status_text_set(text)
     redraw_sidebars()

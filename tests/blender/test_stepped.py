@@ -64,6 +64,7 @@ def window(monkeypatch):
     monkeypatch.setattr("blender_addon.operators.stepped.bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
     monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: None)
     monkeypatch.setattr("blender_addon.operators.stepped.SLICE", 0.0)  # one step a tick
+    monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 0.0)
     return Window()
 
 
@@ -82,6 +83,18 @@ def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
     assert work.written
     assert work.reports == [("INFO", "Done")]
     assert (window.timers, window.status) == ([], None)
+
+
+def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: drawn.append(stepped.running))
+    monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 1000.0)
+    work = Work(count=5)
+    run(work, window, [TICK] * 4)
+    assert drawn == [zo.Progress(0.0, "Beginning")]
+    assert stepped.running == zo.Progress(3 / 5, "Working")
+    work.modal(window, ESCAPE)
+    assert drawn[1:] == [None]
 
 
 def test_the_view_can_be_turned_meanwhile_and_the_sidebar_knows_how_far_the_work_is(window):
