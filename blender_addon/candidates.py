@@ -102,7 +102,8 @@ def listing_of(result: zo.MatchResult, pair: ObjectPair) -> Listing:
     outlines = [result.outline(number) for number in numbers]
     vertices = outlines[0][0]
     around = pair.source.vertices
-    colors = [np.rint(255 * place_colors(around[images], around)).astype(np.uint8) for _, images in outlines]
+    box = np.array([np.nanmin(around, axis=0), np.nanmax(around, axis=0)])
+    colors = [np.rint(255 * place_colors(around[images], box)).astype(np.uint8) for _, images in outlines]
     return Listing(
         hash_of("", vertices, *colors),
         numbers.index(result.chosen),

@@ -48,8 +48,7 @@ def rest_surface(obj: Object) -> zo.Surface:
     Raises:
         MeshError: there is no surface.
     """
-    surface = read_surface_at_rest(obj)
-    return surface if obj.data.shape_keys is None else surface.with_vertices(read_rest_positions(obj.data))
+    return read_surface_at_rest(obj, positions=read_rest_positions(obj.data))
 
 
 def fingerprint_of(surface: zo.Surface) -> str:

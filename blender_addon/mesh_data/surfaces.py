@@ -115,18 +115,20 @@ def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
     return read_faces(obj.data)
 
 
-def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None) -> zo.Surface:
+def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None, positions: np.ndarray | None = None) -> zo.Surface:
     """The surface of an object's own mesh, as it is there: in the mesh's own space.
 
     Args:
         obj: the object.
         evaluated: the mesh that modifiers leave; if they change its faces, it is taken instead.
+        positions: (n, 3) of its vertices, if these are not where the mesh has them.
 
     Raises:
         MeshError: there is no surface.
     """
     mesh = obj.data if evaluated is None or read_faces(evaluated) == read_faces(obj.data) else evaluated
-    return _surface(obj, mesh, read_positions(mesh), mesh if evaluated is None else evaluated)
+    points = read_positions(mesh) if positions is None else positions
+    return _surface(obj, mesh, points, mesh if evaluated is None else evaluated)
 
 
 def read_positions(mesh: Mesh) -> np.ndarray:
@@ -189,7 +191,7 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
             _read_corner_vertices(mesh),
             face_start,
             triangle_corners,
-            read_array(with_edges.edges, "vertices", np.int32, 2),
+            _read_edges(with_edges),
         )
     except zo.MeshError as error:
         raise zo.MeshError(f"'{obj.name}' cannot be used. {error}") from error
@@ -203,6 +205,13 @@ def _read_corner_vertices(mesh: Mesh) -> Integers:
     if not mesh.loops:  # then there may be no attribute
         return np.empty(0, np.int32)
     return read_array(mesh.attributes[".corner_vert"].data, "value", np.int32)
+
+
+def _read_edges(mesh: Mesh) -> Integers:
+    """(e, 2) the vertices of each edge; read as those of corners are."""
+    if not mesh.edges:
+        return np.empty((0, 2), np.int32)
+    return read_array(mesh.attributes[".edge_verts"].data, "value", np.int32, 2)
 
 
 def is_mirrored(obj: Object) -> bool:

@@ -19,8 +19,8 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A weight of a vertex in a group, as it is read.
 ENTRY = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])
-# Vertices whose weights are read in a step: some ten milliseconds' work.
-A_STEP = 8000
+# Vertices whose weights are read in a step: some ten milliseconds' work, of dozens where many groups overlap.
+A_STEP = 2000
 
 
 def read_weights(obj: Object, mesh: Mesh) -> Attribute:
