@@ -96,6 +96,21 @@ def load(json_file: Path | None) -> None:
 
 
 @main.command()
+@click.option(
+    "--data", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of meshes."
+)
+@click.option(
+    "--table", "tables", type=click.Choice(["rows", "escape", "undo"]), multiple=True, help="Make this alone."
+)
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
+def window(data: Path, tables: tuple[str, ...], json_file: Path | None) -> None:
+    """How long Blender's window stands still during each operator, how soon ESC ends it, and what undo costs."""
+    from benchmarks import window as window_tables  # it starts Blender
+
+    report(window_tables.run(data, tables or window_tables.TABLES), data, json_file)
+
+
+@main.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 def limb(file: Path) -> None:
     """Draw the checker on an arm that a seam runs along, as it arrives by us and by Data Transfer, to an image file."""
@@ -115,7 +130,7 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
 
 def report(tables: dict[str, list[dict[str, Any]]], data: Path | None, json_file: Path | None) -> None:
     """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
-    if not tables["rows"]:
+    if not any(tables.values()):
         raise click.ClickException(f"{data} holds nothing that this table is made from: give the folder of the sets.")
     shown = [show(rows) for name, rows in tables.items() if rows and name != "pairs"]
     click.echo("\n\n".join(shown))

@@ -57,7 +57,7 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     cast = make_cast(size)
     source, target = cast.character, cast.target
-    _burden(source, groups, keys)
+    burden(source, groups, keys)
     match = StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())
     pair, cost = _timed(partial(read_pair, bpy.context, source.name, target.name))
     way = Way(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
@@ -103,7 +103,7 @@ def _row(kind: str, count: int, costs: dict[str, Cost]) -> Record:
 # --- what the source carries --------------------------------------------------------------------------------
 
 
-def _burden(source: bpy.types.Object, groups: int, keys: int) -> None:
+def burden(source: bpy.types.Object, groups: int, keys: int) -> None:
     """Give the source more vertex groups, UV maps and shape keys than the demo's character has."""
     vertices = mesh_data.read_positions(source.data).astype(float)
     triangles = mesh_data.read_surface_at_rest(source).triangles

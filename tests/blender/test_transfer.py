@@ -311,9 +311,12 @@ def test_one_transfer_is_one_undo_step(source, target):
     bpy.ops.ed.undo_push(message="before")
     before = snapshot_file()
     assert bpy.ops.zoomout.transfer("EXEC_DEFAULT", True) == {"FINISHED"}
-    assert snapshot_file() != before
+    after = snapshot_file()
+    assert after != before
     bpy.ops.ed.undo()
     assert snapshot_file() == before
+    bpy.ops.ed.redo()
+    assert snapshot_file() == after
 
 
 def test_a_group_that_bears_the_name_of_an_attribute_is_noted(source, target):

@@ -1,0 +1,156 @@
+"""How long Blender's window stands still while operators work, how soon ESC ends them, and what undoing costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import bpy
+from bpy.types import Object
+
+import blender_addon
+import zoomout_core as zo
+from benchmarks.window import scene, undo
+from benchmarks.window.watching import Watch, watched
+from blender_addon.demo.character import select_only
+
+Record = dict[str, Any]
+
+REPEATS, CANCELS = 3, 20
+# Seconds of a block that users notice.
+NOTICED = 0.15
+TABLES = ("rows", "escape", "undo")
+
+
+def run(data: Path, tables: tuple[str, ...] = TABLES) -> dict[str, list[Record]]:
+    """Work with each operator as in a window, but for what Blender draws between the ticks of its timer.
+
+    Args:
+        data: the folder of the sets.
+        tables: which to make.
+
+    Returns:
+        `rows`: for each operator the seconds from the click to the end, by the clock and of the processor, the longest
+        step before it writes and how much of that is work of the window's own thread, how long it writes with what it
+        does last before, the longest tick of the timer, and how many ticks are noticed; matching several times over,
+        medians.
+        `stages`: where the time of matching goes, cold and warm.
+        `escape`: for evenly spread moments at which ESC ends a match, the longest time until the window is free, of
+        which closing what is under way is a part, and until the last thread has ended.
+        `undo`: see `undo.rows`.
+    """
+    if not scene.is_there(data):
+        return {"rows": []}
+    made = _operators(data) if "rows" in tables else {"rows": []}
+    if "escape" in tables:
+        made["escape"] = _escapes(data)
+    if "undo" in tables:
+        made["undo"] = undo.rows()
+    blender_addon.unregister()
+    return made
+
+
+def _operators(data: Path) -> dict[str, list[Record]]:
+    source, target = scene.make_pair(data)
+    select_only(target)
+    cold = [_cold() for _ in range(REPEATS)]
+    warm = [watched(bpy.ops.zoomout.match) for _ in range(REPEATS)]
+    rows = [_row("match, cold", cold), _row("match, warm", warm)]
+    rows += [_row(name, [watched(operate)]) for name, operate in chain(_on_target(data), _on_source(source))]
+    stages = [
+        {
+            "match": name,
+            "stage": stage,
+            "seconds": median(run.of_stages()[stage][0] for run in runs),
+            "processor": median(run.of_stages()[stage][1] for run in runs),
+        }
+        for name, runs in (("cold", cold), ("warm", warm))
+        for stage in runs[0].of_stages()
+    ]
+    return {"rows": rows, "stages": stages}
+
+
+def _cold() -> Watch:
+    zo.forget_shapes()
+    return watched(bpy.ops.zoomout.match)
+
+
+def _on_target(data: Path) -> Iterator[tuple[str, Callable[[], object]]]:
+    """What is done with a match, one after the other."""
+    do = bpy.ops.zoomout
+    yield "preview, places", partial(do.preview, kind="PLACES")
+    yield "preview, checker", partial(do.preview, kind="CHECKER")
+    yield "swap sides", do.swap_match_sides
+    do.clear_preview()
+    yield "transfer", do.transfer
+    yield "match, names on both", do.match
+    scene.put_together()
+    yield "match, nearest points", partial(do.match, initial="NEAREST")
+    yield "match, same order", partial(do.match, initial="SAME_ORDER")
+    yield "cut along seams", do.cut_seams
+    scene.make_collections(data)
+    yield "match collections", do.match_collections
+
+
+def _on_source(source: Object) -> Iterator[tuple[str, Callable[[], object]]]:
+    """What is done along a symmetry, one after the other."""
+    do = bpy.ops.zoomout
+    select_only(source)
+    source.vertex_groups.active_index, source.active_shape_key_index = 0, 1
+    yield "detect symmetry", do.detect_symmetry
+    yield "show symmetry", do.preview_symmetry
+    yield "swap its sides", do.swap_sides
+    yield "symmetrise weights", do.symmetrise_weights
+    yield "split a shape key", partial(do.mirror_shape_key, key_mode="SPLIT")
+    yield "mirror attributes", do.mirror_attributes
+    for check in ("SHAPE", "WEIGHTS", "KEY"):
+        yield f"check symmetry, {check.lower()}", partial(do.check_symmetry, check=check)
+    yield "select symmetry line", do.select_symmetry_line
+    yield "name sides", do.name_sides
+    scene.sculpt(source)
+    yield "mirror sculpt", do.mirror_sculpt
+
+
+def _row(operator: str, runs: list[Watch]) -> Record:
+    return {
+        "operator": operator,
+        "seconds": median(run.seconds for run in runs),
+        "processor": median(run.processor for run in runs),
+        "longest step": median(run.longest.clock for run in runs),
+        "of its thread": median(run.longest.thread for run in runs),
+        "last step": median(run.steps[-1].clock for run in runs),
+        "longest tick": median(max(run.ticks) for run in runs),
+        f"ticks over {NOTICED} s": median(sum(tick > NOTICED for tick in run.ticks) for run in runs),
+        "ticks": median(len(run.ticks) for run in runs),
+        "longest in": runs[-1].longest.stage,
+    }
+
+
+def _escapes(data: Path) -> list[Record]:
+    """ESC at evenly spread moments of a match, with all to be worked out, and with both shapes known."""
+    _, target = scene.make_pair(data)
+    select_only(target)
+    rows = []
+    for name, match in (("match, cold", _cold), ("match, warm", partial(watched, bpy.ops.zoomout.match))):
+        whole = match().seconds
+        ended = []
+        for number in range(CANCELS):
+            if name == "match, cold":
+                zo.forget_shapes()
+            ended.append(watched(bpy.ops.zoomout.match, escape_after=whole * (number + 0.5) / CANCELS))
+        ended = [run for run in ended if run.closing]  # the last may have been faster than the first
+        rows.append(
+            {
+                "operator": name,
+                "cancels": len(ended),
+                "longest wait": max(run.ticks[-1] + run.closing for run in ended),
+                "of that closing": max(run.closing for run in ended),
+                "threads end after": max(run.trailing for run in ended),
+                "median of that": median(run.trailing for run in ended),
+            }
+        )
+    return rows

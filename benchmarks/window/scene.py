@@ -1,0 +1,80 @@
+"""Two characters of 52 thousand vertices in Blender, of which one carries all that operators look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+import blender_addon
+from benchmarks.transfer.load import burden
+from blender_addon import mesh_data
+from blender_addon.demo.character import select_only
+from zoomout_core.files import read_surface
+
+# Two poses of a man, and of a horse that goes with him into a collection. Those of one class share their vertices.
+CHARACTERS, COMPANIONS = ("michael0", "michael10"), ("horse0", "horse6")
+# What the source carries, and which part of its size the poses are moved apart by.
+GROUPS, KEYS, APART = 30, 10, 1.5
+# How far vertices of one side are moved for a sculpt, over the size of the mesh.
+SCULPT = 0.01
+
+
+def is_there(data: Path) -> bool:
+    """Whether a folder of sets has what the scene is made of."""
+    return all(_path(data, name).is_file() for name in CHARACTERS + COMPANIONS)
+
+
+def make_pair(data: Path) -> tuple[Object, Object]:
+    """An empty file but for a source and a target beside it, with the add-on."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    blender_addon.register()
+    source, target = (_object(name, data, name) for name in CHARACTERS)
+    target.location.x = APART * max(source.dimensions)
+    bpy.context.view_layer.update()
+    select_only(source)
+    burden(source, GROUPS, KEYS)
+    bpy.context.scene.zoomout.source = source
+    bpy.context.view_layer.update()
+    return source, target
+
+
+def put_together() -> None:
+    """Put the target where the source is."""
+    bpy.context.active_object.location.x = 0
+    bpy.context.view_layer.update()
+
+
+def make_collections(data: Path) -> None:
+    """Put more of both, each with a companion, into collections, and choose these."""
+    settings = bpy.context.scene.zoomout
+    for names, role in zip(zip(CHARACTERS, COMPANIONS, strict=True), ("source", "target"), strict=True):
+        collection = bpy.data.collections.new(role)
+        bpy.context.scene.collection.children.link(collection)
+        setattr(settings, f"{role}_collection", collection)
+        for name in names:
+            obj = _object(f"{name} of {role}", data, name)
+            bpy.context.scene.collection.objects.unlink(obj)
+            collection.objects.link(obj)
+    bpy.context.view_layer.update()
+
+
+def sculpt(obj: Object) -> None:
+    """Move the vertices of one half of an object's mesh."""
+    places = mesh_data.read_rest_positions(obj.data)
+    half = places[:, 0] > np.median(places[:, 0])
+    mesh_data.move_vertices(obj.data, SCULPT * np.ptp(places, axis=0).max() * half[:, None] * np.ones(3))
+
+
+def _object(name: str, data: Path, mesh_name: str) -> Object:
+    surface, mesh = read_surface(_path(data, mesh_name)), bpy.data.meshes.new(name)
+    mesh.from_pydata(surface.vertices.tolist(), [], surface.triangles.tolist())
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def _path(data: Path, name: str) -> Path:
+    return data / "tosca_full" / f"{name}.off"

@@ -1,0 +1,93 @@
+"""What it costs to take back the transfer of everything onto a hundred thousand vertices, in one step of undo."""
+
+from __future__ import annotations
+
+import gc
+import resource
+from collections.abc import Callable
+from ctypes import CDLL
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+import blender_addon
+from benchmarks.transfer.load import GROUPS, KEYS, SIZE, burden
+from blender_addon import mesh_data, stored_match
+from blender_addon.demo import Size, make_cast
+from blender_addon.demo.character import select_only
+from blender_addon.mesh_data.arrays import hash_of, read_array
+from blender_addon.pair import read_pair
+
+Record = dict[str, Any]
+
+
+def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Record]:
+    """Transfer everything along the true map, undo it and redo it, as by the keyboard.
+
+    Args:
+        size: of the character and of the target.
+        groups: vertex groups that the source has, and
+        keys: shape keys.
+
+    Returns:
+        For the transfer itself, the step of undo that is kept for it, undo, and redo the seconds by the clock and of
+        the processor, how much memory it takes for good, and whether the target is what it is to be.
+    """
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    blender_addon.register()
+    cast = make_cast(size)
+    burden(cast.character, groups, keys)
+    match = stored_match.StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())
+    pair = read_pair(bpy.context, cast.character.name, cast.target.name)
+    stored_match.write(cast.target.data, match, pair, {})
+    bpy.context.scene.zoomout.source = cast.character
+    select_only(cast.target)
+    name = cast.target.name
+    del cast, pair, match
+    bpy.ops.ed.undo_push(message="Before")
+    before = _content(bpy.data.objects[name])
+    made = [_measured("transfer", bpy.ops.zoomout.transfer)]
+    after = _content(bpy.data.objects[name])
+    made.append(_measured("keep a step of undo", lambda: bpy.ops.ed.undo_push(message="Transfer")))
+    for step, wanted in (("undo", before), ("redo", after)):
+        made.append(_measured(step, getattr(bpy.ops.ed, step)) | {"exact": _content(bpy.data.objects[name]) == wanted})
+    return [made[0] | {"exact": before != after}, made[1] | {"exact": None}, *made[2:]]
+
+
+def _measured(step: str, work: Callable[[], object]) -> Record:
+    clock, processor, memory = perf_counter(), process_time(), _resident()
+    work()
+    return {
+        "step": step,
+        "seconds": perf_counter() - clock,
+        "processor": process_time() - processor,
+        "MB more": (_resident() - memory) / 2**20,
+    }
+
+
+def _resident() -> int:
+    """Bytes of memory that the process takes now, without what was freed."""
+    gc.collect()
+    CDLL("libc.so.6").malloc_trim(0)
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def _content(obj: Object) -> str:
+    """A hash of all that a transfer writes to an object."""
+    mesh = obj.data
+    words = [str(sorted(items)) for items in (mesh.items(), obj.items())]
+    words += [str(names.keys()) for names in (obj.vertex_groups, mesh.materials)]
+    arrays = []
+    for attribute in mesh.attributes:
+        words.append(f"{attribute.name} {attribute.data_type} {attribute.domain}")
+        arrays.append(mesh_data.read_layer(mesh, attribute.name).attribute.values)
+    records = ((v.index, g.group, g.weight) for v in mesh.vertices for g in v.groups)
+    arrays.append(np.fromiter(records, np.dtype([("vertex", "i4"), ("group", "i4"), ("weight", "f4")])))
+    for key in mesh.shape_keys.key_blocks if mesh.shape_keys else ():
+        words.append(f"{key.name} {key.value} {key.relative_key.name}")
+        arrays.append(read_array(key.points, "co", np.float32, 3))
+    return hash_of("\n".join(words), *arrays)

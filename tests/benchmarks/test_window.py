@@ -1,0 +1,82 @@
+"""The tables of what holds Blender's window: every operator is watched, ESC is pressed, and undo takes it all back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import write_off
+from creatures import creature
+
+import zoomout_core as zo
+from benchmarks import window
+from benchmarks.window import scene, undo
+from benchmarks.window.watching import watched
+from blender_addon.demo import Size
+from blender_addon.operators import stepped
+
+BENDS = {"michael0": 0.0, "michael10": 0.9, "horse0": 0.0, "horse6": 0.6}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two poses of each of two meshes."""
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "tosca_full").mkdir()
+    for name, bend in BENDS.items():
+        seed, count = (0, 900) if name in scene.CHARACTERS else (1, 500)
+        write_off(folder / "tosca_full" / f"{name}.off", creature(count, seed, bend).surface)
+    return folder
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module, name, value in ((scene, "GROUPS", 2), (scene, "KEYS", 2), (window, "REPEATS", 1)):
+        monkeypatch.setattr(module, name, value)
+
+
+@pytest.mark.usefixtures("small")
+def test_every_operator_is_watched(data: Path) -> None:
+    tables = window.run(data, ("rows",))
+    rows = {row["operator"]: row for row in tables["rows"]}
+    assert len(rows) == len(tables["rows"]) > 20
+    assert {"match, cold", "match, warm", "transfer", "match collections", "cut along seams", "mirror sculpt"} <= {
+        *rows
+    }
+    for row in rows.values():
+        assert 0 < row["longest tick"] <= row["seconds"]
+        assert row["ticks over 0.15 s"] <= row["ticks"]
+    cold = [row for row in tables["stages"] if row["match"] == "cold"]
+    assert sum(row["seconds"] for row in cold) == pytest.approx(rows["match, cold"]["seconds"], rel=0.05)
+
+
+@pytest.mark.usefixtures("small")
+def test_escape_is_pressed_at_moments_of_the_match(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(window, "CANCELS", 3)
+    cold, warm = window.run(data, ("escape",))["escape"]
+    assert (cold["operator"], warm["operator"]) == ("match, cold", "match, warm")
+    for row in (cold, warm):
+        assert 0 < row["cancels"] <= 3
+        assert row["of that closing"] <= row["longest wait"]
+
+
+def test_a_watched_operator_that_is_escaped_writes_nothing() -> None:
+    written = []
+
+    def steps() -> zo.Steps[str]:
+        while len(written) < 1000:
+            yield zo.Progress(0.5, "Working")
+        written.append("all")
+        return "Done"
+
+    seen = watched(lambda: stepped.drain(steps()), escape_after=0.0)
+    assert not written
+    assert not seen.steps
+    assert seen.closing > 0
+
+
+def test_a_transfer_is_taken_back_and_made_again_exactly() -> None:
+    rows = undo.rows(Size(cell=0.05, voxel=0.04, target_vertices=1500), 30, 3)
+    assert [row["step"] for row in rows] == ["transfer", "keep a step of undo", "undo", "redo"]
+    assert [row["exact"] for row in rows] == [True, None, True, True]
+    assert all(row["seconds"] > 0 for row in rows)
