@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,24 +18,37 @@ from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import project_to_embedding
 
-# Rounds on samples: size of the functional map, and diffusion length over which images are smoothed. First the target
-# is laid over the source, which settles the sense of its limbs.
-LAYING = ((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04))
-# Then the map grows once more, with less regard to space: along the surface, shapes that are nearly isometric agree
-# better than any target can be laid. Below the usual ratio (see below) that regard falls off with this power more.
-SETTLING, SETTLING_WEIGHT, STEEPNESS = (30, 50, 70, 90, 120), 0.2, 4
-# Rounds on all vertices, each near the last one's images: they take back what sampling has cost. Eigenfunctions
-# decide them; places in space, at this weight, keep triangles from turning over. Places are known no better where
-# there are more functions than so many, so that the weight falls as the functions' own grows.
-FINISHING = 3
+# The weight of places in space is lower once the map has settled: along the surface, shapes that are nearly isometric
+# agree better than any target can be laid. Below the usual ratio (see below) it falls off with this power more.
+SETTLING_WEIGHT, STEEPNESS = 0.2, 4
+# On all vertices eigenfunctions decide; places in space, at this weight, keep triangles from turning over. Places are
+# known no better where there are more functions than so many, so that the weight falls as the functions' own grows.
 FINISHING_WEIGHT, FINISHING_SIZE = 0.05, 120
 # These weights are for shapes whose images miss, squared, by so much more along the surface than in space. The less
 # alike shapes are, the larger is that ratio, and the weights grow with its square, within limits.
 USUAL_RATIO, LEAST_REGARD, MOST_REGARD = 2.5, 0.2, 4.0
-# The first of these rounds looks among so many vertices around the nearest sample of the source.
+# The image of a vertex is sought among so many vertices around the nearest sample of the source.
 AROUND_SAMPLE = 48
 # Coarser meshes than this do not resolve the functions alike, and a larger map is a worse one.
 VERTICES_PER_FUNCTION = 16
+
+
+class Schedule(NamedTuple):
+    """Rounds on samples.
+
+    Attributes:
+        laying: size of the functional map, and diffusion length over which images are smoothed: the target is laid
+            over the source, which settles the sense of its limbs.
+        settling: sizes of the functional map, which grows once more, with less regard to space.
+    """
+
+    laying: tuple[tuple[int, float], ...]
+    settling: tuple[int, ...]
+
+
+BETWEEN_SHAPES = Schedule(((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04)), (30, 50, 70, 90, 120))
+# Nothing is as nearly isometric to a shape as the shape itself, and few rounds lead as far.
+ONTO_ITSELF = Schedule(((30, 0.08), (60, 0.06)), (90, 120))
 
 
 def dense_steps(
@@ -45,7 +59,7 @@ def dense_steps(
     mirrored: bool,
     k_final: int,
     step: int,
-    finishing: int = FINISHING,
+    schedule: Schedule = BETWEEN_SHAPES,
 ) -> Generator[float, None, tuple[SurfaceMap, Floats]]:
     """From a candidate's functional map to a precise point for every vertex of the target's mesh.
 
@@ -57,7 +71,7 @@ def dense_steps(
         mirrored: it maps the target's mirror image.
         k_final: size of the final functional map; less on coarse meshes.
         step: its growth in an iteration, once the target is laid over the source.
-        finishing: rounds on all vertices, one at least.
+        schedule: of the rounds on samples; a single one on all vertices follows.
 
     Yields:
         The fraction done.
@@ -73,15 +87,15 @@ def dense_steps(
     yield 0.0
     vertex = nearest(*coordinates(target.sampled.rows, eigenvectors, functional_map, at_samples))
     how = target.sampled, at_samples
-    for i, (k, width) in enumerate(LAYING):
-        yield 0.2 * i / len(LAYING)
+    for i, (k, width) in enumerate(schedule.laying):
+        yield 0.3 * i / len(schedule.laying)
         # While the map is still to grow, the source's samples are close enough.
         among = source.sampled.samples if k < size else slice(None)
         vertex, laid = lay_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
     regard = _regard_for_space(vertex, laid, source, target, size)
-    settling = [*(min(k, size) for k in SETTLING), *range(SETTLING[-1] + step, size, step)]
+    settling = [*(min(k, size) for k in schedule.settling), *range(schedule.settling[-1] + step, size, step)]
     for i, k in enumerate(settling):
-        yield 0.2 + 0.3 * i / len(settling)
+        yield 0.3 + 0.4 * i / len(settling)
         weight = SETTLING_WEIGHT * regard * min(1.0, regard) ** STEEPNESS
         vertex, _ = lay_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
@@ -89,20 +103,15 @@ def dense_steps(
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
     weight = FINISHING_WEIGHT * regard * min(1.0, FINISHING_SIZE / size) ** 2
-    near = None
-    for i in range(finishing):
-        yield 0.5 + 0.5 * i / finishing
-        laid = lay(images, target, width, mirrored)
-        laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
-        pair = embeddings(source, target, functional_map, anchors)
-        queries, embedded = beside_places(*pair, laid, source, size, weight)
-        if near is None:
-            near = _nearest_near_samples(queries, embedded, source)
-            yield 0.5 + 0.25 / finishing
-        dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
-        near = dense.vertex
-        functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
-        images = target.basis.coefficients(dense.interpolate(source.mesh.vertices))[:size_of_images]
+    yield 0.7
+    laid = lay(images, target, width, mirrored)
+    laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
+    pair = embeddings(source, target, functional_map, anchors)
+    queries, embedded = beside_places(*pair, laid, source, size, weight)
+    near = _nearest_near_samples(queries, embedded, source)
+    yield 0.85
+    dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
+    functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
     return dense, functional_map
 
 

@@ -297,7 +297,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
     forwards = fitted_steps(refining, source, target, candidate.mirrored)
     fewer = candidate.mirrored, min(pair.k_final, MOST_FUNCTIONS_BACK), pair.step
-    refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer, finishing=1)
+    refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer)
     # The way back ends first: there is time to prepare what carrying over needs.
     backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
     (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.components.assembly import on_surfaces
 from zoomout_core.correspondence.confidence import confidence_of
-from zoomout_core.correspondence.dense import dense_steps
+from zoomout_core.correspondence.dense import ONTO_ITSELF, dense_steps
 from zoomout_core.correspondence.fitting.fit import Fit
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.correspondence.matching import check_sizes, fitted_steps
@@ -39,8 +39,6 @@ from zoomout_core.threads import alone, for_each, in_background, on_one_blas_thr
 LEFT = (1.0, 0.0, 0.0)
 # How many maps that keep the orientation are compared, at least and at most, and how many that reverse it.
 QUOTAS = (1, 16), (3, 20)
-# Rounds on all vertices; drawing the map to its inverse makes up for one more.
-FINISHING = 2
 # What is less likely than this is not shown, but for the most likely one.
 LEAST_CERTAINTY = 0.05
 # Leading block of the functional map whose energies are reported beside those of all of it.
@@ -152,14 +150,14 @@ def _symmetry_steps(pair: Pair, candidate: Candidate, left: Floats) -> Generator
     """From a candidate on samples to a symmetry of the whole surface; yields the fraction done."""
     shape = pair.source_shape
     order = order_of(candidate.sample_map, shape)
-    how = candidate.mirrored, pair.k_final, pair.step
-    refining = dense_steps(shape, shape, candidate.functional_map, None, *how, finishing=FINISHING)
+    how = candidate.mirrored, pair.k_final, pair.step, ONTO_ITSELF
+    refining = dense_steps(shape, shape, candidate.functional_map, None, *how)
     forwards = fitted_steps(refining, shape, shape, candidate.mirrored)
     if order == 2:  # it is its own inverse
         fit, functional_map = yield from scaled(alone(forwards), 0.0, 0.7)
         back = fit.surface_map
     else:
-        backwards = dense_steps(shape, shape, candidate.reverse_functional_map, None, *how, finishing=1)
+        backwards = dense_steps(shape, shape, candidate.reverse_functional_map, None, *how)
         (fit, functional_map), (back, _) = yield from scaled(side_by_side(forwards, backwards), 0.0, 0.7)
     finishing = in_background(lambda: _finished(pair, candidate, fit, back, functional_map, order, left))
     return (yield from scaled(finishing, 0.7, 1.0))
