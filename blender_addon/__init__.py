@@ -5,6 +5,7 @@ import bpy
 import zoomout_core as zo
 
 from . import cli, landmark_dots, manual, menus, operators, panels, presets, swatches, translations, watch
+from .operators import modal
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
@@ -39,6 +40,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take them away again."""
+    modal.cancel_all()
     watch.unregister()
     swatches.unregister()
     cli.unregister()

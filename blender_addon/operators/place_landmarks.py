@@ -13,6 +13,7 @@ from mathutils import Vector
 from ..landmark_dots import dot_at, dots
 from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 from ..mesh_data import Place, seen_place
+from . import modal
 
 
 class Pointed(NamedTuple):
@@ -47,7 +48,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         self._placed: list[tuple[int, str]] = []
         context.scene.zoomout.show_landmarks = True
         context.window.cursor_modal_set("CROSSHAIR")
-        context.window_manager.modal_handler_add(self)
+        modal.begin(context, self)
         self._show(context)
         return {"RUNNING_MODAL"}
 
@@ -69,6 +70,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
 
     def cancel(self, context: Context) -> None:
         """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
+        modal.end(self)
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
 

@@ -15,6 +15,7 @@ from zoomout_core.progress import Progress, Steps, drain
 from ..mesh_facts import redraw_sidebars
 from ..preflight import obstacle
 from ..targets import Outcome
+from . import modal
 
 # Seconds of work between two looks at the keyboard, and of the step that is then under way up to a tenth more.
 SLICE = 0.05
@@ -70,7 +71,7 @@ class SteppedOperator(Operator):
         self._steps = self.steps(context)
         _show_progress(context, Progress(0.0, "Beginning"))
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
-        context.window_manager.modal_handler_add(self)
+        modal.begin(context, self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
@@ -98,6 +99,7 @@ class SteppedOperator(Operator):
 
     def cancel(self, context: Context) -> None:
         """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
+        modal.end(self)
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)
         _show_progress(context, None)

@@ -13,6 +13,7 @@ import zoomout_core as zo
 from blender_addon import landmark_dots, landmarks, stored_match
 from blender_addon.landmarks import landmark_pairs, next_number, places_on, set_landmark, world_places
 from blender_addon.mesh_data import nearest_place
+from blender_addon.operators import modal
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 
@@ -187,7 +188,9 @@ def placing(source, target):
     for obj in (source, target):
         obj.scale = (0.5,) * 3
     bpy.context.view_layer.update()
-    return Placing(Screen())
+    operator = Placing(Screen())
+    yield operator
+    modal.end(operator)
 
 
 def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_next(source, target, placing):

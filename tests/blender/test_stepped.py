@@ -1,12 +1,13 @@
 """The modal operator, driven by hand: the `bpy` module has no window that could send it events."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import bpy
 import pytest
 
 import zoomout_core as zo
-from blender_addon.operators import stepped
+from blender_addon.operators import modal, stepped
 from blender_addon.operators.stepped import SteppedOperator, work_for
 
 TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "X", "WHEELUPMOUSE"))
@@ -65,6 +66,7 @@ def window(monkeypatch):
     monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: None)
     monkeypatch.setattr("blender_addon.operators.stepped.SLICE", 0.0)  # one step a tick
     monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 0.0)
+    monkeypatch.setattr(modal, "_under_way", [])
     return Window()
 
 
@@ -126,6 +128,20 @@ def test_a_file_that_is_loaded_meanwhile_ends_the_work(window):
     run(work, window, [TICK])
     work.cancel(window)
     assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
+
+
+def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, monkeypatch):
+    """Blender frees an operator whose class goes away without a word to it."""
+    override = SimpleNamespace(temp_override=lambda window: nullcontext())
+    monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(context=override))
+    work = Work(count=3)
+    work.cancel = lambda context: SteppedOperator.cancel(work, window)
+    run(work, window, [TICK])
+    modal.cancel_all()
+    assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
+    assert stepped.running is None
+    modal.cancel_all()  # once is enough
+    assert run(Work(), window, [TICK]) == [{"RUNNING_MODAL"}] * 2
 
 
 def test_an_error_is_one_report_and_leaves_no_timer(window):
