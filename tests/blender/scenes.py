@@ -36,9 +36,9 @@ def ellipsoid(name="Mesh", subdivisions=5, radii=(1.0, 0.7, 0.5)):
     return linked(name, mesh)
 
 
-def decimated(name="Target"):
+def decimated(name="Target", subdivisions=5):
     """The ellipsoid with fewer triangles, in the same place."""
-    obj = ellipsoid(name)
+    obj = ellipsoid(name, subdivisions)
     activate(obj)
     obj.modifiers.new("Decimate", "DECIMATE").ratio = 0.7
     bpy.ops.object.modifier_apply(modifier="Decimate")

@@ -3,6 +3,7 @@
 `ZOOMOUT_EXTENSION` names the zip; without it there is nothing here to collect. Blender's own folders are empty ones.
 """
 
+import importlib
 import os
 import shutil
 import sys
@@ -13,17 +14,31 @@ collect_ignore_glob = ["test_*"]
 if "ZOOMOUT_EXTENSION" in os.environ:
     collect_ignore_glob = []
     user_folder = os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp()
-    import bpy  # noqa: F401  reads the variable, and makes Blender's other modules known
+    import bpy  # reads the variable, and makes Blender's other modules known
+    import pytest
+    from archive import ARCHIVE, EXTENSION
 
     exit_status = 1
+
+    @pytest.fixture(scope="session")
+    def installed():
+        """The extension, installed from the zip and enabled, in an empty file."""
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        install = bpy.ops.extensions.package_install_files
+        assert install(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True) == {"FINISHED"}
+        return importlib.import_module(EXTENSION)
 
     def pytest_sessionfinish(session, exitstatus):
         global exit_status
         exit_status = int(exitstatus)
 
     def pytest_unconfigure(config):
-        """End at once: where an add-on was registered, the module of Blender 4.2 crashes at its exit,
-        for it frees classes after Python has gone.
+        """End at once, for what Blender's own module does at its exit once classes were registered.
+
+        That of 4.2 crashes if a class that has a function is still there, or was there and is one of properties:
+        `unregister_class` leaves such a class a reference too many, it keeps `bpy` alive past the end of Python, and
+        Blender frees its types only then. That of 4.5 hangs for the same reason while a class is there. Five lines
+        without this extension do it, and so does Blender's own Rigify; later versions, and Blender itself, end well.
         """
         shutil.rmtree(user_folder)
         sys.stdout.flush()

@@ -2,12 +2,9 @@
 
 import importlib
 import json
-import os
 import re
 import subprocess
 import sys
-import tomllib
-import zipfile
 from collections import Counter
 from pathlib import Path
 from urllib.parse import urlparse
@@ -17,6 +14,7 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
+from archive import ARCHIVE, CONTENT, EXTENSION, MANIFEST, USER, WHEELS
 from scenes import (
     activate,
     add_attribute,
@@ -29,16 +27,6 @@ from scenes import (
     values,
     weight_array,
 )
-
-ARCHIVE = Path(os.environ["ZOOMOUT_EXTENSION"])
-USER = Path(os.environ["BLENDER_USER_RESOURCES"])
-
-with zipfile.ZipFile(ARCHIVE) as opened:
-    MANIFEST = tomllib.loads(opened.read("blender_manifest.toml").decode())
-    CONTENT = {name: opened.read(name) for name in opened.namelist() if not name.endswith(".whl")}
-    WHEELS = [name for name in opened.namelist() if name.endswith(".whl")]
-
-EXTENSION = f"bl_ext.user_default.{MANIFEST['id']}"
 
 # What the shape key does to the source.
 TALL = np.array([1, 1, 1.5], np.float32)
@@ -55,15 +43,6 @@ assert addon_utils.enable(extension, default_set=True) is not None
 assert bpy.ops.zoomout.transfer() == {"FINISHED"}
 os._exit(0)
 """
-
-
-@pytest.fixture(scope="module")
-def installed():
-    """The extension, installed from the zip and enabled, in an empty file."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    install = bpy.ops.extensions.package_install_files
-    assert install(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True) == {"FINISHED"}
-    return importlib.import_module(EXTENSION)
 
 
 @pytest.fixture
@@ -237,16 +216,33 @@ def test_the_guide_is_a_page_that_came_along(installed):
 
 
 def test_disabled_it_leaves_no_trace_and_can_come_back(installed):
+    enabled = traces()
+    assert {"Scene.zoomout", "zoomout.match", "zoomout.transfer"} <= set(enabled)
+    assert addon_utils.enable(EXTENSION, default_set=True) is not None  # once more
+    assert traces() == enabled
     bpy.ops.preferences.addon_disable(module=EXTENSION)
-    assert traces() == set()
+    assert traces() == {}
     bpy.ops.preferences.addon_enable(module=EXTENSION)
-    assert {"Scene.zoomout", "zoomout.match", "zoomout.transfer"} <= traces()
+    assert traces() == enabled
 
 
 def traces():
-    properties = {f"Scene.{prop.identifier}" for prop in bpy.types.Scene.bl_rna.properties}
-    operators = {f"zoomout.{name}" for name in dir(bpy.ops.zoomout)}
-    return {name for name in properties | operators | set(dir(bpy.types)) if "zoomout" in name.lower()}
+    """How often Blender knows of something of ours, by what it is."""
+    properties = [
+        f"{kind.__name__}.{prop.identifier}"
+        for kind in (bpy.types.Scene, bpy.types.Object, bpy.types.Mesh, bpy.types.WindowManager)
+        for prop in kind.bl_rna.properties
+    ]
+    operators = [f"zoomout.{name}" for name in dir(bpy.ops.zoomout)]
+    found = [name for name in (*properties, *operators, *dir(bpy.types)) if "zoomout" in name.lower()]
+    lists = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)}
+    callbacks = [(name, each) for name, known in lists.items() if isinstance(known, list) for each in known]
+    draws = {name: getattr(getattr(bpy.types, name), "draw", None) for name in dir(bpy.types)}
+    callbacks += [(name, each) for name, draw in draws.items() for each in getattr(draw, "_draw_funcs", ())]
+    found += [f"{name}: {each.__qualname__}" for name, each in callbacks if each.__module__.startswith(EXTENSION)]
+    keymaps = bpy.context.window_manager.keyconfigs.addon.keymaps
+    found += [item.idname for keymap in keymaps for item in keymap.keymap_items if item.idname.startswith("zoomout")]
+    return Counter(found)
 
 
 def test_uninstalled_it_takes_its_wheels_along(installed):
@@ -254,7 +250,7 @@ def test_uninstalled_it_takes_its_wheels_along(installed):
     assert bpy.ops.extensions.package_uninstall(repo_directory=repository.directory, pkg_id=MANIFEST["id"]) == {
         "FINISHED"
     }
-    assert traces() == set()
+    assert traces() == {}
     assert addon_utils.check(EXTENSION) == (False, False)
     left = [path for path in (USER / "extensions").rglob("*") if path.suffix in (".py", ".so", ".whl")]
     assert left == []
