@@ -3,7 +3,7 @@
 In an installed extension this module is `bl_ext.user_default.zoomout_transfer.api`. With two mesh objects of the scene:
 
 >>> match = api.match_objects(context, hero, scan)
->>> match.confidence.mean() > 0.5
+>>> bool(match.confidence.mean() > 0.5)
 True
 >>> report = api.transfer_objects(context, hero, scan, data=["uv_maps", "vertex_groups"])
 >>> report["written"]["uv_maps"], report["written"]["vertex_groups"]

@@ -82,7 +82,7 @@ def triangles(obj):
 @pytest.mark.parametrize("domain", ["POINT", "FACE", "CORNER"])
 def test_every_type_of_attribute_arrives(source, matched, domain):
     mesh = source.data
-    known = bpy.types.AttributeGroup.bl_rna.functions["new"].parameters["type"].enum_items.keys()
+    known = mesh.attributes.bl_rna.functions["new"].parameters["type"].enum_items.keys()
     assert {"FLOAT_COLOR", "QUATERNION", "FLOAT4X4"} < set(known)
     count = {"POINT": len(mesh.vertices), "FACE": len(mesh.polygons), "CORNER": len(mesh.loops)}[domain]
     sent = {}
