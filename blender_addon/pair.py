@@ -73,16 +73,26 @@ def find_mesh(context: Context, name: str) -> Object:
     """The mesh object of a name, ready to be read.
 
     Raises:
-        MeshError: there is none in the scene, or it is being edited.
+        MeshError: there is none in the scene, or more than one, or it is being edited.
     """
     obj = context.scene.objects.get(name)
     if obj is None:
         raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
+    if _has_namesake(context, obj):
+        raise zo.MeshError(f"There are several objects '{name}' in the scene, of other files: rename the one of this.")
     if obj.type != "MESH":
         raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
     if obj.mode == "EDIT":
         raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
     return obj
+
+
+def _has_namesake(context: Context, obj: Object) -> bool:
+    """Whether another object of the scene has the same name, which may happen where objects of libraries are linked."""
+    objects = context.blend_data.objects
+    paths = (None, *(library.filepath for library in context.blend_data.libraries))
+    others = {found for path in paths if (found := objects.get((obj.name, path))) not in (None, obj)}
+    return any(context.scene in other.users_scene for other in others)
 
 
 def choose_source(context: Context, target: Object, named: str = "", otherwise: str = "") -> Object:

@@ -399,6 +399,19 @@ def test_a_target_of_another_file_is_refused(source, target, tmp_path):
         match_objects(bpy.context, source, library_object)
 
 
+def test_a_source_with_a_namesake_from_another_file_is_not_mistaken_for_it(source, target, tmp_path):
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {source})
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Source"]
+    match_objects(bpy.context, source, target, initial="proximity")  # it is in no scene
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    with pytest.raises(zo.MeshError, match="several objects 'Source' in the scene"):
+        match_objects(bpy.context, wanted.objects[0], target)
+    source.name = "Mine"
+    match_objects(bpy.context, wanted.objects[0], target, initial="proximity")
+
+
 def test_one_match_is_one_undo_step(source, target):
     activate(target, source)
     bpy.ops.ed.undo_push(message="before")
