@@ -268,12 +268,13 @@ def test_the_command_line_matches_transfers_saves_and_reports(source, target, tm
     assert bpy.data.objects["Target"].data.uv_layers.keys() == ["UVMap"]
 
 
-def test_the_example_of_the_api_runs(source):
+def test_the_example_of_the_api_runs(source, symmetric):
     api = part("api")
-    source.name = "Hero"
+    source.name, symmetric.name = "Hero", "Body"
+    set_weights(symmetric, "Arm.L", np.clip(positions(symmetric.data)[:, 0], 0, 1))
     scan = ellipsoid("Scan", 4)
     bpy.context.view_layer.update()
-    names = {"api": api, "context": bpy.context, "hero": source, "scan": scan}
+    names = {"api": api, "context": bpy.context, "hero": source, "scan": scan, "body": symmetric}
     (example,) = [test for test in doctest.DocTestFinder().find(api, globs=names) if test.name == api.__name__]
     assert len(example.examples) > 5
     assert doctest.DocTestRunner().run(example).failed == 0
