@@ -119,14 +119,17 @@ class Bending:
             blends += share[:, None, None] * self.rotations[node]
         return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
 
-    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float) -> None:
+    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float) -> float:
         """One step of Gauss and Newton's method.
 
         Args:
             vertex: (q,) vertices that should move.
             misses: (q, 3) by how much.
             pull: (q, 3, 3) square roots of what a miss counts in each direction.
-            stiffness: see `Round`.
+            stiffness: see `Level`.
+
+        Returns:
+            How far the nodes move, on average.
         """
         near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
         turning = pull[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
@@ -137,6 +140,7 @@ class Bending:
         change = cho_solve(cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False), rhs).reshape(-1, 6)
         self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
         self.images = self.images + change[:, 3:]
+        return float(np.linalg.norm(change[:, 3:], axis=1).mean())
 
     def _stiffness(self, stiffness: float) -> list[_Rows]:
         """What neighbouring nodes that disagree count: in where they put each other, and in how they turn."""

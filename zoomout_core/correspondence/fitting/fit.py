@@ -31,32 +31,36 @@ from zoomout_core.rotations import nearest_rotations
 LAYING_WIDTH = 0.06
 
 
-class Round(NamedTuple):
-    """A round of the fit.
+class Level(NamedTuple):
+    """Rounds of the fit that are alike.
 
     Attributes:
         nodes: how many of them move the target.
         sliding: what a move along the surface counts against one across it; 1 to hold on to the places given.
         stiffness: what the difference of neighbouring nodes counts.
+        rounds: how many, at most.
     """
 
     nodes: int
     sliding: float
     stiffness: float
+    rounds: int
 
 
 # First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else tells how a round part lies.
-ROUNDS = (
-    Round(40, 1.0, 0.3),
-    *[Round(40, 0.01, 0.3)] * 8,
-    Round(100, 1.0, 0.3),
-    *[Round(100, 0.02, 0.3)] * 3,
-    Round(200, 1.0, 0.3),
-    *[Round(200, 0.05, 0.3)] * 3,
-    *[Round(200, 0.02, 0.1)] * 4,
+LEVELS = (
+    Level(40, 1.0, 0.3, 1),
+    Level(40, 0.01, 0.3, 8),
+    Level(100, 1.0, 0.3, 1),
+    Level(100, 0.02, 0.3, 3),
+    Level(200, 1.0, 0.3, 1),
+    Level(200, 0.05, 0.3, 3),
+    Level(200, 0.02, 0.1, 4),
 )
+# Nodes that move by less than this on average, at unit area, are where a level takes them.
+AT_REST = 6e-4
 # Coarser meshes than this say too little of where they lie.
-FEWEST_VERTICES = 2 * max(each.nodes for each in ROUNDS)
+FEWEST_VERTICES = 2 * max(level.nodes for level in LEVELS)
 # Where the eigenfunctions at both ends of the fit disagree by more than this many times their disagreement by the first
 # map, and an allowance at unit area, the fit went astray; disagreement is pooled over such a diffusion length.
 WORSE, ALLOWANCE, POOLING = 2.0, 0.02, 0.03
@@ -112,21 +116,24 @@ def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -
     around, leaps = Surroundings.of(source), Leaps(first.vertex, source)
     still, placed = unmoved(first, rest, normals, around, leaps, target)
     positions, bending = np.where(still[:, None], placed, laid.positions), None
-    for i, (count, sliding, stiffness) in enumerate(ROUNDS):
-        yield (i + 1) / (len(ROUNDS) + 2)
+    for i, (count, sliding, stiffness, rounds) in enumerate(LEVELS):
         count = min(count, len(target.distances))
         if bending is None or len(bending.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
             here, there = Places.on(target, count), Places.on(source, count)
             bending = Bending.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
-        positions, turned, _ = bending.moved()
-        if sliding == 1:
-            pull = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-            bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness)
-        else:
-            bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness)
-    yield (len(ROUNDS) + 1) / (len(ROUNDS) + 2)
+        for j in range(rounds):
+            yield (i + j / rounds) / (len(LEVELS) + 1)
+            positions, turned, _ = bending.moved()
+            if sliding == 1:
+                pull = np.sqrt(here.areas)[:, None, None] * np.eye(3)
+                motion = bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness)
+            else:
+                motion = bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness)
+            if motion < AT_REST:
+                break
+    yield len(LEVELS) / (len(LEVELS) + 1)
     assert bending is not None
     positions, turned, blends = bending.moved()
     found = around.closest(positions, turned)

@@ -102,7 +102,7 @@ def pulls(
         there: places of the source.
         around: the source.
         leaps: which partners are none.
-        sliding: see `Round`.
+        sliding: see `Level`.
 
     Returns:
         The vertices, the misses and the pulls that `Bending.step` takes.
