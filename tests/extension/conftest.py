@@ -38,7 +38,7 @@ if "ZOOMOUT_EXTENSION" in os.environ:
         That of 4.2 crashes if a class that has a function is still there, or was there and is one of properties:
         `unregister_class` leaves such a class a reference too many, it keeps `bpy` alive past the end of Python, and
         Blender frees its types only then. That of 4.5 hangs for the same reason while a class is there. Five lines
-        without this extension do it, and so does Blender's own Rigify; later versions, and Blender itself, end well.
+        without this extension do it, and so does Blender's own Rigify; later versions end well.
         """
         shutil.rmtree(user_folder)
         sys.stdout.flush()
