@@ -52,7 +52,7 @@ def weight_rows() -> list[dict[str, Any]]:
 
 def ours(surface: zo.Surface, weights: Attribute) -> Attribute:
     """The left side's weights on both sides, by the surface's own symmetry."""
-    return symmetrised(weights, zo.detect_symmetry(surface)[0], "left")
+    return symmetrised(weights, zo.detect_symmetry(surface)[0], "left_to_right")
 
 
 def by_position(surface: zo.Surface, weights: Attribute) -> Attribute:

@@ -9,7 +9,7 @@ from bpy.types import Context, Panel, UILayout
 from .. import manual, stored_symmetry, symmetry_preview
 from ..operators import symmetry as operators
 from ..operators.symmetry.detect import summary
-from ..properties.symmetry import ZOOMOUT_PG_symmetry
+from ..properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
 from .sidebar import SidebarPanel, help_button, sentences
 
 
@@ -34,7 +34,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
             sentences(context, layout.box(), ["The mesh was edited since: detect its symmetry again"])
             return
         _draw_candidates(context, layout.box(), kept)
-        layout.prop(settings, "winner")
+        layout.prop(settings, "direction")
         row = layout.row(align=True)
         row.operator(operators.ZOOMOUT_OT_preview_symmetry.bl_idname, icon="HIDE_OFF")
         row.operator(operators.ZOOMOUT_OT_remove_preview.bl_idname, text="", icon="X")
@@ -85,11 +85,11 @@ class ZOOMOUT_PT_symmetry_keys(SymmetrySubpanel, Panel):
 
 
 class ZOOMOUT_PT_symmetry_attributes(SymmetrySubpanel, Panel):
-    bl_label = "UVs, Colors, Selection"
+    bl_label = "UVs, Colors, Marks"
 
     def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
         column = layout.column(heading="Mirror")
-        for name in ("uv_maps", "color_attributes", "attributes", "masks", "selection"):
+        for name in KINDS_OF_DATA:
             column.prop(settings, name)
         row = layout.row()
         row.enabled = settings.uv_maps

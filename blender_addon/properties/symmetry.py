@@ -36,18 +36,23 @@ class DetectOptions:
     )
 
 
-class WinnerOptions:
+class DirectionOptions:
     """Which side is copied."""
 
-    winner: EnumProperty(
+    direction: EnumProperty(
         name="Copy",
-        description="Which side stays as it is, and gives what it has to the other one",
+        description="Which side gives what it has to the other one",
         items=(
-            ("LEFT", "Left to Right", "The right side becomes like the left one"),
-            ("RIGHT", "Right to Left", "The left side becomes like the right one"),
-            ("AVERAGE", "Average", "Both sides get the mean of the two; of selections and masks, what either side has"),
+            ("LEFT_TO_RIGHT", "Left to Right", "The right side becomes like the left one"),
+            ("RIGHT_TO_LEFT", "Right to Left", "The left side becomes like the right one"),
+            ("EXCHANGE", "Exchange", "Each side becomes what the other one was"),
+            (
+                "AVERAGE",
+                "Average",
+                "Both sides get the mean of the two; of selections, seams and sharp edges, what either side has",
+            ),
         ),
-        default="LEFT",
+        default="LEFT_TO_RIGHT",
         options=ONCE,
     )
 
@@ -73,10 +78,15 @@ class KeyOptions:
             (
                 "MIRROR",
                 "Other Side's Key",
-                "The key of the other side, as Smile.R from Smile.L; made anew, or overwritten if it is there",
+                "The key of the other side, as Smile.R from Smile.L; made anew, or overwritten if it is there. "
+                "Exchange makes each of the two from the other one",
             ),
             ("SPLIT", "Left and Right Keys", "Two keys, as Smile.L and Smile.R, which together are the whole"),
-            ("SYMMETRISE", "Symmetric Key", "The key itself, the same on both sides"),
+            (
+                "SYMMETRISE",
+                "Symmetric Key",
+                "The key itself, the same on both sides, or with its sides exchanged",
+            ),
         ),
         default="MIRROR",
         options=ONCE,
@@ -94,6 +104,10 @@ class KeyOptions:
     )
 
 
+# The options of `LayerOptions` that are kinds of data, in the panel's order.
+KINDS_OF_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edges", "masks", "selection")
+
+
 class LayerOptions:
     """Which data is made symmetric."""
 
@@ -103,6 +117,18 @@ class LayerOptions:
     )
     attributes: BoolProperty(
         name="Attributes", description="All other attributes that hold values", default=True, options=ONCE
+    )
+    materials: BoolProperty(
+        name="Materials",
+        description="Which face has which material; Boot.L and Boot.R change places, where there are both",
+        default=True,
+        options=ONCE,
+    )
+    edges: BoolProperty(
+        name="Seams & Edge Marks",
+        description="Seams, sharp edges, creases and bevel weights, drawn anew along the edges of the other side",
+        default=True,
+        options=ONCE,
     )
     masks: BoolProperty(
         name="Sculpt Masks", description="The mask and the face sets of sculpting", default=False, options=ONCE
@@ -126,8 +152,7 @@ class LayerOptions:
 
     def data(self) -> list[str]:
         """Names of the kinds of data that are chosen."""
-        names = ("uv_maps", "color_attributes", "attributes", "masks", "selection")
-        return [name for name in names if getattr(self, name)]
+        return [name for name in KINDS_OF_DATA if getattr(self, name)]
 
 
 class CheckOptions:
@@ -168,6 +193,6 @@ class KeyName:
 
 
 class ZOOMOUT_PG_symmetry(
-    DetectOptions, WinnerOptions, WeightOptions, KeyOptions, LayerOptions, CheckOptions, SideOptions, PropertyGroup
+    DetectOptions, DirectionOptions, WeightOptions, KeyOptions, LayerOptions, CheckOptions, SideOptions, PropertyGroup
 ):
     """The scene's settings of what is done along a symmetry."""

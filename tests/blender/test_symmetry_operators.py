@@ -14,6 +14,7 @@ from scenes import (
     add_uv_map,
     from_pydata,
     key_shape,
+    new_material,
     positions,
     set_weights,
     snapshot,
@@ -37,6 +38,8 @@ from zoomout_core.triangles import vertex_normals
 BENT = creature(1500, seed=1, bend=0.9)
 X = BENT.directions[:, 0]
 LEFT, RIGHT = X > 0.1, X < -0.1
+# The tips of the arms, by the sign of x.
+TIP = {1: int(np.argmax(X)), -1: int(np.argmin(X))}
 
 
 def new_object():
@@ -249,15 +252,15 @@ def test_locked_and_other_groups_stay(body):
     set_weights(body, "Arm.R", 0.5 * np.clip(-X, 0, 1))
     set_weights(body, "Leg.L", np.clip(X, 0, 1)).lock_weight = True
     before = weights(body)
-    message = symmetrise_weights(bpy.context, body, "right")
+    message = symmetrise_weights(bpy.context, body, "right_to_left")
     assert message == "Made 2 vertex groups of 'Creature' symmetric; locked ones stayed (Leg.L, Leg.R)"
     assert np.abs(weight_array(body, "Arm.L") - 0.5 * np.clip(X, 0, 1)).mean() < 0.01
     assert weights(body)["Leg.L"] == before["Leg.L"]
     set_weights(body, "Hat", np.clip(X, 0, 1))
-    symmetrise_weights(bpy.context, body, "left", only="Arm.L")
+    symmetrise_weights(bpy.context, body, "left_to_right", only="Arm.L")
     assert np.abs(weight_array(body, "Hat") - np.clip(X, 0, 1)).max() < 1e-6
     with pytest.raises(zo.MeshError, match="no vertex group 'Wing'"):
-        symmetrise_weights(bpy.context, body, "left", only="Wing")
+        symmetrise_weights(bpy.context, body, "left_to_right", only="Wing")
 
 
 def test_the_other_sides_key_is_made(body):
@@ -295,7 +298,7 @@ def test_a_key_is_split_and_made_symmetric(body):
     with pytest.raises(zo.MeshError, match="'Frown' has no side"):
         mirror_shape_key(bpy.context, body, "Frown", "mirror")
     add_key(body, "Half", bumps(np.clip(X, 0, 1)))
-    mirror_shape_key(bpy.context, body, "Half", "symmetrise", "left")
+    mirror_shape_key(bpy.context, body, "Half", "symmetrise", "left_to_right")
     assert off_by(key_offsets(body, "Half"), bumps(np.abs(X))) < 0.1
 
 
@@ -334,6 +337,80 @@ def test_uv_maps_are_mirrored_in_place_or_over_each_other(body):
         mirror_attributes(bpy.context, body, ["uv_maps"], "average")
     with pytest.raises(zo.MeshError, match="none of the data"):
         mirror_attributes(bpy.context, body, ["color_attributes"])
+
+
+def test_weights_and_keys_of_both_sides_are_exchanged(body):
+    left, right = np.clip(X, 0, 1), np.clip(-X, 0, 1)
+    for name, members in (("Arm.L", left), ("Arm.R", 0.5 * right)):
+        set_weights(body, name, members)
+    message = symmetrise_weights(bpy.context, body, "exchange")
+    assert message == "Exchanged the sides of 2 vertex groups of 'Creature'"
+    assert np.abs(weight_array(body, "Arm.L") - 0.5 * left).mean() < 0.01
+    assert np.abs(weight_array(body, "Arm.R") - right).mean() < 0.01
+    add_key(body, "Smile.R", bumps(0.5 * right)).value = 0.3
+    add_key(body, "Smile.L", bumps(left)).value = 0.7
+    assert bpy.ops.zoomout.mirror_shape_key(direction="EXCHANGE") == {"FINISHED"}
+    assert off_by(key_offsets(body, "Smile.L"), bumps(0.5 * left)) < 0.1
+    assert off_by(key_offsets(body, "Smile.R"), bumps(right)) < 0.1
+    blocks = body.data.shape_keys.key_blocks
+    assert [blocks[name].value for name in ("Smile.L", "Smile.R")] == pytest.approx([0.7, 0.3])
+    add_key(body, "Wink", bumps(left))
+    assert mirror_shape_key(bpy.context, body, "Wink", "symmetrise", "exchange") == "Exchanged the sides of 'Wink'"
+    assert off_by(key_offsets(body, "Wink"), bumps(right)) < 0.1
+    add_key(body, "Frown.L", bumps(left))
+    with pytest.raises(zo.MeshError, match="no shape key 'Frown.R'"):
+        mirror_shape_key(bpy.context, body, "Frown.L", "mirror", "exchange")
+
+
+def test_attributes_and_materials_are_exchanged(body):
+    mesh = body.data
+    add_attribute(mesh, "height", "FLOAT", "POINT", X)
+    for name in ("Skin", "Boot.L", "Boot.R", "Patch"):
+        mesh.materials.append(new_material(name))
+    x, z = (BENT.directions[BENT.surface.triangles, axis].mean(axis=1) for axis in (0, 2))
+    clear = (np.abs(x) > 0.1) & (np.abs(z + 0.5) > 0.1) & (np.abs(z - 0.3) > 0.1)
+    boots = np.where(z < -0.5, np.where(x > 0, 1, 2), 0)
+    patched = np.where((x > 0) & (z > 0.3), 3, boots)
+    mesh.polygons.foreach_set("material_index", patched.astype(np.int32))
+    message = mirror_attributes(bpy.context, body, ["attributes", "materials"], "exchange")
+    assert message.startswith("Exchanged the sides of height, ")
+    assert np.abs(values(mesh, "height") + X).mean() < 0.02
+    found = np.array([polygon.material_index for polygon in mesh.polygons])
+    wanted = np.where((x < 0) & (z > 0.3), 3, boots)
+    assert (found == wanted)[clear].mean() > 0.98
+    with pytest.raises(zo.MeshError, match="no mean of materials"):
+        mirror_attributes(bpy.context, body, ["materials"], "average")
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left_to_right", 1), ("right_to_left", -1)])
+def test_seams_creases_and_other_marks_are_drawn_on_the_other_side(body, direction, side):
+    mesh = body.data
+    ends = np.array([edge.vertices[:] for edge in mesh.edges])
+    x, z = BENT.directions[ends, 0], BENT.directions[ends, 2]
+    belt = cut_edges(mesh, BENT.directions[:, 2])
+    giving = belt & (side * x.mean(axis=1) > 0)
+    mesh.edges.foreach_set("use_seam", giving)
+    add_attribute(mesh, "crease_edge", "FLOAT", "EDGE", 0.5 * giving)
+    add_attribute(mesh, "bevel_weight_vert", "FLOAT", "POINT", np.where(np.arange(len(X)) == TIP[side], 0.75, 0))
+    mirror_attributes(bpy.context, body, ["edges"], direction)
+    seams, creases = np.array([edge.use_seam for edge in mesh.edges]), values(mesh, "crease_edge")
+    receiving = (side * x).max(axis=1) < -0.1
+    np.testing.assert_array_equal(seams[giving], True)
+    np.testing.assert_allclose(creases, 0.5 * seams, atol=1e-6)
+    assert np.abs(z[seams & receiving]).max() < 0.25
+    drawn, wanted = (BENT.directions[ends[some & receiving]].mean(axis=1) for some in (seams, belt))
+    assert np.linalg.norm(wanted[:, None] - drawn, axis=2).min(axis=1).max() < 0.2  # without a gap
+    bevelled = np.flatnonzero(values(mesh, "bevel_weight_vert"))
+    assert TIP[side] in bevelled
+    assert len(bevelled) == 2
+    assert np.linalg.norm(BENT.directions[bevelled] - BENT.directions[TIP[-side]], axis=1).min() < 0.1
+
+
+def cut_edges(mesh, heights):
+    """(e,) the edges between faces above and below a height of zero."""
+    above = heights[BENT.surface.triangles].mean(axis=1) > 0
+    edge_of = np.array([loop.edge_index for loop in mesh.loops])
+    return np.bincount(edge_of, np.repeat(above, 3), len(mesh.edges)) == 1
 
 
 def test_what_was_sculpted_is_carried_over(body):

@@ -59,6 +59,7 @@ def test_edges_are_those_of_the_faces_unless_a_program_numbers_its_own() -> None
     assert Surface(vertices, faces, given).edges.tolist() == given
     from_corners = Surface.from_corners(vertices, surface.corner_vertex, surface.face_start, edges=given)
     assert from_corners.edges.tolist() == given
+    assert from_corners.with_vertices(vertices * 2).edges.tolist() == given
     assert len(Surface(vertices, faces, np.zeros((0, 2), int)).edges) == 0
 
 

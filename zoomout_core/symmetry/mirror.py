@@ -14,16 +14,19 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import MeshError, Surface
 from zoomout_core.symmetry.flip_name import flip_name
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
-# Which side's values both get, or what lies half way between the two.
-Winner: TypeAlias = Literal["left", "right", "average"]
-OWN_SHARE_ON_LEFT = {"left": 1.0, "right": 0.0, "average": 0.5}
+# Which side gives its values to the other one, or whether both change places or get what lies half way between the two.
+Direction: TypeAlias = Literal["left_to_right", "right_to_left", "exchange", "average"]
+# For each of them what an element's own value counts, against that from the other side: on the left, and on the right.
+OWN_SHARES = {"left_to_right": (1.0, 0.0), "right_to_left": (0.0, 1.0), "exchange": (0.0, 0.0), "average": (0.5, 0.5)}
+# Those that need two sides, of which one gives and the other one receives.
+ONE_WAY = ("left_to_right", "right_to_left")
 # Values that can be mixed; others come from the one side or the other.
 MIXABLE = (Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT)
 
@@ -45,14 +48,17 @@ def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribu
     return transfer(attribute, symmetry, symmetry.surface, symmetry.surface, **options)
 
 
-def symmetrised(attribute: Attribute, symmetry: SelfMap, winner: Winner = "left", **options: Any) -> Attribute:
-    """An attribute that is the same on both sides.
+def symmetrised(
+    attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", **options: Any
+) -> Attribute:
+    """An attribute that is the same on both sides, or whose sides have changed places.
 
     Args:
         attribute: of the symmetry's surface; as for `mirrored`.
         symmetry: of the surface.
-        winner: "left" or "right": that side stays as it is, and the other one becomes like it. "average": both become
-            their mean; of a selection what either side has.
+        direction: "left_to_right" or "right_to_left": the one side stays as it is, and the other becomes like it.
+            "exchange": each becomes what the other was. "average": both become their mean; of what is there or not,
+            such as a selection, what either side has, and of marks the stronger ones.
         options: of the attribute's kind, as for `transfer`.
 
     Raises:
@@ -61,7 +67,7 @@ def symmetrised(attribute: Attribute, symmetry: SelfMap, winner: Winner = "left"
     if attribute.kind is Kind.WEIGHT:
         attribute = with_partners(attribute)
     other = mirrored(attribute, symmetry, **options)
-    own_share = _own_share(attribute.domain, symmetry, winner)
+    own_share = own_share_of(attribute.domain, symmetry, direction)
     if attribute.kind is Kind.WEIGHT:
         return _mixed_weights(attribute, other, own_share, symmetry.surface, options)
     own, theirs = np.asarray(attribute.values), np.asarray(other.values)
@@ -69,9 +75,18 @@ def symmetrised(attribute: Attribute, symmetry: SelfMap, winner: Winner = "left"
     if attribute.kind in MIXABLE:
         values = share * own + (1 - share) * theirs
         return replace(other, values=values.astype(theirs.dtype))
-    if winner == "average" and attribute.kind is not Kind.BOOLEAN:
-        raise MeshError(f"'{attribute.name}' has values that have no mean: let the left or the right side win.")
-    return replace(other, values=own | theirs if winner == "average" else np.where(share >= 0.5, own, theirs))
+    if direction != "average":
+        return replace(other, values=np.where(share >= 0.5, own, theirs))
+    if not has_mean(attribute):
+        raise MeshError(
+            f"'{attribute.name}' has values that have no mean: copy the left or the right side, or exchange."
+        )
+    return replace(other, values=np.maximum(own, theirs))
+
+
+def has_mean(attribute: Attribute) -> bool:
+    """Whether both sides can get the mean of an attribute's values, or what stands in for it."""
+    return attribute.kind in (*MIXABLE, Kind.BOOLEAN, Kind.MARK)
 
 
 def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
@@ -102,6 +117,27 @@ def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
     return of_face[surface.corner_face] if domain is Domain.CORNER else of_face
 
 
+def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Floats:
+    """(count,) from 0 to 1: what an element's own value counts, against that from the other side.
+
+    Edges along the symmetry line are those of both sides, and keep theirs: a line that lies there stays whole.
+
+    Raises:
+        MeshError: there are no two sides of which one could give.
+        ValueError: there is no such direction.
+    """
+    if direction not in OWN_SHARES:
+        raise ValueError(f"direction is {direction!r}: give one of {', '.join(OWN_SHARES)}.")
+    if direction in ONE_WAY and not symmetry.has_sides:
+        raise MeshError("This symmetry has no left and right side: choose a reflection, or exchange or average both.")
+    on_left, on_right = OWN_SHARES[direction]
+    distance = distance_of(domain, symmetry)
+    share = np.where(distance > 0, on_left, np.where(distance < 0, on_right, (on_left + on_right) / 2))
+    if domain is Domain.EDGE and direction in ONE_WAY:
+        share[_along_line(symmetry)] = 1.0
+    return share
+
+
 def with_partners(weights: Attribute) -> Attribute:
     """Weights with an empty group for every name whose other side is missing."""
     missing = [flip_name(name) for name in weights.labels if flip_name(name) not in weights.labels]
@@ -122,14 +158,12 @@ def names_flipped(weights: Attribute) -> Attribute:
     return replace(weights, values=csr_array(csr_array(weights.values)[:, partner]))
 
 
-def _own_share(domain: Domain, symmetry: SelfMap, winner: Winner) -> Floats:
-    """(count,) what an element's own value counts, against that from the other side."""
-    if winner not in OWN_SHARE_ON_LEFT:
-        raise ValueError(f"winner is {winner!r}: give one of {', '.join(OWN_SHARE_ON_LEFT)}.")
-    if winner != "average" and not symmetry.has_sides:
-        raise MeshError("This symmetry has no left and right side: choose a reflection, or average both.")
-    distance, on_left = distance_of(domain, symmetry), OWN_SHARE_ON_LEFT[winner]
-    return np.where(distance > 0, on_left, np.where(distance < 0, 1 - on_left, 0.5))
+def _along_line(symmetry: SelfMap) -> Booleans:
+    """(e,) which edges lie along the symmetry line: both ends are nearer to it than half the edge's length."""
+    surface = symmetry.surface
+    start, end = surface.vertices[surface.edges].transpose(1, 0, 2)
+    half = np.linalg.norm(end - start, axis=1) / 2
+    return np.asarray(np.abs(symmetry.distance[surface.edges]).max(axis=1) < half)
 
 
 def _mixed_weights(

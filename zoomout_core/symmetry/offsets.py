@@ -14,8 +14,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.components.carrying import Moments, products
 from zoomout_core.correspondence.proxy import Proxy
 from zoomout_core.surface import MeshError
-from zoomout_core.symmetry.mirror import OWN_SHARE_ON_LEFT, Winner
+from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.transfer import Domain
 from zoomout_core.triangles import vertex_normals
 
 # Diffusion lengths, at unit area, of the surroundings that say how a displacement turns, and of those against which
@@ -36,21 +37,18 @@ def mirrored_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
     return symmetry.surface_map.interpolate(carried)
 
 
-def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, winner: Winner = "left") -> Floats:
-    """(n, 3) displacements that are the same on both sides: those of the winning side, or the mean of both.
+def symmetrised_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:
+    """(n, 3) displacements that are the same on both sides, or whose sides have changed places.
 
     Args:
         offsets: (n, 3) displacements of the vertices.
         symmetry: of the surface.
-        winner: "left", "right" or "average".
+        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
 
     Raises:
-        MeshError: there are no two sides of which one could win.
+        MeshError: there are no two sides of which one could give.
     """
-    if winner != "average":
-        _need_sides(symmetry)
-    on_left = OWN_SHARE_ON_LEFT[winner]
-    share = np.where(symmetry.distance > 0, on_left, np.where(symmetry.distance < 0, 1 - on_left, 0.5))[:, None]
+    share = own_share_of(Domain.POINT, symmetry, direction)[:, None]
     return share * offsets + (1 - share) * mirrored_offsets(offsets, symmetry)
 
 
@@ -65,7 +63,8 @@ def split_offsets(offsets: Floats, symmetry: SelfMap, blend: float = BLEND) -> t
     Raises:
         MeshError: there are no two sides.
     """
-    _need_sides(symmetry)
+    if not symmetry.has_sides:
+        raise MeshError("This symmetry has no left and right side: choose a reflection.")
     offsets = _checked(offsets, symmetry)
     left = left_share(symmetry, blend)[:, None] * offsets
     return left, offsets - left
@@ -150,8 +149,3 @@ def _checked(offsets: Floats, symmetry: SelfMap) -> Floats:
     if array.shape != (n, 3):
         raise MeshError(f"The displacements have the shape {array.shape}: give three numbers for each of {n} vertices.")
     return array
-
-
-def _need_sides(symmetry: SelfMap) -> None:
-    if not symmetry.has_sides:
-        raise MeshError("This symmetry has no left and right side: choose a reflection.")

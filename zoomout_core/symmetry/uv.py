@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.surface import MeshError, Surface
-from zoomout_core.symmetry.mirror import Winner, distance_of, mirrored
+from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.cut import cut_open
@@ -32,31 +32,28 @@ NO_PLACE = 1e-6
 
 
 def symmetrised_uv(
-    attribute: Attribute, symmetry: SelfMap, winner: Winner = "left", layout: Layout = "own"
+    attribute: Attribute, symmetry: SelfMap, direction: Direction = "left_to_right", layout: Layout = "own"
 ) -> Attribute:
-    """A UV map whose layout is the same on both sides.
+    """A UV map whose layout is the same on both sides, or whose sides have changed their layouts.
 
     Args:
         attribute: a UV map of the symmetry's surface.
         symmetry: of the surface.
-        winner: "left" or "right", whose layout the other side takes. There is no mean of two layouts.
-        layout: "own": each island of the losing side is moved to where its faces lay before, turned, scaled or
-            mirrored. "over": it lies over the winning side's, so that both share their texels.
+        direction: "left_to_right", "right_to_left" or "exchange"; there is no mean of two layouts.
+        layout: "own": each island that receives a layout is moved to where its faces lay before, turned, scaled or
+            mirrored. "over": it lies where the giving side has it, so that both share their texels, or exchange them.
 
     Raises:
-        MeshError: there are no two sides, or none of them is to win.
+        MeshError: there are no two sides of which one could give, or the mean is asked for.
         ValueError: there is no such layout.
     """
     if layout not in LAYOUTS:
         raise ValueError(f"layout is {layout!r}: give one of {', '.join(LAYOUTS)}.")
-    if winner == "average":
-        raise MeshError(f"'{attribute.name}' is a UV map, and two have no mean: let the left or the right side win.")
-    if not symmetry.has_sides:
-        raise MeshError("This symmetry has no left and right side: choose a reflection.")
+    if direction == "average":
+        raise MeshError(f"'{attribute.name}' is a UV map, and two have no mean: copy the left or the right side.")
+    losing = own_share_of(Domain.CORNER, symmetry, direction) < 0.5
     other = mirrored(attribute, symmetry)
     before, laid = np.asarray(attribute.values, dtype=np.float64), np.asarray(other.values, dtype=np.float64)
-    distance = distance_of(Domain.CORNER, symmetry)
-    losing = distance < 0 if winner == "left" else distance > 0
     if layout == "own":
         laid = _at_own_places(before, laid, losing, symmetry.surface)
     values = np.where(losing[:, None], laid, before)

@@ -9,17 +9,17 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain, spread
-from zoomout_core.symmetry.mirror import Winner
+from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import symmetrised_offsets
 from zoomout_core.threads import in_background
 
 from ... import mesh_data, stored_symmetry
 from ...properties.settings import take_settings
-from ...properties.symmetry import WinnerOptions
+from ...properties.symmetry import DirectionOptions
 from .base import READING, SymmetryOperator, unedited, writable_mesh
 
 
-class ZOOMOUT_OT_mirror_sculpt(WinnerOptions, SymmetryOperator):
+class ZOOMOUT_OT_mirror_sculpt(DirectionOptions, SymmetryOperator):
     bl_idname = "zoomout.mirror_sculpt"
     bl_label = "Mirror Sculpt"
     bl_description = (
@@ -30,16 +30,16 @@ class ZOOMOUT_OT_mirror_sculpt(WinnerOptions, SymmetryOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout.symmetry)
-        return (yield from mirror_sculpt_steps(context, context.active_object.name, self.winner.lower()))
+        return (yield from mirror_sculpt_steps(context, context.active_object.name, self.direction.lower()))
 
 
-def mirror_sculpt(context: Context, obj: Object, winner: Winner = "left") -> str:
+def mirror_sculpt(context: Context, obj: Object, direction: Direction = "left_to_right") -> str:
     """Carry to the other side how vertices were moved since the symmetry of an object's mesh was detected.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        winner: the side whose displacements count, "left" or "right", or "average".
+        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
 
     Returns:
         A sentence for the user.
@@ -47,10 +47,10 @@ def mirror_sculpt(context: Context, obj: Object, winner: Winner = "left") -> str
     Raises:
         MeshError: there is no symmetry, or nothing was moved; nothing was written.
     """
-    return drain(mirror_sculpt_steps(context, obj.name, winner))
+    return drain(mirror_sculpt_steps(context, obj.name, direction))
 
 
-def mirror_sculpt_steps(context: Context, name: str, winner: Winner) -> Steps[str]:
+def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> Steps[str]:
     """`mirror_sculpt` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
@@ -60,7 +60,7 @@ def mirror_sculpt_steps(context: Context, name: str, winner: Winner) -> Steps[st
             f"No vertex of '{name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."
         )
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
-    work = in_background(partial(symmetrised_offsets, moved, symmetry, winner))
+    work = in_background(partial(symmetrised_offsets, moved, symmetry, direction))
     wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
     obj = unedited(context, name, now)
     mesh_data.move_vertices(obj.data, wanted - moved)

@@ -13,7 +13,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.progress import Steps, drain, spread
 from zoomout_core.symmetry.flip_name import flip_name
-from zoomout_core.symmetry.mirror import Winner
+from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.threads import in_background
@@ -21,7 +21,7 @@ from zoomout_core.threads import in_background
 from ... import mesh_data, stored_symmetry
 from ...mesh_data import ShapeKey
 from ...properties.settings import take_settings
-from ...properties.symmetry import KeyName, KeyOptions, WinnerOptions
+from ...properties.symmetry import DirectionOptions, KeyName, KeyOptions
 from .base import READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
@@ -29,7 +29,7 @@ KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
 NOISE = 1e-4
 
 
-class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, WinnerOptions, SymmetryOperator):
+class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, DirectionOptions, SymmetryOperator):
     bl_idname = "zoomout.mirror_shape_key"
     bl_label = "Mirror Shape Key"
     bl_description = (
@@ -42,8 +42,8 @@ class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, WinnerOptions, SymmetryOp
         take_settings(self, context.scene.zoomout.symmetry)
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
-        mode, winner = self.key_mode.lower(), self.winner.lower()
-        return (yield from mirror_shape_key_steps(context, obj.name, key, mode, winner, self.blend))
+        mode, direction = self.key_mode.lower(), self.direction.lower()
+        return (yield from mirror_shape_key_steps(context, obj.name, key, mode, direction, self.blend))
 
 
 def mirror_shape_key(
@@ -51,7 +51,7 @@ def mirror_shape_key(
     obj: Object,
     key: str,
     mode: KeyMode = "mirror",
-    winner: Winner = "left",
+    direction: Direction = "left_to_right",
     blend: float = BLEND,
 ) -> str:
     """Make shape keys along the symmetry that is kept on an object's mesh.
@@ -62,7 +62,8 @@ def mirror_shape_key(
         key: the name of the key to start from.
         mode: "mirror" makes the key of the other side, as Smile.R from Smile.L; "split" a left and a right key, as
             Smile.L and Smile.R from Smile; "symmetrise" makes the key itself the same on both sides.
-        winner: for "symmetrise", the side that stays as it is, "left" or "right", or "average".
+        direction: for "symmetrise", see `zoomout_core.symmetry.mirror.symmetrised`; "exchange" with "mirror" makes the
+            key, too, from that of the other side.
         blend: for "split", see `zoomout_core.symmetry.offsets.split_offsets`.
 
     Returns:
@@ -71,27 +72,31 @@ def mirror_shape_key(
     Raises:
         MeshError: there is no symmetry, or no such key; nothing was written.
     """
-    return drain(mirror_shape_key_steps(context, obj.name, key, mode, winner, blend))
+    return drain(mirror_shape_key_steps(context, obj.name, key, mode, direction, blend))
 
 
 def mirror_shape_key_steps(
-    context: Context, name: str, key_name: str, mode: KeyMode, winner: Winner, blend: float
+    context: Context, name: str, key_name: str, mode: KeyMode, direction: Direction, blend: float
 ) -> Steps[str]:
     """`mirror_shape_key` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     yield READING
+    names, both = _new_names(key_name, mode), mode == "mirror" and direction == "exchange"
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         key, offsets = read_key(obj, key_name)
-    names = _new_names(key_name, mode)
-    work = in_background(partial(_made, offsets, symmetry, mode, winner, blend))
-    made = yield from spread(work, 0, 1, "Mirroring the key")
+        partner, theirs = read_key(obj, names[0]) if both else (key, offsets)
+    if both:
+        keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)
+    else:
+        keys = [replace(key, name=new) for new in names]
+        work = partial(_made, offsets, symmetry, mode, direction, blend)
+    made = yield from spread(in_background(work), 0, 1, "Mirroring the key")
     obj = unedited(context, name, symmetry.surface)
-    for new, shape in zip(names, made, strict=True):
-        _write(obj, replace(key, name=new), shape, new if mode == "symmetrise" else "")
+    for one, shape in zip(keys, made, strict=True):
+        _write(obj, one, shape, in_place=both or mode == "symmetrise")
     obj.data.update()
-    verb = "Made" if mode == "symmetrise" else f"From '{key_name}' made"
-    return f"{verb} {' and '.join(f'{new!r}' for new in names)}{' symmetric' if mode == 'symmetrise' else ''}"
+    return _told(key_name, names, mode, direction)
 
 
 def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
@@ -118,29 +123,45 @@ def _new_names(name: str, mode: KeyMode) -> tuple[str, ...]:
     return (flip_name(name) if mode == "mirror" else name,)
 
 
-def _made(offsets: Floats, symmetry: SelfMap, mode: KeyMode, winner: Winner, blend: float) -> list[Floats]:
+def _told(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
+    """What was done, in a sentence."""
+    made, exchanged = " and ".join(f"{name!r}" for name in names), direction == "exchange"
+    if mode == "symmetrise":
+        return f"Exchanged the sides of {made}" if exchanged else f"Made {made} symmetric"
+    return f"Exchanged {key!r} and {made}" if exchanged and mode == "mirror" else f"From {key!r} made {made}"
+
+
+def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
+    """The displacements (n, 3) of keys on the other side."""
+    return [_without_noise(mirrored_offsets(one, symmetry), one) for one in offsets]
+
+
+def _made(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
     """The displacements (n, 3) of each key that is made."""
+    if mode == "mirror":
+        return _mirrored([offsets], symmetry)
     if mode == "split":
-        made = list(split_offsets(offsets, symmetry, blend))
-    elif mode == "mirror":
-        made = [mirrored_offsets(offsets, symmetry)]
-    else:
-        made = [symmetrised_offsets(offsets, symmetry, winner)]
+        return [_without_noise(part, offsets) for part in split_offsets(offsets, symmetry, blend)]
+    return [_without_noise(symmetrised_offsets(offsets, symmetry, direction), offsets)]
+
+
+def _without_noise(made: Floats, offsets: Floats) -> Floats:
+    """Displacements (n, 3) without those that are as good as none beside the longest that they were made from."""
     least = NOISE * np.linalg.norm(offsets, axis=1).max(initial=0)
-    return [np.where(np.linalg.norm(one, axis=1, keepdims=True) < least, 0, one) for one in made]
+    return np.where(np.linalg.norm(made, axis=1, keepdims=True) < least, 0, made)
 
 
-def _write(obj: Object, key: ShapeKey, offsets: Floats, same: str) -> None:
+def _write(obj: Object, key: ShapeKey, offsets: Floats, in_place: bool) -> None:
     """Write a key with displacements from the key that it is relative to; one of its name keeps its value.
 
     Args:
         obj: the object.
         key: as it was read, under its new name.
         offsets: (n, 3).
-        same: the name of the key if it is written in its own place, so that all else stays.
+        in_place: whether it is written where it was read, so that all else stays.
     """
     blocks, settings, base = obj.data.shape_keys.key_blocks, dict(key.settings), key.relative_to
-    if not same:
+    if not in_place:
         settings["value"] = blocks[key.name].value if key.name in blocks else 0.0
         settings["vertex_group"] = _other_name(settings["vertex_group"], obj.vertex_groups.keys())
         base = _other_name(base, blocks.keys()) if base else None

@@ -13,23 +13,23 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain, spread
 from zoomout_core.symmetry.flip_name import flip_name
-from zoomout_core.symmetry.mirror import Winner, symmetrised, with_partners
+from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
 from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import sum_to_one
 
 from ... import mesh_data, stored_symmetry
 from ...properties.settings import take_settings
-from ...properties.symmetry import WeightOptions, WinnerOptions
+from ...properties.symmetry import DirectionOptions, WeightOptions
 from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 
-class ZOOMOUT_OT_symmetrise_weights(WinnerOptions, WeightOptions, SymmetryOperator):
+class ZOOMOUT_OT_symmetrise_weights(DirectionOptions, WeightOptions, SymmetryOperator):
     bl_idname = "zoomout.symmetrise_weights"
     bl_label = "Symmetrise Weights"
     bl_description = (
-        "Give one side's weights to the other one, where Arm.L becomes Arm.R; groups that lack a partner get one, "
-        "and locked ones stay as they are"
+        "Give one side's weights to the other one, or exchange them, where Arm.L becomes Arm.R; groups that lack a "
+        "partner get one, and locked ones stay as they are"
     )
     bl_options = {"REGISTER", "UNDO"}
 
@@ -38,16 +38,16 @@ class ZOOMOUT_OT_symmetrise_weights(WinnerOptions, WeightOptions, SymmetryOperat
         obj = context.active_object
         active = obj.vertex_groups.active
         only = active.name if self.only_active and active else ""
-        return (yield from symmetrise_weights_steps(context, obj.name, self.winner.lower(), only))
+        return (yield from symmetrise_weights_steps(context, obj.name, self.direction.lower(), only))
 
 
-def symmetrise_weights(context: Context, obj: Object, winner: Winner = "left", only: str = "") -> str:
-    """Make an object's vertex groups the same on both sides, along the symmetry that is kept on its mesh.
+def symmetrise_weights(context: Context, obj: Object, direction: Direction = "left_to_right", only: str = "") -> str:
+    """Make an object's vertex groups the same on both sides, or exchange the sides, along its mesh's symmetry.
 
     Args:
         context: Blender's; the object is in its scene.
         obj: a mesh object.
-        winner: the side that stays as it is, "left" or "right", or "average".
+        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
         only: the name of a group, which alone is taken with its partner; "" for all.
 
     Returns:
@@ -56,10 +56,10 @@ def symmetrise_weights(context: Context, obj: Object, winner: Winner = "left", o
     Raises:
         MeshError: there is no symmetry, or there are no such groups; nothing was written.
     """
-    return drain(symmetrise_weights_steps(context, obj.name, winner, only))
+    return drain(symmetrise_weights_steps(context, obj.name, direction, only))
 
 
-def symmetrise_weights_steps(context: Context, name: str, winner: Winner, only: str = "") -> Steps[str]:
+def symmetrise_weights_steps(context: Context, name: str, direction: Direction, only: str = "") -> Steps[str]:
     """`symmetrise_weights` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
@@ -68,13 +68,14 @@ def symmetrise_weights_steps(context: Context, name: str, winner: Winner, only: 
     weights = yield from spread(reading, 0, READ, READING.stage)
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         chosen = _choose(obj, with_partners(weights), only)
-    work = in_background(partial(symmetrised, chosen.weights, symmetry, winner, **chosen.sharing))
+    work = in_background(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
     weights = yield from spread(work, READ, 1, "Mirroring weights")
     obj = unedited(context, name, symmetry.surface)
     mesh_data.write_weights(obj, weights)
     obj.data.update()
     kept = f"; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else ""
-    return f"Made {len(weights.labels)} vertex groups of '{name}' symmetric{kept}"
+    groups = f"{len(weights.labels)} vertex groups of '{name}'"
+    return f"Exchanged the sides of {groups}{kept}" if direction == "exchange" else f"Made {groups} symmetric{kept}"
 
 
 @dataclass(frozen=True, eq=False)

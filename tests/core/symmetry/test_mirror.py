@@ -34,14 +34,14 @@ def test_a_winning_side_gives_its_weights_to_the_other(reflection: zo.Symmetry, 
     truth = true_weights(bent.directions)
     broken = truth.copy()
     broken[bent.directions[:, 0] < 0] = [0, 0, 1]
-    mended = symmetrised(weights_of(broken), reflection, "left")
+    mended = symmetrised(weights_of(broken), reflection, "left_to_right")
     assert mended.labels == NAMES
     np.testing.assert_allclose(mended.values.sum(axis=1), 1, atol=1e-6)
     error = np.abs(mended.values.toarray() - truth).sum(axis=1)
     assert error.mean() < 0.03 < 0.3 * np.abs(broken - truth).sum(axis=1).mean()
     left = bent.directions[:, 0] > 0.1
     np.testing.assert_allclose(mended.values.toarray()[left], truth[left], atol=1e-3)
-    spoilt = symmetrised(weights_of(broken), reflection, "right").values.toarray()
+    spoilt = symmetrised(weights_of(broken), reflection, "right_to_left").values.toarray()
     assert np.abs(spoilt[:, 2] - 1).mean() < 0.02
 
 
@@ -120,7 +120,61 @@ def test_what_has_no_sides_can_only_be_averaged(reflection: zo.Symmetry, bent: C
     turn = replace(reflection, distance=np.zeros_like(reflection.distance))
     values = point(np.abs(bent.directions[:, 0]))
     with pytest.raises(zo.MeshError, match="no left and right"):
-        symmetrised(values, turn, "left")
+        symmetrised(values, turn, "left_to_right")
     assert np.abs(symmetrised(values, turn, "average").values - values.values).mean() < 0.02
-    with pytest.raises(ValueError, match="winner"):
+    with pytest.raises(ValueError, match="direction"):
         symmetrised(values, reflection, "both")  # type: ignore[arg-type]
+
+
+def test_sides_change_places(reflection: zo.Symmetry, bent: Creature) -> None:
+    x = bent.directions[:, 0]
+    clear = np.abs(x) > 0.1
+    exchanged = symmetrised(point(x), reflection, "exchange").values
+    assert np.abs(exchanged + x).mean() < 0.02
+    truth = true_weights(bent.directions)
+    lopsided = np.column_stack([truth[:, 0] / 2, truth[:, 1], 1 - truth[:, 0] / 2 - truth[:, 1]])
+    wanted = np.column_stack([truth[:, 0], truth[:, 1] / 2, 1 - truth[:, 0] - truth[:, 1] / 2])
+    found = symmetrised(weights_of(lopsided), reflection, "exchange")
+    assert np.abs(found.values.toarray() - wanted).sum(axis=1).mean() < 0.03
+    label = point(np.where(x > 0, "left", "right"), zo.Kind.LABEL)
+    assert (symmetrised(label, reflection, "exchange").values != label.values)[clear].mean() > 0.99
+    turn = replace(reflection, distance=np.zeros_like(x))
+    np.testing.assert_allclose(symmetrised(point(x), turn, "exchange").values, exchanged)
+
+
+def ring(made: Creature, axis: int) -> np.ndarray:
+    """(e,) the edges between faces on the one and on the other side of the middle plane across an axis."""
+    surface = made.surface
+    beyond = made.directions[surface.triangles, axis].mean(axis=1) > 0
+    n, sides = len(surface.vertices), np.stack([surface.triangles, np.roll(surface.triangles, -1, axis=1)], axis=-1)
+    numbers = [np.sort(ends, axis=-1) @ [n, 1] for ends in (surface.edges, sides)]
+    order = np.argsort(numbers[0])
+    edge = order[np.searchsorted(numbers[0], numbers[1], sorter=order)]
+    return np.bincount(edge.ravel(), np.repeat(beyond, 3), len(surface.edges)) == 1
+
+
+def marks_of(marked: np.ndarray) -> zo.Attribute:
+    return zo.Attribute("Sharp", zo.Domain.EDGE, zo.Kind.BOOLEAN, marked)
+
+
+def length_of(marked: np.ndarray, made: Creature) -> float:
+    ends = made.surface.vertices[made.surface.edges[marked]]
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+
+
+def test_lines_are_drawn_anew_on_the_other_side(reflection: zo.Symmetry, bent: Creature) -> None:
+    belt, x = ring(bent, 2), bent.directions[bent.surface.edges, 0]
+    left, right = x.min(axis=1) > 0.1, x.max(axis=1) < -0.1
+    found = symmetrised(marks_of(belt & (x.mean(axis=1) > 0)), reflection).values
+    np.testing.assert_array_equal(found[left], belt[left])
+    assert length_of(found & right, bent) == pytest.approx(length_of(belt & right, bent), rel=0.2)
+    assert np.abs(bent.directions[bent.surface.edges[found & right], 2]).max() < 0.2
+    both = symmetrised(marks_of(belt), reflection, "average").values
+    assert both[belt].all()
+
+
+def test_a_line_along_the_middle_stays_whole(reflection: zo.Symmetry, bent: Creature) -> None:
+    middle = ring(bent, 0)
+    found = symmetrised(marks_of(middle), reflection).values
+    assert found[middle].mean() > 0.9
+    assert length_of(found, bent) < 1.3 * length_of(middle, bent)

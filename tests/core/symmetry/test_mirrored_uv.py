@@ -49,6 +49,16 @@ def test_both_sides_can_share_their_texels(reflection: zo.Symmetry, bent: Creatu
         assert np.median(np.linalg.norm(found - layout, axis=1)[clear_of_the_line(bent)]) < 0.003
 
 
+def test_sides_exchange_their_layouts(reflection: zo.Symmetry, bent: Creature) -> None:
+    left, clear = on_left(bent)[:, None], clear_of_the_line(bent)
+    layout = left_layout(bent)
+    small = 0.5 * layout + [0.5, 0]
+    over = symmetrised_uv(uv_map(np.where(left, layout, small)), reflection, "exchange", "over").values
+    assert np.median(np.linalg.norm(over - np.where(left, small, layout), axis=1)[clear]) < 0.003
+    own = symmetrised_uv(uv_map(np.where(left, layout, small)), reflection, "exchange").values
+    assert np.median(np.linalg.norm(own - np.where(left, layout, small), axis=1)[clear]) < 0.006
+
+
 def test_an_island_across_the_line_stays_whole(reflection: zo.Symmetry, bent: Creature) -> None:
     corners = bent.directions[bent.surface.corner_vertex]
     plain = corners[:, ::2] / 4 + [0.5, 0.5]
@@ -69,7 +79,7 @@ def test_an_island_across_the_line_stays_whole(reflection: zo.Symmetry, bent: Cr
 @pytest.mark.parametrize(
     ("wish", "error", "message"),
     [
-        ({"winner": "average"}, zo.MeshError, "no mean"),
+        ({"direction": "average"}, zo.MeshError, "no mean"),
         ({"layout": "under"}, ValueError, "layout"),
     ],
 )

@@ -43,15 +43,17 @@ def test_the_winning_side_keeps_its_displacements(reflection: zo.Symmetry, bent:
     left = bent.directions[:, 0] > 0
     whole = bumps(bent, np.abs(bent.directions) * [1, 1, 1])
     only_left = whole * left[:, None]
-    found = symmetrised_offsets(only_left, reflection, "left")
+    found = symmetrised_offsets(only_left, reflection, "left_to_right")
     clear = bent.directions[:, 0] > 0.1
     np.testing.assert_array_equal(found[clear], only_left[clear])
     symmetric = bumps(bent, np.column_stack([np.abs(bent.directions[:, 0]), 0 * left, 0 * left]))
-    mended = symmetrised_offsets(symmetric * left[:, None], reflection, "left")
+    mended = symmetrised_offsets(symmetric * left[:, None], reflection, "left_to_right")
     size = np.linalg.norm(symmetric, axis=1).mean()
     assert np.linalg.norm(mended - symmetric, axis=1).mean() < 0.15 * size
-    nothing = symmetrised_offsets(symmetric * left[:, None], reflection, "right")
+    nothing = symmetrised_offsets(symmetric * left[:, None], reflection, "right_to_left")
     assert np.linalg.norm(nothing, axis=1).mean() < 0.05 * size
+    exchanged = symmetrised_offsets(symmetric * left[:, None], reflection, "exchange")
+    assert np.linalg.norm(exchanged - symmetric * ~left[:, None], axis=1).mean() < 0.15 * size
     half = symmetrised_offsets(symmetric * left[:, None], reflection, "average")
     assert np.linalg.norm(half - symmetric / 2, axis=1).mean() < 0.15 * size
 
