@@ -7,7 +7,6 @@ file was opened again and the two are matched anew; before that the full results
 
 from __future__ import annotations
 
-import base64
 import json
 from collections import OrderedDict
 from dataclasses import asdict, dataclass
@@ -15,14 +14,13 @@ from functools import lru_cache
 
 import numpy as np
 from bpy.types import Mesh
-from numpy.typing import DTypeLike
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.progress import Steps
 
 from .colors import DARK, LIGHT, place_colors
-from .mesh_data.arrays import hash_of
+from .mesh_data.arrays import from_text, hash_of, to_text
 from .pair import ObjectPair
 
 PROPERTY = "zoomout_candidates"
@@ -122,10 +120,10 @@ def write(mesh: Mesh, result: zo.MatchResult, pair: ObjectPair) -> None:
     listing = listing_of(result, pair)
     hold(listing.key, result)
     content = asdict(listing) | {
-        "vertices": _text(listing.vertices, np.int32),
-        "points": _text(listing.points, np.float32),
+        "vertices": to_text(listing.vertices, np.int32),
+        "points": to_text(listing.points, np.float32),
         "box": listing.box.tolist(),
-        "candidates": [asdict(one) | {"colors": _text(one.colors, np.uint8)} for one in listing.candidates],
+        "candidates": [asdict(one) | {"colors": to_text(one.colors, np.uint8)} for one in listing.candidates],
     }
     mesh[PROPERTY] = json.dumps(content)
 
@@ -181,23 +179,14 @@ def _mirrored(color: Floats) -> Floats:
     return 255 * (DARK + LIGHT) - color
 
 
-def _text(array: np.ndarray, dtype: DTypeLike) -> str:
-    return base64.b64encode(np.ascontiguousarray(array, dtype).tobytes()).decode()
-
-
-def _array(text: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
-    values = np.frombuffer(base64.b64decode(text), dtype)
-    return values if width == 1 else values.reshape(-1, width)
-
-
 @lru_cache(maxsize=8)
 def _parsed(text: str) -> Listing:
     kept = json.loads(text)
     return Listing(
         kept["key"],
         kept["chosen"],
-        _array(kept["vertices"], np.int32),
-        _array(kept["points"], np.float32, 3),
+        from_text(kept["vertices"], np.int32),
+        from_text(kept["points"], np.float32, 3),
         np.array(kept["box"]),
-        tuple(Listed(**one | {"colors": _array(one["colors"], np.uint8, 3)}) for one in kept["candidates"]),
+        tuple(Listed(**one | {"colors": from_text(one["colors"], np.uint8, 3)}) for one in kept["candidates"]),
     )

@@ -1,21 +1,34 @@
-"""Colours that show a match: how far to trust it, and where on the source each vertex belongs."""
+"""The colours of previews and pictures: how far to trust something, and which places belong together."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.symmetry.self_map import SelfMap
 
-# From no confidence to full: apart for the colour-blind, and not taken for weights, which Blender shows blue to red.
-CONFIDENCE_COLORS = np.array([[0.75, 0.12, 0.08], [0.96, 0.55, 0.25], [0.95, 0.92, 0.70], [0.30, 0.62, 0.80]])
+# From bad to good: apart for the colour-blind, and not taken for weights, which Blender shows blue to red.
+BAD_TO_GOOD = np.array([[0.75, 0.12, 0.08], [0.96, 0.55, 0.25], [0.95, 0.92, 0.70], [0.30, 0.62, 0.80]])
+# Of the right side, the middle and the left side.
+SIDES = BAD_TO_GOOD[1:]
 # Darkest and lightest value of each channel of the colours of places, so that both stand out from either theme.
 DARK, LIGHT = 0.08, 0.98
+# Colours of the right side are mixed with so much white, so that the symmetry line shows.
+PALENESS = 0.45
+# From so many places colours are blended.
+BLENDED = 4
 
 
 def confidence_colors(confidence: Floats) -> Floats:
     """(n, 3) colours of confidences (n,)."""
-    steps = np.linspace(0, 1, len(CONFIDENCE_COLORS))
-    return np.column_stack([np.interp(confidence, steps, channel) for channel in CONFIDENCE_COLORS.T])
+    steps = np.linspace(0, 1, len(BAD_TO_GOOD))
+    return np.column_stack([np.interp(confidence, steps, channel) for channel in BAD_TO_GOOD.T])
+
+
+def asymmetry_colors(values: Floats, most: float) -> Floats:
+    """(n, 3) colours of how far both sides differ (n,): of good where not at all, of bad from `most` on."""
+    return confidence_colors(1 - values / most)
 
 
 def place_colors(points: Floats, around: Floats) -> Floats:
@@ -23,3 +36,34 @@ def place_colors(points: Floats, around: Floats) -> Floats:
     low, high = np.nanmin(around, axis=0), np.nanmax(around, axis=0)
     share = (points - low) / np.where(high > low, high - low, 1)
     return DARK + (LIGHT - DARK) * np.nan_to_num(share).clip(0, 1)
+
+
+def blended_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
+    """(n, 3) colours of points (n, 3), blended from those (s, 3) of some of them by how near they are."""
+    found = cKDTree(points[known]).query(np.nan_to_num(points), min(BLENDED, len(known)))
+    distance, nearest = (np.asarray(array).reshape(len(points), -1) for array in found)
+    weight = 1 / np.maximum(distance, 1e-30) ** 2
+    return np.einsum("nk,nkc->nc", weight / weight.sum(axis=1, keepdims=True), colors[nearest])
+
+
+def pair_colors(symmetry: SelfMap, order: int) -> Floats:
+    """(n, 3) colours of a surface's vertices, the same for all that a symmetry leads to each other, paler on the right.
+
+    Along each axis the one of them counts that lies farthest, so that it does not matter which of them is looked at.
+
+    Args:
+        symmetry: of the surface.
+        order: how often it has to be repeated to lead back, 0 where no small number does.
+    """
+    places = symmetry.surface.vertices
+    farthest, image = places, places
+    for _ in range(max(order, 2) - 1):
+        image = symmetry.surface_map.interpolate(image)
+        farthest = np.fmax(farthest, image)
+    colors, right = place_colors(farthest, places), symmetry.distance[:, None] < 0
+    return np.where(right, PALENESS + (1 - PALENESS) * colors, colors)
+
+
+def side_colors(side: Integers) -> Floats:
+    """(n, 3) colours of sides (n,): 1 is left, -1 right, 0 the middle."""
+    return np.asarray(SIDES[side + 1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import bpy
 from bpy.types import Context, Menu, UILayout
 
@@ -11,10 +13,11 @@ from .operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_ca
 from .operators.cut_seams import ZOOMOUT_OT_cut_seams
 from .operators.match import ZOOMOUT_OT_match
 from .operators.match_collections import ZOOMOUT_OT_match_collections
-from .operators.match_preview import KINDS, ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from .operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .operators.symmetry.detect import summary
 from .operators.transfer import ZOOMOUT_OT_transfer
+from .preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
 
 
 class ZOOMOUT_MT_object(Menu):
@@ -27,8 +30,7 @@ class ZOOMOUT_MT_object(Menu):
         layout.separator()
         layout.operator(ZOOMOUT_OT_swap_match_sides.bl_idname)
         layout.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next Candidate")
-        for kind, name, _ in KINDS:
-            layout.operator(ZOOMOUT_OT_preview.bl_idname, text=f"Show {name}").kind = kind
+        _show(layout, OF_MATCH)
         layout.operator(ZOOMOUT_OT_clear_preview.bl_idname)
         layout.separator()
         layout.menu(ZOOMOUT_MT_landmarks.__name__)
@@ -52,6 +54,7 @@ class ZOOMOUT_MT_symmetry(Menu):
 
     def draw(self, context: Context) -> None:
         layout = invoking(self.layout)
+        _show(layout, {name: kind for name, kind in OF_SYMMETRY.items() if name != ASYMMETRY})
         for operator in symmetry.CLASSES:
             if operator is not symmetry.ZOOMOUT_OT_choose_symmetry:
                 layout.operator(operator.bl_idname)
@@ -102,3 +105,9 @@ def _draw_in_object(menu: Menu, context: Context) -> None:
 def _draw_in_mesh(menu: Menu, context: Context) -> None:
     menu.layout.separator()
     menu.layout.menu(ZOOMOUT_MT_mesh.__name__)
+
+
+def _show(layout: UILayout, kinds: Mapping[str, Kind]) -> None:
+    """An item for each of some previews."""
+    for name, kind in kinds.items():
+        layout.operator(ZOOMOUT_OT_preview.bl_idname, text=f"Show {kind.label}").kind = name

@@ -10,6 +10,7 @@ from bpy.types import Mesh, Object
 from zoomout_core.progress import drain
 
 from .mesh_data import MeshFacts, facts_steps
+from .views import redraw_views
 
 # Seconds without an edit after which meshes are looked at, and between two looks at what comes of it.
 PAUSE, TICK = 0.3, 0.02
@@ -22,7 +23,7 @@ _work: Generator[float, None, None] | None = None
 
 
 def facts(obj: Object) -> MeshFacts | None:
-    """What is known of an object's mesh, or None; then the sidebar is drawn again when more is known."""
+    """What is known of an object's mesh, or None; then the views are drawn again when more is known."""
     number = obj.data.session_uid
     if number not in _known and obj.mode == "OBJECT":
         _wanted[number] = None
@@ -64,7 +65,7 @@ def _tick() -> float | None:
         next(_work)
     except StopIteration:
         _work = None
-        redraw_sidebars()
+        redraw_views()
         return None
     return TICK
 
@@ -79,13 +80,3 @@ def _looks() -> Generator[float, None, None]:
         found = yield from facts_steps(mesh)
         if _edits.get(number, 0) == before:
             _known[number] = found
-
-
-def redraw_sidebars() -> None:
-    """Have the sidebars of all 3D views drawn anew."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()

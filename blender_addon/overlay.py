@@ -1,7 +1,8 @@
 """Colours drawn over objects in the 3D views: nothing of the file is touched, so nothing has to be put back.
 
 A coat of colour lies over an object as its modifiers leave it, a hair nearer to the eye, whatever the viewport's
-shading is; it follows the object and its pose.
+shading is; it follows the object, its pose and its name. It is hidden with the viewport's other overlays, while its
+mesh is being edited, painted or sculpted, and as long as the mesh is not the one that it was made for.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from mathutils import Vector
 from zoomout_core.arrays import Floats
 
 from .mesh_data.arrays import read_array
+from .mesh_facts import facts
+from .views import redraw_views
 
 # By how much of the depth range a coat is nearer than what it covers.
 NEARER = 2e-5
@@ -57,12 +60,14 @@ class Coat:
     """Colours for one object.
 
     Attributes:
-        object_name: of the object.
+        object_uid: the session's number of the object, which it keeps when it is renamed.
         values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the mesh that its modifiers leave.
+        content: of the object's own mesh, see `mesh_data.content_hash`.
     """
 
-    object_name: str
+    object_uid: int
     values: Floats
+    content: str
 
     @property
     def on_corners(self) -> bool:
@@ -71,8 +76,10 @@ class Coat:
 
 
 _coats: tuple[Coat, ...] = ()
-# What is drawn of each coat, by the object's name; None where it does not fit the object.
-_batches: dict[str, gpu.types.GPUBatch | None] = {}
+# What is drawn of each coat, by the object's number; None where it does not fit the object.
+_batches: dict[int, gpu.types.GPUBatch | None] = {}
+# What objects were called when they were last looked for, by their numbers.
+_names: dict[int, str] = {}
 _handler: Any = None
 
 
@@ -83,7 +90,7 @@ def show(coats: Sequence[Coat]) -> None:
     _batches.clear()
     if _handler is None:
         _handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
-    _redraw()
+    redraw_views()
 
 
 def clear() -> None:
@@ -94,7 +101,8 @@ def clear() -> None:
     bpy.types.SpaceView3D.draw_handler_remove(_handler, "WINDOW")
     _coats, _handler = (), None
     _batches.clear()
-    _redraw()
+    _names.clear()
+    redraw_views()
 
 
 def shown() -> tuple[Coat, ...]:
@@ -102,10 +110,29 @@ def shown() -> tuple[Coat, ...]:
     return _coats
 
 
-def repose(names: Iterable[str] | None = None) -> None:
+def find(uid: int) -> Object | None:
+    """The object of a number in the view layer, or None."""
+    objects = bpy.context.view_layer.objects  # with a None for each that was just removed
+    obj = objects.get(_names.get(uid, ""))
+    if obj is None or obj.session_uid != uid:
+        obj = next((one for one in objects if one is not None and one.session_uid == uid), None)
+    if obj is not None:
+        _names[uid] = obj.name
+    return obj
+
+
+def repose(uids: Iterable[int] | None = None) -> None:
     """Have coats of objects, or of all, laid on anew: their modifiers move them."""
-    for name in list(_batches) if names is None else names:
-        _batches.pop(name, None)
+    for uid in list(_batches) if uids is None else uids:
+        _batches.pop(uid, None)
+
+
+def is_covered(coat: Coat, obj: Object) -> bool:
+    """Whether a coat may lie over its object: as far as is known, its mesh is the one that the coat was made for."""
+    if obj.mode != "OBJECT":
+        return False
+    known = facts(obj)
+    return known is None or known.content == coat.content
 
 
 def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
@@ -130,21 +157,23 @@ def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
 
 def _draw() -> None:
     context = bpy.context
+    if not context.space_data.overlay.show_overlays:
+        return
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
     for coat in _coats:
-        obj = context.view_layer.objects.get(coat.object_name)
-        if obj is not None and obj.mode != "EDIT" and obj.visible_in_viewport_get(context.space_data):
+        obj = find(coat.object_uid)
+        if obj is not None and obj.visible_in_viewport_get(context.space_data) and is_covered(coat, obj):
             _draw_coat(coat, obj.evaluated_get(context.evaluated_depsgraph_get()))
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
 
 
 def _draw_coat(coat: Coat, evaluated: Object) -> None:
-    if coat.object_name not in _batches:
+    if coat.object_uid not in _batches:
         surface = surface_of(evaluated.data, coat)
-        _batches[coat.object_name] = None if surface is None else _batch(surface)
-    batch = _batches[coat.object_name]
+        _batches[coat.object_uid] = None if surface is None else _batch(surface)
+    batch = _batches[coat.object_uid]
     if batch is None:
         return
     shader, view = _shader(), bpy.context.region_data
@@ -188,10 +217,3 @@ def _shader() -> gpu.types.GPUShader:
     info.vertex_source(VERTEX)
     info.fragment_source(FRAGMENT)
     return gpu.shader.create_from_info(info)
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()

@@ -15,24 +15,30 @@ import numpy as np
 from bpy.types import Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
+from .colors import pair_colors
 from .mesh_data import (
     SYMMETRY_ATTRIBUTES,
     Layer,
     Role,
+    content_hash,
+    positions_in_world,
     read_faces,
     read_layer,
     read_rest_positions,
     read_surface_at_rest,
     write_layer,
 )
-from .mesh_data.arrays import hash_of
+from .mesh_data.arrays import from_text, hash_of, to_text
+from .mesh_facts import facts
 
 PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
+# A picture of a candidate shows so many vertices.
+PICTURED = 800
 # What each candidate consists of, and how Blender keeps it.
 PARTS = {
     "triangle": (Kind.LABEL, "INT"),
@@ -74,9 +80,15 @@ def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
     for number, symmetry in enumerate(found):
         maps = {"triangle": symmetry.surface_map.triangle, "barycentric": symmetry.surface_map.barycentric}
         _write_parts(mesh, number, maps | {"confidence": symmetry.confidence, "distance": symmetry.distance})
+    points, colors = _pictures(obj, found)
     mesh[PROPERTY] = json.dumps(
         {
-            "candidates": [described(symmetry) for symmetry in found],
+            "candidates": [
+                described(symmetry) | {"colors": to_text(color, np.uint8)}
+                for symmetry, color in zip(found, colors, strict=True)
+            ],
+            "key": hash_of("", points, *colors),
+            "points": to_text(points, np.float32),
             "chosen": 0,
             "left": left,
             "vertices": len(mesh.vertices),
@@ -90,7 +102,8 @@ def keep_shape(obj: Object) -> None:
     """Take an object's mesh for symmetric as it is now."""
     mesh, (vertices, *faces) = obj.data, _elements(obj)
     _write(mesh, REST, Kind.VECTOR, "FLOAT_VECTOR", vertices)
-    _update(mesh, topology=hash_of("", *faces), fingerprint=hash_of("", vertices, *faces))
+    fingerprint, content = hash_of("", vertices, *faces), content_hash(mesh)
+    _update(mesh, topology=hash_of("", *faces), fingerprint=fingerprint, content=content)
     mesh.update()
 
 
@@ -100,7 +113,8 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     Returns:
         `candidates`: for each its `name`, `certainty`, whether it has `sides`, and `notes`, sentences for the user;
         `chosen`: the number of one of them; `left`: the axis that told the sides apart; `vertices` and `faces`: how
-        many the mesh had.
+        many the mesh had; `content`: see `mesh_data.content_hash`; for pictures `points` of the mesh in world space,
+        and for each candidate their `colors`, as text.
     """
     if PROPERTY not in mesh:
         return None
@@ -110,12 +124,13 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 
 def described(symmetry: zo.Symmetry) -> dict[str, Any]:
-    """What is kept of a symmetry beside its map, one of the candidates of `description`."""
+    """What is kept of a symmetry beside its map and its picture, one of the candidates of `description`."""
     turn = "Half turn" if symmetry.order == 2 else f"Turn of order {symmetry.order}" if symmetry.order else "Turn"
     reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
     return {
         "name": reflection if symmetry.reverses_orientation else turn,
         "reverses_orientation": symmetry.reverses_orientation,
+        "order": symmetry.order,
         "certainty": symmetry.certainty,
         "sides": symmetry.has_sides,
         "notes": symmetry.notes,
@@ -123,8 +138,41 @@ def described(symmetry: zo.Symmetry) -> dict[str, Any]:
 
 
 def is_outdated(mesh: Mesh, kept: dict[str, Any]) -> bool:
-    """Whether a glance tells that a mesh was edited since; `read` looks closer."""
+    """Whether a glance tells that a mesh has other vertices or faces since; `read` looks closer."""
     return (kept["vertices"], kept["faces"]) != (len(mesh.vertices), len(mesh.polygons))
+
+
+def is_reshaped(obj: Object, kept: dict[str, Any]) -> bool:
+    """Whether, as far as is known, vertices of an object's mesh were moved since."""
+    known = facts(obj)
+    return known is not None and known.content != kept.get("content", known.content)
+
+
+def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Integers]]:
+    """For each candidate of a `description` the name of its picture, points (s, 3), and their colours, 0 to 255."""
+    if "points" not in kept:
+        return []
+    points = from_text(kept["points"], np.float32, 3)
+    colors = [from_text(one["colors"], np.uint8, 3) for one in kept["candidates"]]
+    return [(f"{kept['key']} {number}", points, color) for number, color in enumerate(colors)]
+
+
+def attributes_of_chosen(mesh: Mesh) -> list[str]:
+    """The names of the attributes that the symmetry that is chosen is kept in; none without one."""
+    kept = description(mesh)
+    return [] if kept is None else [_name(kept["chosen"], part) for part in PARTS]
+
+
+def has_sides(mesh: Mesh) -> bool:
+    """Whether the symmetry that is chosen tells a left side from a right one."""
+    kept = description(mesh)
+    return kept is not None and bool(kept["candidates"][kept["chosen"]]["sides"])
+
+
+def order(mesh: Mesh) -> int:
+    """How often the symmetry that is chosen has to be repeated to lead back; 0 where no small number does."""
+    kept = description(mesh)
+    return int(kept["candidates"][kept["chosen"]].get("order", 0)) if kept else 0
 
 
 def read(obj: Object) -> SelfMap:
@@ -177,6 +225,15 @@ def forget(mesh: Mesh) -> None:
         mesh.attributes.remove(mesh.attributes[name])
     if PROPERTY in mesh:
         del mesh[PROPERTY]
+
+
+def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[Integers]]:
+    """Points (s, 3) of the object's mesh in world space, and their colours by each of its symmetries."""
+    surface = found[0].surface
+    used = np.unique(surface.triangles)
+    some = np.random.default_rng(0).permutation(used)[:PICTURED]
+    colors = [pair_colors(symmetry, symmetry.order)[some] for symmetry in found]
+    return positions_in_world(obj, surface.vertices[some]), [np.rint(255 * color).astype(np.uint8) for color in colors]
 
 
 def _surface_now(obj: Object) -> zo.Surface:

@@ -1,4 +1,4 @@
-"""Small pictures of candidates: the target as each of them colours it, and the source that the colours come from."""
+"""Small pictures of candidates: a mesh as each of them colours it, and the source that the colours come from."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 
 from .candidates import Listing
 
@@ -30,6 +30,11 @@ def icon_of_source(listing: Listing) -> int:
     """Blender's number of the picture of the source."""
     colors = np.concatenate([candidate.colors for candidate in listing.candidates])
     return _icon(f"{listing.key} source", colors / 255 * listing.box, colors)
+
+
+def icon_of_symmetry(name: str, points: Floats, colors: Integers) -> int:
+    """Blender's number of the picture of a mesh as one of its symmetries colours it, see `stored_symmetry.pictured`."""
+    return _icon(name, points, colors)
 
 
 def unregister() -> None:
@@ -69,7 +74,7 @@ def _seen(points: Floats) -> Floats:
     return points @ (tilt @ turn).T
 
 
-def _icon(name: str, points: Floats, colors: Floats) -> int:
+def _icon(name: str, points: Floats, colors: Integers) -> int:
     global _previews
     if _previews is None:
         _previews = bpy.utils.previews.new()

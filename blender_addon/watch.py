@@ -8,20 +8,23 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
-from . import candidates, mesh_facts, overlay
+from . import candidates, mesh_facts, overlay, preview
 
 
 @persistent
 def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
     changed = [update.id.original for update in depsgraph.updates if update.is_updated_geometry]
-    mesh_facts.forget(one for one in changed if isinstance(one, Mesh))
-    overlay.repose(one.name for one in changed if isinstance(one, Object))
+    meshes = [one for one in changed if isinstance(one, Mesh)]
+    mesh_facts.forget(meshes)
+    overlay.repose(one.session_uid for one in changed if isinstance(one, Object))
+    preview.follow_edit(meshes)
 
 
 @persistent
 def _after_undo(*_: Any) -> None:
     mesh_facts.forget_all()
     overlay.repose()
+    preview.follow_undo(bpy.context)
 
 
 @persistent
@@ -54,4 +57,4 @@ def forget_everything() -> None:
     """Let go of what belongs to the file that is open."""
     mesh_facts.forget_all()
     candidates.forget()
-    overlay.clear()
+    preview.clear()

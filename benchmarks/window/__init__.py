@@ -102,7 +102,7 @@ def _on_source(source: Object) -> Iterator[tuple[str, Callable[[], object]]]:
     select_only(source)
     source.vertex_groups.active_index, source.active_shape_key_index = 0, 1
     yield "detect symmetry", do.detect_symmetry
-    yield "show symmetry", do.preview_symmetry
+    yield "preview, symmetry", partial(do.preview, kind="PAIRS")
     yield "swap its sides", do.swap_sides
     yield "symmetrise weights", do.symmetrise_weights
     yield "split a shape key", partial(do.mirror_shape_key, key_mode="SPLIT")

@@ -8,7 +8,6 @@ from .inspection import MeshFacts, content_hash, facts_steps
 from .layers import (
     MATCH_ATTRIBUTES,
     MOST_UV_MAPS,
-    PREVIEW,
     SCULPTED,
     SYMMETRY_ATTRIBUTES,
     ActiveLayers,
@@ -64,7 +63,6 @@ __all__ = [
     "MARKS",
     "MATCH_ATTRIBUTES",
     "MOST_UV_MAPS",
-    "PREVIEW",
     "SCULPTED",
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",

@@ -1,7 +1,8 @@
-"""Whole arrays of properties of a mesh's elements."""
+"""Whole arrays of properties of a mesh's elements, and small arrays as text, which custom properties hold."""
 
 from __future__ import annotations
 
+import base64
 import hashlib
 from typing import Any
 
@@ -23,3 +24,14 @@ def hash_of(words: str, *arrays: np.ndarray) -> str:
         digest.update(f"{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
+
+
+def to_text(array: np.ndarray, dtype: DTypeLike) -> str:
+    """An array's values, as a type, in letters."""
+    return base64.b64encode(np.ascontiguousarray(array, dtype).tobytes()).decode()
+
+
+def from_text(text: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
+    """(count,) or, for a width above one, (count, width) values that `to_text` gave."""
+    values = np.frombuffer(base64.b64decode(text), dtype)
+    return values if width == 1 else values.reshape(-1, width)

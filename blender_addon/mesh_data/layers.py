@@ -23,8 +23,8 @@ from .normals import CUSTOM_NORMAL
 MOST_UV_MAPS = 8
 # What a match that is kept on a mesh consists of: for each vertex a triangle of the source, a point in it, and trust.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
-# How the attributes begin in which a mesh's own symmetry is kept, and the one that shows it by colours.
-SYMMETRY_ATTRIBUTES, PREVIEW = ".zoomout_symmetry_", "zoomout_preview"
+# How the attributes begin in which a mesh's own symmetry is kept.
+SYMMETRY_ATTRIBUTES = ".zoomout_symmetry_"
 # Attributes that are read and written elsewhere: faces' materials, marks of edges and vertices, and custom normals.
 READ_ELSEWHERE = MARK_ATTRIBUTES | {"material_index", CUSTOM_NORMAL}
 # Types of attributes that may be directions or rotations.
@@ -179,8 +179,6 @@ def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
         return "they belong to the editing of the source's own mesh"
     if name.startswith(SYMMETRY_ATTRIBUTES):
         return "it maps the source's own mesh onto itself"
-    if name == PREVIEW:
-        return "its colours are there for a while, to show something"
     if name in MATCH_ATTRIBUTES:
         return "it belongs to a match that the source itself is the target of"
     if name.startswith(PINS):

@@ -12,8 +12,8 @@ from .landmarks import (
 )
 from .match import ZOOMOUT_OT_match
 from .match_collections import ZOOMOUT_OT_match_collections
-from .match_preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .place_landmarks import ZOOMOUT_OT_place_landmarks
+from .preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .transfer import ZOOMOUT_OT_transfer
 
 # In the order in which Blender is to know them.

@@ -11,7 +11,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain, within
 
-from .. import candidates, match_preview, stored_match
+from .. import candidates, preview, stored_match
 from ..candidates import Listing
 from ..evidence import matching_steps
 from ..pair import ObjectPair, check_unedited, find_mesh
@@ -95,13 +95,16 @@ def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps
     """`use_candidate` as a generator, which holds no Blender data while it is suspended."""
     target = find_mesh(context, target_name)
     listing = _listing(target)
-    pair, kept = yield from read_kept_steps(context, target_name)
-    result = yield from _result_steps(context, pair, listing, place, kept)
-    result = replace(result, notes=(f"Candidate {place + 1} of {len(listing.candidates)} was chosen.", *result.notes))
-    coats = yield from match_preview.following_steps(context, pair, result)
-    _, target = check_unedited(context, pair)
+    note = f"Candidate {place + 1} of {len(listing.candidates)} was chosen."
+    with preview.foreseen(target, listing, place):
+        pair, kept = yield from read_kept_steps(context, target_name)
+        result = yield from _result_steps(context, pair, listing, place, kept)
+        result = replace(result, notes=(note, *result.notes))
+        following = yield from preview.following_steps(context, pair, result)
+        _, target = check_unedited(context, pair)
     stored_match.write(target.data, result, pair, kept.settings)
-    match_preview.follow(coats)
+    if following is not None:
+        preview.show(following)
     return result
 
 

@@ -8,7 +8,7 @@ from bpy.types import Context, Object
 
 from zoomout_core.progress import Steps, drain
 
-from .. import match_preview, stored_match
+from .. import preview, stored_match
 from ..evidence import matching_steps, settings_to_keep
 from ..pair import check_unedited, choose_source, read_pair_steps
 from ..properties.match import MatchOptions
@@ -77,12 +77,13 @@ def worked_out_match_steps(
     pair = yield from read_pair_steps(context, source_name, target_name)
     settings = settings_to_keep(context, pair, options)
     result = yield from matching_steps(context, pair, **options)
-    coats = yield from match_preview.following_steps(context, pair, result)
+    following = yield from preview.following_steps(context, pair, result)
 
     def write() -> stored_match.Match:
         _, target = check_unedited(context, pair)
         stored_match.write(target.data, result, pair, settings)
-        match_preview.follow(coats)
+        if following is not None:
+            preview.show(following)
         return result
 
     return write

@@ -8,7 +8,7 @@ from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.transfer import ZOOMOUT_OT_transfer
 from ..properties.collections import CollectionSettings
 from .match import ZOOMOUT_PT_match
-from .sidebar import SidebarPanel
+from .sidebar import SidebarPanel, split_properties
 
 
 class ZOOMOUT_PT_collections(SidebarPanel, Panel):
@@ -19,8 +19,7 @@ class ZOOMOUT_PT_collections(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        split_properties(layout)
         for name in CollectionSettings.__annotations__:
             layout.prop(context.scene.zoomout, name)
         layout.operator(ZOOMOUT_OT_match_collections.bl_idname)

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel, UILayout
 
-from .. import candidates, match_preview, stored_match
+from .. import candidates, preview, stored_match
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
-from ..operators.match_preview import KINDS, ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ..preflight import Finding, outdated, stale
 from ..swatches import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
-from .sidebar import SidebarPanel, sentences, show_findings
+from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
 
-LEGENDS = {
-    match_preview.CONFIDENCE: "Blue is sure, red is a guess",
-    match_preview.PLACES: "Same colour, same place",
-    match_preview.CHECKER: "How the source's UVs will lie",
-}
-# Size of the pictures of candidates, in icons, and how many stand side by side.
-PICTURE, COLUMNS = 3.2, 3
+# How many pictures of candidates stand side by side.
+COLUMNS = 3
 
 
 class ZOOMOUT_PT_result(SidebarPanel, Panel):
@@ -49,19 +43,11 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
         usable = layout.column()
         usable.enabled = not reason
-        _draw_preview(usable, match_preview.shown_kind(target))
+        preview_buttons(context, usable, preview.OF_MATCH)
         listing = candidates.read(target.data)
         if listing is not None:
             _draw_candidates(usable, listing)
         sentences(context, layout, kept["notes"], "DOT")
-
-
-def _draw_preview(layout: UILayout, shown: str) -> None:
-    layout.label(text=LEGENDS.get(shown, "Show in the viewport:"))
-    row = layout.row(align=True)
-    for kind, name, _ in KINDS:
-        row.operator(ZOOMOUT_OT_preview.bl_idname, text=name, depress=kind == shown).kind = kind
-    row.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
 
 
 def _draw_candidates(layout: UILayout, listing: candidates.Listing) -> None:

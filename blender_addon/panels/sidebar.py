@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from bpy.app.translations import pgettext_iface
 from bpy.types import Context, Object, UILayout
 
-from .. import manual
+from .. import manual, preview
 from ..operators import stepped
+from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from ..operators.symmetry import ZOOMOUT_OT_check_symmetry
 from ..preflight import Finding
 from ..targets import chosen_targets
 from ..translations import CONTEXT
@@ -18,6 +20,8 @@ from ..translations import CONTEXT
 LETTER, BORDER = 6.5, 60
 # The button of a panel is taller than what it depends on.
 BUTTON = 1.5
+# Size of the pictures of candidates, in icons.
+PICTURE = 3.2
 
 
 class SidebarPanel:
@@ -45,6 +49,22 @@ def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) 
         box = layout.box()
         box.alert = finding.blocks
         sentences(context, box, [finding.text], "ERROR" if finding.blocks else "INFO")
+
+
+def preview_buttons(context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind]) -> None:
+    """What can be shown of the active object in the viewport, below what the colours that are shown mean."""
+    shown = preview.shown(context.active_object)
+    if shown is not None and shown.kind not in kinds:
+        shown = None
+    sentences(context, layout, [shown.legend if shown else "Show in the viewport:"])
+    row = layout.row(align=True)
+    for name, kind in kinds.items():
+        pressed = shown is not None and shown.kind == name
+        if name == preview.ASYMMETRY:
+            row.operator(ZOOMOUT_OT_check_symmetry.bl_idname, text=kind.label, depress=pressed)
+        else:
+            row.operator(ZOOMOUT_OT_preview.bl_idname, text=kind.label, depress=pressed).kind = name
+    row.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:

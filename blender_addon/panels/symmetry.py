@@ -6,11 +6,27 @@ from typing import Any
 
 from bpy.types import Context, Panel, UILayout
 
-from .. import manual, stored_symmetry, symmetry_preview
+from .. import manual, preview, stored_symmetry
 from ..operators import symmetry as operators
 from ..operators.symmetry.detect import summary
+from ..preflight import Finding
 from ..properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
-from .sidebar import SidebarPanel, help_button, sentences
+from ..swatches import icon_of_symmetry
+from .sidebar import (
+    PICTURE,
+    SidebarPanel,
+    help_button,
+    main_button,
+    preview_buttons,
+    sentences,
+    show_findings,
+    split_properties,
+)
+
+EDITED = Finding("The mesh was edited since: detect its symmetry again.", True)
+RESHAPED = Finding("Reshaped since: Mirror Sculpt carries it over to the other side, or detect again.", False)
+# How many pictures of candidates stand side by side.
+COLUMNS = 2
 
 
 class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
@@ -22,24 +38,24 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout.symmetry
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        split_properties(layout)
         layout.prop(settings, "left")
-        layout.operator(operators.ZOOMOUT_OT_detect_symmetry.bl_idname)
-        kept = _kept(context)
+        kept, target = _kept(context), context.active_object
+        if target is None or target.type != "MESH":
+            sentences(context, layout, ["Make a mesh active."], "INFO")
+        again = "Detect Symmetry" if kept is None else "Detect Again"
+        main_button(layout, operators.ZOOMOUT_OT_detect_symmetry.bl_idname, again, "MOD_MIRROR", True)
         if kept is None:
             return
-        mesh = context.active_object.data
-        if stored_symmetry.is_outdated(mesh, kept):
-            sentences(context, layout.box(), ["The mesh was edited since: detect its symmetry again"])
+        if stored_symmetry.is_outdated(target.data, kept):
+            show_findings(context, layout, [EDITED])
             return
-        _draw_candidates(context, layout.box(), kept)
+        if stored_symmetry.is_reshaped(target, kept):
+            show_findings(context, layout, [RESHAPED])
+        _draw_candidates(context, layout, kept)
+        preview_buttons(context, layout, preview.OF_SYMMETRY)
+        layout.prop(settings, "check")
         layout.prop(settings, "direction")
-        row = layout.row(align=True)
-        row.operator(operators.ZOOMOUT_OT_preview_symmetry.bl_idname, icon="HIDE_OFF")
-        row.operator(operators.ZOOMOUT_OT_remove_preview.bl_idname, text="", icon="X")
-        if symmetry_preview.is_shown(mesh):
-            sentences(context, layout.box(), [symmetry_preview.shown(mesh)])
 
 
 class SymmetrySubpanel(SidebarPanel):
@@ -57,8 +73,7 @@ class SymmetrySubpanel(SidebarPanel):
 
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout.symmetry
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        split_properties(layout)
         self.draw_options(layout, settings)
 
     def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
@@ -107,14 +122,6 @@ class ZOOMOUT_PT_symmetry_shape(SymmetrySubpanel, Panel):
         layout.operator(operators.ZOOMOUT_OT_name_sides.bl_idname)
 
 
-class ZOOMOUT_PT_symmetry_check(SymmetrySubpanel, Panel):
-    bl_label = "Check"
-
-    def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
-        layout.prop(settings, "check")
-        layout.operator(operators.ZOOMOUT_OT_check_symmetry.bl_idname)
-
-
 # In the order in which Blender is to know them.
 CLASSES = (
     ZOOMOUT_PT_symmetry,
@@ -122,26 +129,26 @@ CLASSES = (
     ZOOMOUT_PT_symmetry_keys,
     ZOOMOUT_PT_symmetry_attributes,
     ZOOMOUT_PT_symmetry_shape,
-    ZOOMOUT_PT_symmetry_check,
 )
 
 
-def _draw_candidates(context: Context, box: UILayout, kept: dict[str, Any]) -> None:
-    """A button for each symmetry that was found, the chosen one marked, and what is to know of it."""
-    column = box.column(align=True)
+def _draw_candidates(context: Context, layout: UILayout, kept: dict[str, Any]) -> None:
+    """A picture and a button for each symmetry that was found, the chosen one marked, and what is to know of it."""
+    grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
+    pictures = stored_symmetry.pictured(kept)
     for number, candidate in enumerate(kept["candidates"]):
+        column = grid.column(align=True)
+        if pictures:
+            column.template_icon(icon_of_symmetry(*pictures[number]), scale=PICTURE)
         chosen = number == kept["chosen"]
         button = column.operator(
-            operators.ZOOMOUT_OT_choose_symmetry.bl_idname,
-            text=summary(candidate),
-            icon="RADIOBUT_ON" if chosen else "RADIOBUT_OFF",
-            depress=chosen,
+            operators.ZOOMOUT_OT_choose_symmetry.bl_idname, text=summary(candidate), depress=chosen
         )
         button.number = number
     candidate = kept["candidates"][kept["chosen"]]
     if candidate["sides"]:
-        box.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, text="Swap Sides", icon="ARROW_LEFTRIGHT")
-    sentences(context, box, candidate["notes"])
+        layout.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, text="Swap Sides", icon="ARROW_LEFTRIGHT")
+    sentences(context, layout, candidate["notes"], "DOT")
 
 
 def _kept(context: Context) -> dict[str, Any] | None:

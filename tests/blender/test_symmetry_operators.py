@@ -1,6 +1,7 @@
 """What is done along a mesh's own symmetry, in Blender: posed, and of another topology on either side."""
 
 import json
+from dataclasses import replace
 from itertools import islice
 
 import bmesh
@@ -24,20 +25,24 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import mesh_data, stored_symmetry, symmetry_preview
+from blender_addon import mesh_data, mesh_facts, overlay, preview, stored_symmetry, swatches
+from blender_addon.colors import PALENESS, pair_colors, place_colors
+from blender_addon.colors import SIDES as SIDE_COLORS
 from blender_addon.operators.symmetry.check import check_symmetry, check_symmetry_steps
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
 from blender_addon.operators.symmetry.layers import mirror_attributes, mirror_attributes_steps
-from blender_addon.operators.symmetry.preview import PALENESS
 from blender_addon.operators.symmetry.sculpt import mirror_sculpt, mirror_sculpt_steps
 from blender_addon.operators.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
 from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
 from blender_addon.operators.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
+from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.triangles import vertex_normals
 
 BENT = creature(1500, seed=1, bend=0.9)
 X = BENT.directions[:, 0]
 LEFT, RIGHT = X > 0.1, X < -0.1
+# An arbitrary vertex for each.
+ANY = np.random.default_rng(0).permutation(len(X))
 # The tips of the arms, by the sign of x.
 TIP = {1: int(np.argmax(X)), -1: int(np.argmin(X))}
 
@@ -201,7 +206,7 @@ def test_without_a_symmetry_nothing_can_be_mirrored():
     obj = new_object()
     activate(obj)
     assert not bpy.ops.zoomout.symmetrise_weights.poll()
-    assert not bpy.ops.zoomout.remove_preview.poll()
+    assert not bpy.ops.zoomout.clear_preview.poll()
     with pytest.raises(zo.MeshError, match="was not detected yet: detect it first"):
         symmetrise_weights(bpy.context, obj)
 
@@ -214,24 +219,88 @@ def test_a_posed_or_subdivided_mesh_keeps_its_symmetry(body):
     assert name_sides(body, 0.01).startswith("'Creature': ")
 
 
-def test_colours_show_the_symmetry_and_leave_no_trace(body):
-    add_attribute(body.data, "Paint", "FLOAT_COLOR", "POINT", np.ones((len(X), 4)))
-    body.data.attributes.active_color_name = "Paint"
+def colors():
+    """What is shown on the one object that is coloured."""
+    (coat,) = overlay.shown()
+    return coat.values
+
+
+def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
     before = snapshot(body)
-    assert bpy.ops.zoomout.preview_symmetry() == {"FINISHED"}
-    colours = values(body.data, "zoomout_preview")
-    assert body.data.attributes.active_color_name == "zoomout_preview"
+    assert bpy.ops.zoomout.preview(kind="PAIRS") == {"FINISHED"}
     images = stored_symmetry.read(body).surface_map.vertex
-    paler = preview_of_right(colours)
-    assert np.abs(paler[RIGHT] - colours[images][RIGHT, :3]).mean() < 0.02
+    paler = (colors() - PALENESS) / (1 - PALENESS)  # the right side without its white
+    assert np.abs(paler[RIGHT] - colors()[images][RIGHT]).mean() < 0.02
+    assert np.ptp(colors()[LEFT], axis=0).min() > 0.3
+    bpy.context.scene.zoomout.symmetry.middle_width = 0.02
+    assert bpy.ops.zoomout.preview(kind="SIDES") == {"FINISHED"}
+    side = stored_symmetry.read(body).sides(0.02 * np.sqrt(BENT.surface.area))
+    for number, color in zip((1, -1, 0), (SIDE_COLORS[2], SIDE_COLORS[0], SIDE_COLORS[1]), strict=True):
+        np.testing.assert_allclose(colors()[side == number], np.broadcast_to(color, (np.sum(side == number), 3)))
     check_symmetry(bpy.context, body, "shape")
-    assert bpy.ops.zoomout.remove_preview() == {"FINISHED"}
-    assert snapshot(body) == before
+    assert preview.shown(body).legend.startswith("Shape: the sides differ by ")
+    assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
+    assert (snapshot(body), overlay.shown()) == (before, ())
 
 
-def preview_of_right(colours):
-    """(n, 3) colours without the white that the right side's are mixed with."""
-    return (colours[:, :3] - PALENESS) / (1 - PALENESS)
+def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body, found):
+    turn = replace(found[0], distance=np.zeros(len(X)), surface_map=zo.SurfaceMap.from_vertices(ANY, BENT.surface))
+    stored_symmetry.write(body, (found[0], turn), "X")
+    bpy.ops.zoomout.preview(kind="SIDES")
+    bpy.ops.ed.undo_push(message="Shown")
+    first = colors()
+    bpy.ops.zoomout.swap_sides()
+    bpy.ops.ed.undo_push(message="Swapped")
+    assert (colors()[LEFT] == first[RIGHT][0]).all(axis=1).mean() > 0.9
+    bpy.ops.ed.undo()
+    np.testing.assert_array_equal(colors(), first)
+    body = bpy.data.objects["Creature"]
+    choose_symmetry(bpy.context, body, 1)
+    assert preview.shown(body).kind == "PAIRS"  # there are no sides
+    images = stored_symmetry.read(body).surface_map.interpolate(BENT.surface.vertices)
+    farthest = np.fmax(images, BENT.surface.vertices)
+    np.testing.assert_allclose(colors(), place_colors(farthest, BENT.surface.vertices), atol=1e-5)
+    detect_symmetry(bpy.context, body)
+    assert np.abs(colors()[RIGHT].min(axis=1)).min() > PALENESS
+
+
+def test_a_symmetry_of_higher_order_colours_all_places_alike_that_it_leads_to_each_other():
+    turns = np.arange(10) * np.pi / 5
+    points = np.concatenate([[np.cos(turns), np.sin(turns), np.zeros(10)], np.zeros((3, 1))], axis=1).T
+    points[10, 2] = 1
+    surface = zo.Surface(points, [[i, (i + 1) % 10, 10] for i in range(10)])
+    fifth = zo.SurfaceMap.from_vertices(np.append((np.arange(10) + 2) % 10, 10), surface)
+    star = SelfMap(
+        surface=surface,
+        surface_map=fifth,
+        confidence=np.ones(11),
+        reverses_orientation=False,
+        distance=np.zeros(11),
+    )
+    shown = pair_colors(star, 5)
+    np.testing.assert_allclose(shown[:10:2], np.broadcast_to(shown[0], (5, 3)), atol=1e-9)
+    np.testing.assert_allclose(shown[1:10:2], np.broadcast_to(shown[1], (5, 3)), atol=1e-9)
+
+
+def test_pictures_show_the_candidates(body, found):
+    stored_symmetry.write(body, (found[0], found[0]), "X")
+    pictures = stored_symmetry.pictured(stored_symmetry.description(body.data))
+    assert len({name for name, _, _ in pictures}) == 2
+    for _, points, shown in pictures:
+        picture = swatches.picture(points, shown / 255)
+        assert 0.05 < (picture[..., 3] > 0).mean() < 0.6
+    assert len(body.data[stored_symmetry.PROPERTY]) < 30_000
+
+
+def test_a_reshaped_mesh_says_so_in_passing(body):
+    kept = stored_symmetry.description(body.data)
+    for moved in (0, 0.1):
+        body.data.vertices[0].co.x += moved
+        body.data.update_tag()
+        bpy.context.view_layer.update()
+        stored_symmetry.is_reshaped(body, kept)
+        mesh_facts.look_now()
+        assert stored_symmetry.is_reshaped(body, kept) == bool(moved)
 
 
 def test_weights_of_one_side_become_those_of_the_other(body):
@@ -358,7 +427,7 @@ def test_weights_and_keys_of_both_sides_are_exchanged(body):
     assert mirror_shape_key(bpy.context, body, "Wink", "symmetrise", "exchange") == "Exchanged the sides of 'Wink'"
     assert off_by(key_offsets(body, "Wink"), bumps(right)) < 0.1
     add_key(body, "Frown.L", bumps(left))
-    with pytest.raises(zo.MeshError, match="no shape key 'Frown.R'"):
+    with pytest.raises(zo.MeshError, match=r"no shape key 'Frown\.R'"):
         mirror_shape_key(bpy.context, body, "Frown.L", "mirror", "exchange")
 
 
@@ -429,13 +498,19 @@ def test_what_was_sculpted_is_carried_over(body):
 
 
 def test_asymmetry_is_shown_and_told(body):
-    def heat():
-        return values(body.data, "zoomout_preview")[:, 0]
-
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
     assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
-    assert heat()[np.abs(X) > 0.8].mean() > 0.5 > 0.1 > heat()[np.abs(X) < 0.1].mean()
-    assert symmetry_preview.shown(body.data).startswith("Weights: the sides differ by ")
+    red, blue = colors()[:, 0], colors()[:, 2]
+    assert (red > blue)[np.abs(X) > 0.8].mean() > 0.9
+    assert (red < blue)[np.abs(X) < 0.1].mean() > 0.9
+    assert preview.shown(body).legend.startswith("Weights: the sides differ by ")
+    symmetrise_weights(bpy.context, body)
+    bpy.context.view_layer.update()
+    assert (overlay.shown(), preview.shown(body).legend) == ((), preview.OUTDATED)
+    check_symmetry(bpy.context, body, "weights")
+    bpy.context.view_layer.update()
+    red, blue = colors()[:, 0], colors()[:, 2]
+    assert (red < blue).mean() > 0.9
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
     add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
     like = check_symmetry(bpy.context, body, "key", "Smile.L")
@@ -460,14 +535,12 @@ def test_the_line_is_selected_and_sides_are_named(body):
     assert sides[1][X < -0.2].min() == 1
 
 
-def test_a_transfer_leaves_symmetry_and_preview_alone(body):
+def test_a_transfer_leaves_symmetry_alone(body):
     from blender_addon.mesh_data import read_layers
 
-    bpy.ops.zoomout.preview_symmetry()
     layers, skipped = read_layers(body.data)
     assert not [layer for layer in layers if "zoomout" in layer.attribute.name]
     assert skipped["symmetry"] == "it maps the source's own mesh onto itself"
-    assert "zoomout_preview" in skipped
 
 
 def test_every_operator_and_panel_explains_itself():
@@ -476,7 +549,8 @@ def test_every_operator_and_panel_explains_itself():
     for operator in CLASSES:
         rna = getattr(bpy.ops.zoomout, operator.bl_idname.split(".")[1]).get_rna_type()
         assert rna.description
-        assert {"REGISTER", "UNDO"} <= operator.bl_options
+        undone = operator.bl_idname != "zoomout.check_symmetry"  # which changes nothing
+        assert operator.bl_options == ({"REGISTER", "UNDO"} if undone else {"REGISTER"})
         for option in rna.properties:
             assert option.description or option.identifier in ("rna_type", "name"), option.identifier
     for option in bpy.types.Scene.bl_rna.properties["zoomout"].fixed_type.properties["symmetry"].fixed_type.properties:

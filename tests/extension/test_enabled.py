@@ -208,7 +208,7 @@ def test_colours_are_shown_and_taken_away_without_a_trace(source, matched):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert zoomout.preview(kind=kind) == {"FINISHED"}
-        assert part("match_preview").shown_kind(matched) == kind
+        assert part("preview").shown(matched).kind == kind
     assert zoomout.clear_preview() == {"FINISHED"}
     assert part("overlay").shown() == ()
     assert snapshot_file() == before
@@ -250,7 +250,9 @@ def test_everything_is_done_along_a_symmetry(symmetric):
     add_attribute(symmetric.data, "Height", "FLOAT", "POINT", np.where(left, points[:, 2], 0))
     assert zoomout.mirror_attributes() == {"FINISHED"}
     assert np.abs(values(symmetric.data, "Height")[right] - points[right, 2]).mean() < 0.03
-    for work in (zoomout.preview_symmetry, zoomout.check_symmetry, zoomout.remove_preview):
+    for kind in ("PAIRS", "SIDES"):
+        assert zoomout.preview(kind=kind) == {"FINISHED"}
+    for work in (zoomout.check_symmetry, zoomout.clear_preview):
         assert work() == {"FINISHED"}
     assert zoomout.select_symmetry_line() == {"FINISHED"}
     assert zoomout.choose_symmetry() == {"FINISHED"}

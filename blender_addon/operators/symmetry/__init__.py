@@ -3,7 +3,6 @@
 from .check import ZOOMOUT_OT_check_symmetry
 from .detect import ZOOMOUT_OT_choose_symmetry, ZOOMOUT_OT_detect_symmetry, ZOOMOUT_OT_swap_sides
 from .layers import ZOOMOUT_OT_mirror_attributes
-from .preview import ZOOMOUT_OT_preview_symmetry, ZOOMOUT_OT_remove_preview
 from .sculpt import ZOOMOUT_OT_mirror_sculpt
 from .shape_keys import ZOOMOUT_OT_mirror_shape_key
 from .sides import ZOOMOUT_OT_name_sides, ZOOMOUT_OT_select_symmetry_line
@@ -14,8 +13,6 @@ CLASSES = (
     ZOOMOUT_OT_detect_symmetry,
     ZOOMOUT_OT_choose_symmetry,
     ZOOMOUT_OT_swap_sides,
-    ZOOMOUT_OT_preview_symmetry,
-    ZOOMOUT_OT_remove_preview,
     ZOOMOUT_OT_symmetrise_weights,
     ZOOMOUT_OT_mirror_shape_key,
     ZOOMOUT_OT_mirror_attributes,

@@ -16,7 +16,7 @@ from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.threads import in_background
 
-from ... import mesh_data, stored_symmetry, symmetry_preview
+from ... import mesh_data, preview, stored_symmetry
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
 from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
@@ -30,12 +30,12 @@ FEW, LEAST_LENGTH, LEAST_WEIGHT = 0.2, 2e-3, 0.05
 
 class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
     bl_idname = "zoomout.check_symmetry"
-    bl_label = "Check Symmetry"
+    bl_label = "Show Asymmetry"
     bl_description = (
         "Show by colors how far the active mesh is from being symmetric, in its shape whatever the pose, its weights, "
         "or a shape key"
     )
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"REGISTER"}
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout.symmetry)
@@ -69,7 +69,8 @@ def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) 
     least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(stored_symmetry.read(obj).surface.area)
     most = max(float(np.percentile(values, 100 - FEW)), least)
     what = _described(check, key, values, most)
-    symmetry_preview.show(context, obj.data, symmetry_preview.heat(values, most), what)
+    context.view_layer.update()  # so that what was changed before is not taken for changed since
+    preview.show(preview.of_asymmetry(obj, values, most, what))
     return what
 
 

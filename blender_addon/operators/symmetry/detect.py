@@ -11,14 +11,13 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.progress import Progress, Steps, drain
 
-from ... import stored_symmetry, symmetry_preview
+from ... import preview, stored_symmetry
 from ...properties.once import ONCE
 from ...properties.settings import take_settings
 from ...properties.symmetry import AXES, DetectOptions
 from ...targets import WRITING
 from ..stepped import SteppedOperator
 from .base import SymmetryOperator, unedited, writable_mesh
-from .preview import show_symmetry
 
 # So many candidates are kept at most: things have more symmetries than characters.
 MOST = 6
@@ -92,7 +91,7 @@ def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps
     yield WRITING
     obj = unedited(context, name, surface)
     stored_symmetry.write(obj, found, left)
-    _follow(context, obj)
+    preview.follow_symmetry(context, obj)
     return found
 
 
@@ -109,7 +108,7 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
             f"'{obj.name}' has {_count(len(candidates))}, not the one that is asked for: choose another."
         )
     stored_symmetry.choose(obj.data, number)
-    _follow(context, obj)
+    preview.follow_symmetry(context, obj)
     return f"'{obj.name}': {summary(candidates[number])}"
 
 
@@ -120,7 +119,7 @@ def swap_sides(context: Context, obj: Object) -> str:
         MeshError: there is none, or it has no sides.
     """
     stored_symmetry.swap_sides(obj)
-    _follow(context, obj)
+    preview.follow_symmetry(context, obj)
     return f"Left and right of '{obj.name}' were swapped"
 
 
@@ -132,12 +131,6 @@ def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
 def summary(candidate: dict[str, Any]) -> str:
     """One of `stored_symmetry.description`'s candidates in a few words."""
     return f"{candidate['name']}, {candidate['certainty']:.0%}"
-
-
-def _follow(context: Context, obj: Object) -> None:
-    """Bring the colours that show the symmetry up to date, if they are there."""
-    if symmetry_preview.is_shown(obj.data):
-        show_symmetry(context, obj)
 
 
 def _count(number: int) -> str:

@@ -7,11 +7,12 @@ from scenes import activate, add_uv_map, ellipsoid, positions, snapshot_file, va
 
 import blender_addon
 import zoomout_core as zo
-from blender_addon import match_preview, overlay, stored_match
+from blender_addon import mesh_facts, overlay, preview, stored_match, watch
 from blender_addon.colors import confidence_colors, place_colors
-from blender_addon.operators.candidates import use_candidate
+from blender_addon.operators.candidates import use_candidate, use_candidate_steps
 from blender_addon.operators.match import match_objects
 from blender_addon.pair import read_pair
+from zoomout_core.progress import drain
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def target(source):
 
 
 def shown():
-    return {coat.object_name: coat.values for coat in overlay.shown()}
+    return {overlay.find(coat.object_uid).name: coat.values for coat in overlay.shown()}
 
 
 def test_confidence_is_seen_on_the_target(target):
@@ -72,11 +73,11 @@ def test_showing_and_clearing_changes_nothing_in_the_file(source, target):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert bpy.ops.zoomout.preview(kind=kind) == {"FINISHED"}
-        assert match_preview.shown_kind(target) == kind
-        assert match_preview.shown_kind(source) == ""
+        assert preview.shown(target).kind == kind
+        assert preview.shown(source) is None
         assert snapshot_file() == before
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
-    assert (snapshot_file(), shown(), match_preview.shown_kind(target)) == (before, {}, "")
+    assert (snapshot_file(), shown(), preview.shown(target)) == (before, {}, None)
     with pytest.raises(RuntimeError, match="There is no preview"):
         bpy.ops.zoomout.clear_preview()
 
@@ -117,14 +118,109 @@ def test_a_source_that_was_renamed_is_found_where_it_is_chosen(source, target):
     assert set(shown()) == {"Target", "Hero"}
 
 
-def test_a_preview_ends_with_its_file_and_with_the_extension(target, tmp_path):
+def handlers():
+    """How many functions of the extension Blender calls, by what happens."""
+    return {name: getattr(bpy.app.handlers, name).count(handler) for name, handler in watch.HANDLERS}
+
+
+def test_a_preview_ends_with_its_file_and_with_the_extension(target):
     bpy.ops.zoomout.preview(kind="PLACES")
     bpy.ops.wm.read_homefile(use_empty=True)
-    assert shown() == {}
-    overlay.show((overlay.Coat("Nobody", np.zeros((3, 3))),))
+    assert (overlay.shown(), preview.is_anything_shown(), overlay._handler) == ((), False, None)
+    overlay.show((overlay.Coat(1, np.zeros((3, 3)), ""),))
+    assert set(handlers().values()) == {1}
+    assert overlay._handler is not None
     blender_addon.unregister()
-    assert shown() == {}
+    assert (overlay.shown(), overlay._handler) == ((), None)
+    assert set(handlers().values()) == {0}
     blender_addon.register()  # as the fixture expects it
+
+
+def test_a_coat_follows_the_name_of_its_object_and_goes_with_it(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    target.name = "Renamed"
+    source.name = "Target"  # a name that was another's
+    assert set(shown()) == {"Renamed", "Target"}
+    assert preview.shown(target).kind == "PLACES"
+    (coat, _), uid = overlay.shown(), target.session_uid
+    bpy.data.objects.remove(target)
+    assert overlay.find(uid) is None
+    assert coat.object_uid == uid
+
+
+def test_a_coat_is_hidden_while_its_mesh_is_another_one(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    coat, _ = overlay.shown()
+
+    def covered():
+        bpy.context.view_layer.update()
+        overlay.is_covered(coat, target)
+        mesh_facts.look_now()
+        return overlay.is_covered(coat, target)
+
+    assert covered()
+    for mode in ("EDIT", "SCULPT", "WEIGHT_PAINT"):
+        bpy.ops.object.mode_set(mode=mode)
+        assert not overlay.is_covered(coat, target)
+        bpy.ops.object.mode_set(mode="OBJECT")
+    assert covered()
+    target.data.vertices[3].co.x += 0.5
+    assert not covered()
+    target.data.vertices[3].co.x -= 0.5
+    assert covered()
+    target.location.x += 1
+    target.modifiers.new("Bend", "SIMPLE_DEFORM")
+    assert covered()
+
+
+def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    match_objects(bpy.context, source, target, k_final=40)
+    before = preview.shown(target)
+    steps = use_candidate_steps(bpy.context, "Target", 1)
+    next(steps)
+    rough = shown()["Target"]
+    steps.close()
+    assert preview.shown(target) is before
+    drain(use_candidate_steps(bpy.context, "Target", 1))
+    assert np.abs(rough - shown()["Target"]).mean() < 0.05
+    assert np.abs(before.coats[0].values - shown()["Target"]).mean() > 0.2
+    bpy.ops.zoomout.preview(kind="CONFIDENCE")
+    next(use_candidate_steps(bpy.context, "Target", 0))
+    assert preview.shown(target).kind == "CONFIDENCE"
+
+
+def test_what_is_undone_is_shown_as_it_was(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    match_objects(bpy.context, source, target, k_final=40)
+    bpy.ops.ed.undo_push(message="Matched")
+    before = shown()["Target"]
+    use_candidate(bpy.context, target, 1)
+    bpy.ops.ed.undo_push(message="Candidate")
+    other = shown()["Target"]
+    bpy.ops.ed.undo()
+    np.testing.assert_allclose(shown()["Target"], before, atol=1e-5)
+    bpy.ops.ed.redo()
+    np.testing.assert_allclose(shown()["Target"], other, atol=1e-5)
+
+
+def test_what_is_deleted_comes_back_with_its_colours(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    bpy.ops.ed.undo_push(message="Before")
+    bpy.data.objects.remove(target)
+    bpy.ops.ed.undo_push(message="Deleted")
+    assert overlay.find(overlay.shown()[0].object_uid) is None
+    bpy.ops.ed.undo()
+    assert set(shown()) == {"Target", "Source"}
+
+
+def test_without_the_match_there_is_nothing_to_show_any_more(source, target):
+    bpy.ops.zoomout.preview(kind="PLACES")
+    bpy.ops.ed.undo_push(message="Matched")
+    target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
+    bpy.ops.ed.undo_push(message="Removed")
+    preview.follow_undo(bpy.context)
+    assert not preview.is_anything_shown()
 
 
 def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):
@@ -132,23 +228,23 @@ def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):
     bpy.context.view_layer.update()
     mesh = source.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     colors = np.random.default_rng(0).random((len(mesh.vertices), 3))
-    surface = overlay.surface_of(mesh, overlay.Coat("Source", colors))
+    surface = overlay.surface_of(mesh, overlay.Coat(1, colors, ""))
     np.testing.assert_allclose(surface["position"], positions(mesh))
     np.testing.assert_allclose(surface["color"], colors, atol=1e-6)
     corners = surface["position"][surface["triangles"]]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(sum(polygon.area for polygon in mesh.polygons), rel=1e-4)
     uv = np.random.default_rng(0).random((len(mesh.loops), 2))
-    by_corner = overlay.surface_of(mesh, overlay.Coat("Source", uv))
+    by_corner = overlay.surface_of(mesh, overlay.Coat(1, uv, ""))
     np.testing.assert_allclose(by_corner["position"][by_corner["triangles"]], corners)
     np.testing.assert_allclose(by_corner["color"][:, :2], uv, atol=1e-6)
-    assert overlay.surface_of(source.data, overlay.Coat("Source", colors)) is None  # another mesh
+    assert overlay.surface_of(source.data, overlay.Coat(1, colors, "")) is None  # another mesh
 
 
 def test_a_coat_is_laid_on_anew_when_its_object_moves(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
-    overlay._batches.update(Target="drawn", Source="drawn")
+    overlay._batches.update({target.session_uid: "drawn", source.session_uid: "drawn"})
     key = source.shape_key_add(name="Basis") and source.shape_key_add(name="Key")
     key.value = 1
     bpy.context.view_layer.update()
-    assert set(overlay._batches) == {"Target"}
+    assert set(overlay._batches) == {target.session_uid}

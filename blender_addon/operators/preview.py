@@ -1,0 +1,69 @@
+"""Show a match or a symmetry by colours over objects, and stop showing it.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from bpy.props import EnumProperty
+from bpy.types import Context, Operator, OperatorProperties
+
+from zoomout_core.progress import Steps
+
+from .. import preview
+from ..pair import check_unedited
+from ..preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
+from ..stored_match import read_kept_steps
+from .stepped import SteppedOperator
+
+# An asymmetry has options, and so an operator of its own.
+KINDS = {name: kind for name, kind in (OF_MATCH | OF_SYMMETRY).items() if name != ASYMMETRY}
+
+
+class ZOOMOUT_OT_preview(SteppedOperator):
+    bl_idname = "zoomout.preview"
+    bl_label = "Show Match or Symmetry"
+    bl_description = (
+        "Show the match or the symmetry of the active mesh by colors in the viewport. Nothing in the file is changed"
+    )
+    bl_options = {"REGISTER"}
+
+    kind: EnumProperty(
+        name="Preview",
+        description="What the colors show",
+        items=tuple((name, kind.label, kind.description) for name, kind in KINDS.items()),
+        default=preview.PLACES,
+    )
+
+    @classmethod
+    def description(cls, context: Context, properties: OperatorProperties) -> str:
+        """Of the kind that a button shows."""
+        return KINDS[properties.kind].description
+
+    def steps(self, context: Context) -> Steps[str]:
+        name = context.active_object.name
+        if self.kind in OF_SYMMETRY:
+            preview.show((yield from preview.symmetry_steps(context, name, self.kind)))
+            return f"Showing the symmetry of '{name}'"
+        pair, match = yield from read_kept_steps(context, name)
+        made = yield from preview.match_steps(context, pair, match, self.kind)
+        check_unedited(context, pair)
+        preview.show(made)
+        return f"Showing the match of '{name}'"
+
+
+class ZOOMOUT_OT_clear_preview(Operator):
+    bl_idname = "zoomout.clear_preview"
+    bl_label = "Hide Colors"
+    bl_description = "Take the colors away; the viewport is as it was before"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there are any."""
+        if not preview.is_anything_shown():
+            cls.poll_message_set("There is no preview")
+        return preview.is_anything_shown()
+
+    def execute(self, context: Context) -> set[str]:
+        """Take the colours away."""
+        preview.clear()
+        return {"FINISHED"}
