@@ -176,16 +176,20 @@ def _draw_coat(coat: Coat, evaluated: Object) -> None:
     batch = _batches[coat.object_uid]
     if batch is None:
         return
-    shader, view = _shader(), bpy.context.region_data
-    seen_from = view.view_rotation @ Vector((0, 0, 1))
-    towards = (evaluated.matrix_world.to_3x3().transposed() @ seen_from).normalized()
+    seen_from = bpy.context.region_data.view_rotation @ Vector((0, 0, 1))
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(evaluated.matrix_world)
-        shader.bind()
-        shader.uniform_float("towards", towards)
-        shader.uniform_float("nearer", NEARER)
-        shader.uniform_float("squares", SQUARES if coat.on_corners else 0)
-        batch.draw(shader)
+        _draw_batch(batch, coat, evaluated.matrix_world.to_3x3().transposed() @ seen_from)
+
+
+def _draw_batch(batch: gpu.types.GPUBatch, coat: Coat, towards: Vector) -> None:
+    """Draw what `_batch` made of a coat, seen from a direction in the object's space."""
+    shader = _shader()
+    shader.bind()
+    shader.uniform_float("towards", towards.normalized())
+    shader.uniform_float("nearer", NEARER)
+    shader.uniform_float("squares", SQUARES if coat.on_corners else 0)
+    batch.draw(shader)
 
 
 def _batch(surface: dict[str, np.ndarray]) -> gpu.types.GPUBatch:

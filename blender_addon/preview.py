@@ -188,6 +188,13 @@ def following_steps(context: Context, pair: ObjectPair, match: Match) -> Steps[P
     return (yield from match_steps(context, pair, match, before.kind))
 
 
+def follow_match(context: Context, obj: Object) -> None:
+    """Bring up to date what is shown of an object's match, after its mesh got more vertices and kept its match."""
+    before = shown(obj)
+    if before is not None and before.kind in OF_MATCH:
+        show(drain(_again_steps(context, obj, before.kind)))
+
+
 def symmetry_steps(context: Context, name: str, kind: str) -> Steps[Preview]:
     """The symmetry that is kept on an object's mesh by colours.
 

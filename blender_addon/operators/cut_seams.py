@@ -14,7 +14,7 @@ from zoomout_core.threads import in_background
 from zoomout_core.transfer import drape
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
-from .. import stored_match
+from .. import preview, stored_match
 from ..mesh_data import divided_steps, read_active_uv_map, write_divided
 from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, look_at_target, read_pair_steps, source_mesh
 from ..properties.settings import SourceName
@@ -76,6 +76,7 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     finally:
         divided.free()
     _keep_match(context, pair, kept, cut)
+    preview.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
     whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
     return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
