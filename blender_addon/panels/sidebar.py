@@ -71,7 +71,7 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
     """The button that a panel is about; while there is work in a window, how far it is."""
     if stepped.running is not None:
         layout.progress(text=stepped.running.stage, factor=stepped.running.fraction)
-        layout.label(text="ESC cancels", icon="EVENT_ESC")
+        layout.label(text="ESC cancels", icon="X")
         return
     row = layout.row()
     row.scale_y = BUTTON

@@ -7,9 +7,13 @@ import pytest
 os.environ.setdefault("BLENDER_USER_EXTENSIONS", tempfile.mkdtemp())
 
 import bpy
+import numpy as np
 from scenes import activate, ellipsoid
+from symmetric import BENT, new_object
 
 import blender_addon
+import zoomout_core as zo
+from blender_addon import stored_symmetry
 
 
 @pytest.fixture(autouse=True)
@@ -33,4 +37,19 @@ def target(source):
     obj = ellipsoid("Target", 4)
     bpy.context.view_layer.update()
     activate(obj, source)
+    return obj
+
+
+@pytest.fixture(scope="session")
+def found():
+    """The symmetries of the posed creature, in single precision as Blender keeps it."""
+    return zo.detect_symmetry(BENT.surface.with_vertices(BENT.surface.vertices.astype(np.float32)))
+
+
+@pytest.fixture
+def body(found):
+    """The posed creature, whose symmetry is known."""
+    obj = new_object()
+    stored_symmetry.write(obj, found, "X")
+    activate(obj)
     return obj

@@ -1,5 +1,6 @@
 """The sidebar as it is drawn: what it shows for a state of the scene, and how long drawing takes."""
 
+from functools import partial
 from time import perf_counter
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import pytest
 from drawing import Context, Layout
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
 
-from blender_addon import mesh_facts, panels
+from blender_addon import mesh_facts, panels, stored_symmetry
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators import stepped
@@ -25,7 +26,8 @@ def drawn():
     for panel in (each for each in panels.CLASSES if issubclass(each, bpy.types.Panel)):
         if not hasattr(panel, "poll") or panel.poll(context):
             everything.append(("panel", panel.bl_label, lambda: True))
-            panel.draw(SimpleNamespace(layout=Layout(everything)), context)
+            options = partial(panel.draw_options, None) if hasattr(panel, "draw_options") else None
+            panel.draw(SimpleNamespace(layout=Layout(everything), draw_options=options), context)
     return [(kind, text, usable()) for kind, text, usable in everything]
 
 
@@ -159,6 +161,24 @@ def test_buttons_say_how_many_targets_there_are(source, target):
     assert buttons()["Match 3 Targets"]
     bpy.context.scene.zoomout.source = None
     assert buttons()["Match"] is False
+
+
+def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
+    assert "Detect Again" in buttons()
+    chosen = stored_symmetry.description(body.data)["candidates"][0]
+    for name in (f"Reflection, {chosen['certainty']:.0%}", "Swap Sides", "Pairs", "Sides", "Asymmetry"):
+        assert buttons()[name], name
+    assert sum(kind == "icon" for kind, *_ in drawn()) == len(stored_symmetry.description(body.data)["candidates"])
+    bpy.ops.zoomout.preview(kind="SIDES")
+    assert "Blue is left" in texts()
+    body.data.vertices[0].co.x += 0.1
+    bpy.context.view_layer.update()
+    drawn()
+    mesh_facts.look_now()
+    assert "Reshaped since: Mirror Sculpt carries it over" in texts()
+    body.data.vertices.add(1)
+    assert "The mesh was edited since: detect its symmetry again" in texts()
+    assert "Pairs" not in buttons()
 
 
 def test_a_transfer_shows_its_report(source, target):

@@ -1,0 +1,130 @@
+"""A symmetry, its sides and an asymmetry are seen by colours that lie over the object."""
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from scenes import set_weights, snapshot
+from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
+
+import zoomout_core as zo
+from blender_addon import mesh_facts, overlay, preview, stored_symmetry, swatches
+from blender_addon.colors import PALENESS, pair_colors, place_colors
+from blender_addon.colors import SIDES as SIDE_COLORS
+from blender_addon.operators.symmetry.check import check_symmetry
+from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry
+from blender_addon.operators.symmetry.weights import symmetrise_weights
+from zoomout_core.symmetry.self_map import SelfMap
+
+# An arbitrary vertex for each.
+ANY = np.random.default_rng(0).permutation(len(X))
+
+
+def colors():
+    """What is shown on the one object that is coloured."""
+    (coat,) = overlay.shown()
+    return coat.values
+
+
+def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
+    before = snapshot(body)
+    assert bpy.ops.zoomout.preview(kind="PAIRS") == {"FINISHED"}
+    images = stored_symmetry.read(body).surface_map.vertex
+    paler = (colors() - PALENESS) / (1 - PALENESS)  # the right side without its white
+    assert np.abs(paler[RIGHT] - colors()[images][RIGHT]).mean() < 0.02
+    assert np.ptp(colors()[LEFT], axis=0).min() > 0.3
+    bpy.context.scene.zoomout.symmetry.middle_width = 0.02
+    assert bpy.ops.zoomout.preview(kind="SIDES") == {"FINISHED"}
+    side = stored_symmetry.read(body).sides(0.02 * np.sqrt(BENT.surface.area))
+    for number, color in zip((1, -1, 0), (SIDE_COLORS[2], SIDE_COLORS[0], SIDE_COLORS[1]), strict=True):
+        np.testing.assert_allclose(colors()[side == number], np.broadcast_to(color, (np.sum(side == number), 3)))
+    check_symmetry(bpy.context, body, "shape")
+    assert preview.shown(body).legend.startswith("Shape: the sides differ by ")
+    assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
+    assert (snapshot(body), overlay.shown()) == (before, ())
+
+
+def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body, found):
+    turn = replace(found[0], distance=np.zeros(len(X)), surface_map=zo.SurfaceMap.from_vertices(ANY, BENT.surface))
+    stored_symmetry.write(body, (found[0], turn), "X")
+    bpy.ops.zoomout.preview(kind="SIDES")
+    bpy.ops.ed.undo_push(message="Shown")
+    first = colors()
+    bpy.ops.zoomout.swap_sides()
+    bpy.ops.ed.undo_push(message="Swapped")
+    assert (colors()[LEFT] == first[RIGHT][0]).all(axis=1).mean() > 0.9
+    bpy.ops.ed.undo()
+    np.testing.assert_array_equal(colors(), first)
+    body = bpy.data.objects["Creature"]
+    choose_symmetry(bpy.context, body, 1)
+    assert preview.shown(body).kind == "PAIRS"  # there are no sides
+    images = stored_symmetry.read(body).surface_map.interpolate(BENT.surface.vertices)
+    farthest = np.fmax(images, BENT.surface.vertices)
+    np.testing.assert_allclose(colors(), place_colors(farthest, BENT.surface.vertices), atol=1e-5)
+    detect_symmetry(bpy.context, body)
+    assert np.abs(colors()[RIGHT].min(axis=1)).min() > PALENESS
+
+
+def test_a_symmetry_of_higher_order_colours_all_places_alike_that_it_leads_to_each_other():
+    turns = np.arange(10) * np.pi / 5
+    points = np.concatenate([[np.cos(turns), np.sin(turns), np.zeros(10)], np.zeros((3, 1))], axis=1).T
+    points[10, 2] = 1
+    surface = zo.Surface(points, [[i, (i + 1) % 10, 10] for i in range(10)])
+    fifth = zo.SurfaceMap.from_vertices(np.append((np.arange(10) + 2) % 10, 10), surface)
+    star = SelfMap(
+        surface=surface,
+        surface_map=fifth,
+        confidence=np.ones(11),
+        reverses_orientation=False,
+        distance=np.zeros(11),
+    )
+    shown = pair_colors(star, 5)
+    np.testing.assert_allclose(shown[:10:2], np.broadcast_to(shown[0], (5, 3)), atol=1e-9)
+    np.testing.assert_allclose(shown[1:10:2], np.broadcast_to(shown[1], (5, 3)), atol=1e-9)
+
+
+def test_pictures_show_the_candidates(body, found):
+    stored_symmetry.write(body, (found[0], found[0]), "X")
+    pictures = stored_symmetry.pictured(stored_symmetry.description(body.data))
+    assert len({name for name, _, _ in pictures}) == 2
+    for _, points, shown in pictures:
+        picture = swatches.picture(points, shown / 255)
+        assert 0.05 < (picture[..., 3] > 0).mean() < 0.6
+    assert len(body.data[stored_symmetry.PROPERTY]) < 30_000
+
+
+def test_a_reshaped_mesh_says_so_in_passing(body):
+    kept = stored_symmetry.description(body.data)
+    for moved in (0, 0.1):
+        body.data.vertices[0].co.x += moved
+        body.data.update_tag()
+        bpy.context.view_layer.update()
+        stored_symmetry.is_reshaped(body, kept)
+        mesh_facts.look_now()
+        assert stored_symmetry.is_reshaped(body, kept) == bool(moved)
+
+
+def test_asymmetry_is_shown_and_told(body):
+    set_weights(body, "Arm.L", np.clip(X, 0, 1))
+    assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
+    red, blue = colors()[:, 0], colors()[:, 2]
+    assert (red > blue)[np.abs(X) > 0.8].mean() > 0.9
+    assert (red < blue)[np.abs(X) < 0.1].mean() > 0.9
+    assert preview.shown(body).legend.startswith("Weights: the sides differ by ")
+    symmetrise_weights(bpy.context, body)
+    bpy.context.view_layer.update()
+    assert (overlay.shown(), preview.shown(body).legend) == ((), preview.OUTDATED)
+    check_symmetry(bpy.context, body, "weights")
+    bpy.context.view_layer.update()
+    red, blue = colors()[:, 0], colors()[:, 2]
+    assert (red < blue).mean() > 0.9
+    add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
+    add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
+    like = check_symmetry(bpy.context, body, "key", "Smile.L")
+    add_key(body, "Frown.L", bumps(np.clip(X, 0, 1)))
+    unlike = check_symmetry(bpy.context, body, "key", "Frown.L")
+    mean_of = [float(text.split(" differ by ")[1].split(" ")[0]) for text in (like, unlike)]
+    assert mean_of[0] < 0.1 * mean_of[1]
+    with pytest.raises(zo.MeshError, match="no shape key 'Basis' beside the first one"):
+        check_symmetry(bpy.context, body, "key", "Basis")
