@@ -54,7 +54,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
             show_findings(context, layout, [RESHAPED])
         _draw_candidates(context, layout, kept)
         preview_buttons(context, layout, preview.OF_SYMMETRY)
-        layout.prop(settings, "check")
+        layout.prop(settings, "check", text="Asymmetry Of")
         layout.prop(settings, "direction")
 
 

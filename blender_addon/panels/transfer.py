@@ -28,7 +28,8 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
         known = kept["source"] if kept else ""
         source = likely_source(context, known) if target else None
         _draw_choice(layout, context, source)
-        found = findings(context, known)
+        # What is merely doubtful of the meshes stands above, in the panel to match.
+        found = [finding for finding in findings(context, known) if finding.blocks]
         matched = bool(kept and source and source.name == known)
         if matched and (reason := stale(context, target)):
             found = [Finding(reason, True)]

@@ -38,3 +38,9 @@ def key_offsets(obj, name):
 def off_by(found, wanted):
     """The mean length of what is wrong, against that of what is wanted."""
     return np.linalg.norm(found - wanted, axis=1).mean() / np.linalg.norm(wanted, axis=1).mean()
+
+
+def edges_between(mesh, inside):
+    """(e,) the edges of a mesh of triangles between faces (f,) that are inside and others."""
+    edge_of = np.array([loop.edge_index for loop in mesh.loops])
+    return np.bincount(edge_of, np.repeat(inside, 3), len(mesh.edges)) == 1

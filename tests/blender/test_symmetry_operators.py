@@ -1,19 +1,16 @@
 """What is done along a mesh's own symmetry, in Blender: posed, and of another topology on either side."""
 
 import json
-from dataclasses import replace
 from itertools import islice
 
 import bmesh
 import bpy
 import numpy as np
 import pytest
-from creatures import creature
 from scenes import (
     activate,
     add_attribute,
     add_uv_map,
-    from_pydata,
     key_shape,
     new_material,
     positions,
@@ -23,71 +20,17 @@ from scenes import (
     weight_array,
     weights,
 )
+from symmetric import BENT, LEFT, RIGHT, TIP, X, add_key, bumps, edges_between, key_offsets, new_object, off_by
 
 import zoomout_core as zo
-from blender_addon import mesh_data, mesh_facts, overlay, preview, stored_symmetry, swatches
-from blender_addon.colors import PALENESS, pair_colors, place_colors
-from blender_addon.colors import SIDES as SIDE_COLORS
-from blender_addon.operators.symmetry.check import check_symmetry, check_symmetry_steps
+from blender_addon import mesh_data, stored_symmetry
+from blender_addon.operators.symmetry.check import check_symmetry_steps
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
 from blender_addon.operators.symmetry.layers import mirror_attributes, mirror_attributes_steps
 from blender_addon.operators.symmetry.sculpt import mirror_sculpt, mirror_sculpt_steps
 from blender_addon.operators.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
 from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
 from blender_addon.operators.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
-from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.triangles import vertex_normals
-
-BENT = creature(1500, seed=1, bend=0.9)
-X = BENT.directions[:, 0]
-LEFT, RIGHT = X > 0.1, X < -0.1
-# An arbitrary vertex for each.
-ANY = np.random.default_rng(0).permutation(len(X))
-# The tips of the arms, by the sign of x.
-TIP = {1: int(np.argmax(X)), -1: int(np.argmin(X))}
-
-
-def new_object():
-    return from_pydata("Creature", BENT.surface.vertices.tolist(), BENT.surface.triangles.tolist())
-
-
-@pytest.fixture(scope="module")
-def found():
-    """The symmetries of the posed creature, in single precision as Blender keeps it."""
-    surface = BENT.surface.with_vertices(BENT.surface.vertices.astype(np.float32))
-    return zo.detect_symmetry(surface)
-
-
-@pytest.fixture
-def body(found):
-    """The posed creature, whose symmetry is known."""
-    obj = new_object()
-    stored_symmetry.write(obj, found, "X")
-    activate(obj)
-    return obj
-
-
-def bumps(shares):
-    """(n, 3) displacements along the normals of the creature, by their sizes (n,)."""
-    return 0.1 * shares[:, None] * vertex_normals(BENT.surface.vertices, BENT.surface.triangles)
-
-
-def add_key(obj, name, offsets):
-    if obj.data.shape_keys is None:
-        obj.shape_key_add(name="Basis")
-    key = obj.shape_key_add(name=name)
-    key.points.foreach_set("co", np.ascontiguousarray(positions(obj.data) + offsets, np.float32).ravel())
-    obj.active_shape_key_index = len(obj.data.shape_keys.key_blocks) - 1
-    return key
-
-
-def key_offsets(obj, name):
-    return key_shape(obj.data, name) - key_shape(obj.data, "Basis")
-
-
-def off_by(found, wanted):
-    """The mean length of what is wrong, against that of what is wanted."""
-    return np.linalg.norm(found - wanted, axis=1).mean() / np.linalg.norm(wanted, axis=1).mean()
 
 
 def test_a_symmetry_is_found_and_kept(found):
@@ -136,10 +79,10 @@ def test_cancelling_or_editing_meanwhile_leaves_the_mesh_as_it_was():
 
 
 OPERATIONS = {
-    "weights": lambda: symmetrise_weights_steps(bpy.context, "Creature", "left"),
-    "key": lambda: mirror_shape_key_steps(bpy.context, "Creature", "Smile.L", "mirror", "left", 0.1),
-    "attributes": lambda: mirror_attributes_steps(bpy.context, "Creature", ("uv_maps",), "left", "own"),
-    "sculpt": lambda: mirror_sculpt_steps(bpy.context, "Creature", "left"),
+    "weights": lambda: symmetrise_weights_steps(bpy.context, "Creature", "left_to_right"),
+    "key": lambda: mirror_shape_key_steps(bpy.context, "Creature", "Smile.L", "mirror", "left_to_right", 0.1),
+    "attributes": lambda: mirror_attributes_steps(bpy.context, "Creature", ("uv_maps",), "left_to_right", "own"),
+    "sculpt": lambda: mirror_sculpt_steps(bpy.context, "Creature", "left_to_right"),
     "check": lambda: check_symmetry_steps(bpy.context, "Creature", "weights", ""),
 }
 
@@ -217,90 +160,6 @@ def test_a_posed_or_subdivided_mesh_keeps_its_symmetry(body):
     body.scale = (-1, 1, 1)
     bpy.context.view_layer.update()
     assert name_sides(body, 0.01).startswith("'Creature': ")
-
-
-def colors():
-    """What is shown on the one object that is coloured."""
-    (coat,) = overlay.shown()
-    return coat.values
-
-
-def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
-    before = snapshot(body)
-    assert bpy.ops.zoomout.preview(kind="PAIRS") == {"FINISHED"}
-    images = stored_symmetry.read(body).surface_map.vertex
-    paler = (colors() - PALENESS) / (1 - PALENESS)  # the right side without its white
-    assert np.abs(paler[RIGHT] - colors()[images][RIGHT]).mean() < 0.02
-    assert np.ptp(colors()[LEFT], axis=0).min() > 0.3
-    bpy.context.scene.zoomout.symmetry.middle_width = 0.02
-    assert bpy.ops.zoomout.preview(kind="SIDES") == {"FINISHED"}
-    side = stored_symmetry.read(body).sides(0.02 * np.sqrt(BENT.surface.area))
-    for number, color in zip((1, -1, 0), (SIDE_COLORS[2], SIDE_COLORS[0], SIDE_COLORS[1]), strict=True):
-        np.testing.assert_allclose(colors()[side == number], np.broadcast_to(color, (np.sum(side == number), 3)))
-    check_symmetry(bpy.context, body, "shape")
-    assert preview.shown(body).legend.startswith("Shape: the sides differ by ")
-    assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
-    assert (snapshot(body), overlay.shown()) == (before, ())
-
-
-def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body, found):
-    turn = replace(found[0], distance=np.zeros(len(X)), surface_map=zo.SurfaceMap.from_vertices(ANY, BENT.surface))
-    stored_symmetry.write(body, (found[0], turn), "X")
-    bpy.ops.zoomout.preview(kind="SIDES")
-    bpy.ops.ed.undo_push(message="Shown")
-    first = colors()
-    bpy.ops.zoomout.swap_sides()
-    bpy.ops.ed.undo_push(message="Swapped")
-    assert (colors()[LEFT] == first[RIGHT][0]).all(axis=1).mean() > 0.9
-    bpy.ops.ed.undo()
-    np.testing.assert_array_equal(colors(), first)
-    body = bpy.data.objects["Creature"]
-    choose_symmetry(bpy.context, body, 1)
-    assert preview.shown(body).kind == "PAIRS"  # there are no sides
-    images = stored_symmetry.read(body).surface_map.interpolate(BENT.surface.vertices)
-    farthest = np.fmax(images, BENT.surface.vertices)
-    np.testing.assert_allclose(colors(), place_colors(farthest, BENT.surface.vertices), atol=1e-5)
-    detect_symmetry(bpy.context, body)
-    assert np.abs(colors()[RIGHT].min(axis=1)).min() > PALENESS
-
-
-def test_a_symmetry_of_higher_order_colours_all_places_alike_that_it_leads_to_each_other():
-    turns = np.arange(10) * np.pi / 5
-    points = np.concatenate([[np.cos(turns), np.sin(turns), np.zeros(10)], np.zeros((3, 1))], axis=1).T
-    points[10, 2] = 1
-    surface = zo.Surface(points, [[i, (i + 1) % 10, 10] for i in range(10)])
-    fifth = zo.SurfaceMap.from_vertices(np.append((np.arange(10) + 2) % 10, 10), surface)
-    star = SelfMap(
-        surface=surface,
-        surface_map=fifth,
-        confidence=np.ones(11),
-        reverses_orientation=False,
-        distance=np.zeros(11),
-    )
-    shown = pair_colors(star, 5)
-    np.testing.assert_allclose(shown[:10:2], np.broadcast_to(shown[0], (5, 3)), atol=1e-9)
-    np.testing.assert_allclose(shown[1:10:2], np.broadcast_to(shown[1], (5, 3)), atol=1e-9)
-
-
-def test_pictures_show_the_candidates(body, found):
-    stored_symmetry.write(body, (found[0], found[0]), "X")
-    pictures = stored_symmetry.pictured(stored_symmetry.description(body.data))
-    assert len({name for name, _, _ in pictures}) == 2
-    for _, points, shown in pictures:
-        picture = swatches.picture(points, shown / 255)
-        assert 0.05 < (picture[..., 3] > 0).mean() < 0.6
-    assert len(body.data[stored_symmetry.PROPERTY]) < 30_000
-
-
-def test_a_reshaped_mesh_says_so_in_passing(body):
-    kept = stored_symmetry.description(body.data)
-    for moved in (0, 0.1):
-        body.data.vertices[0].co.x += moved
-        body.data.update_tag()
-        bpy.context.view_layer.update()
-        stored_symmetry.is_reshaped(body, kept)
-        mesh_facts.look_now()
-        assert stored_symmetry.is_reshaped(body, kept) == bool(moved)
 
 
 def test_weights_of_one_side_become_those_of_the_other(body):
@@ -456,7 +315,7 @@ def test_seams_creases_and_other_marks_are_drawn_on_the_other_side(body, directi
     mesh = body.data
     ends = np.array([edge.vertices[:] for edge in mesh.edges])
     x, z = BENT.directions[ends, 0], BENT.directions[ends, 2]
-    belt = cut_edges(mesh, BENT.directions[:, 2])
+    belt = edges_between(mesh, BENT.directions[BENT.surface.triangles, 2].mean(axis=1) > 0)
     giving = belt & (side * x.mean(axis=1) > 0)
     mesh.edges.foreach_set("use_seam", giving)
     add_attribute(mesh, "crease_edge", "FLOAT", "EDGE", 0.5 * giving)
@@ -475,13 +334,6 @@ def test_seams_creases_and_other_marks_are_drawn_on_the_other_side(body, directi
     assert np.linalg.norm(BENT.directions[bevelled] - BENT.directions[TIP[-side]], axis=1).min() < 0.1
 
 
-def cut_edges(mesh, heights):
-    """(e,) the edges between faces above and below a height of zero."""
-    above = heights[BENT.surface.triangles].mean(axis=1) > 0
-    edge_of = np.array([loop.edge_index for loop in mesh.loops])
-    return np.bincount(edge_of, np.repeat(above, 3), len(mesh.edges)) == 1
-
-
 def test_what_was_sculpted_is_carried_over(body):
     rest = positions(body.data)
     with pytest.raises(zo.MeshError, match="No vertex of 'Creature' was moved"):
@@ -495,31 +347,6 @@ def test_what_was_sculpted_is_carried_over(body):
     assert off_by(positions(body.data) - rest, bumps(np.abs(X))) < 0.1
     assert off_by(key_shape(body.data, "Smile") - smile, bumps(np.clip(-X, 0, 1))) < 0.15
     stored_symmetry.read(body)  # which is still good, for the next stroke
-
-
-def test_asymmetry_is_shown_and_told(body):
-    set_weights(body, "Arm.L", np.clip(X, 0, 1))
-    assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
-    red, blue = colors()[:, 0], colors()[:, 2]
-    assert (red > blue)[np.abs(X) > 0.8].mean() > 0.9
-    assert (red < blue)[np.abs(X) < 0.1].mean() > 0.9
-    assert preview.shown(body).legend.startswith("Weights: the sides differ by ")
-    symmetrise_weights(bpy.context, body)
-    bpy.context.view_layer.update()
-    assert (overlay.shown(), preview.shown(body).legend) == ((), preview.OUTDATED)
-    check_symmetry(bpy.context, body, "weights")
-    bpy.context.view_layer.update()
-    red, blue = colors()[:, 0], colors()[:, 2]
-    assert (red < blue).mean() > 0.9
-    add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
-    add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
-    like = check_symmetry(bpy.context, body, "key", "Smile.L")
-    add_key(body, "Frown.L", bumps(np.clip(X, 0, 1)))
-    unlike = check_symmetry(bpy.context, body, "key", "Frown.L")
-    mean_of = [float(text.split(" differ by ")[1].split(" ")[0]) for text in (like, unlike)]
-    assert mean_of[0] < 0.1 * mean_of[1]
-    with pytest.raises(zo.MeshError, match="no shape key 'Basis' beside the first one"):
-        check_symmetry(bpy.context, body, "key", "Basis")
 
 
 def test_the_line_is_selected_and_sides_are_named(body):

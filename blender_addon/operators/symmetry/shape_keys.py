@@ -82,9 +82,10 @@ def mirror_shape_key_steps(
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     yield READING
-    names, both = _new_names(key_name, mode), mode == "mirror" and direction == "exchange"
+    both = mode == "mirror" and direction == "exchange"
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         key, offsets = read_key(obj, key_name)
+        names = _new_names(key_name, mode)
         partner, theirs = read_key(obj, names[0]) if both else (key, offsets)
     if both:
         keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)

@@ -1,0 +1,67 @@
+"""A posed character, cut on one side only, against what its data is known to be: at rest both sides are alike."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import from_pydata, weight_array
+from symmetric import edges_between
+
+import zoomout_core as zo
+from benchmarks.generate.lopsided import lopsided_characters
+from blender_addon import mesh_data, stored_symmetry
+from blender_addon.operators.symmetry.layers import mirror_attributes
+from blender_addon.operators.symmetry.weights import symmetrise_weights
+
+
+@pytest.fixture(scope="module")
+def character():
+    return next(lopsided_characters(1, seed=0))
+
+
+@pytest.fixture(scope="module")
+def found(character):
+    """Its symmetries, in single precision as Blender keeps it."""
+    surface = character.surface
+    return zo.detect_symmetry(surface.with_vertices(surface.vertices.astype(np.float32)))
+
+
+@pytest.fixture
+def body(character, found):
+    """The character as an object, whose symmetry is known."""
+    surface = character.surface
+    obj = from_pydata("Lopsided", surface.vertices.tolist(), surface.triangles.tolist())
+    stored_symmetry.write(obj, found, "X")
+    return obj
+
+
+def test_what_is_known_of_one_side_is_exchanged_with_nothing_on_the_other(body, character):
+    mesh_data.write_weights(body, character.broken)  # the right side has none
+    truth, right = character.truth.values.toarray(), character.right
+    symmetrise_weights(bpy.context, body, "exchange")
+    found = np.column_stack([weight_array(body, name) for name in character.truth.labels])
+    assert np.abs(found - truth)[right].sum(axis=1).mean() / 2 < 0.04
+    assert found[~right].sum(axis=1).mean() < 0.04
+
+
+def test_marks_around_a_wrist_and_an_ankle_are_drawn_around_the_others(body, character):
+    surface, labels = character.surface, character.truth.labels
+    heaviest = np.asarray(character.truth.values.argmax(axis=1)).ravel()
+
+    def cuffs(side):
+        """(e,) edges around the hand and around the foot of a side."""
+        limbs = [i for i, name in enumerate(labels) if name.endswith(side) and name.startswith(("hand", "foot"))]
+        inside = np.isin(heaviest[surface.triangles], limbs).sum(axis=1) > 1
+        return edges_between(body.data, inside)
+
+    left, right = cuffs(".L"), cuffs(".R")
+    body.data.edges.foreach_set("use_seam", left)
+    mirror_attributes(bpy.context, body, ["edges"])
+    seams = np.array([edge.use_seam for edge in body.data.edges])
+    assert seams[left].all()
+    middles = surface.vertices[np.array([edge.vertices[:] for edge in body.data.edges])].mean(axis=1)
+    for some, others in ((seams & ~left, right), (right, seams & ~left)):  # neither astray nor with gaps
+        off = np.linalg.norm(middles[some][:, None] - middles[others], axis=2).min(axis=1)
+        assert np.percentile(off, 90) < 0.03  # metres; the mesh's edges are half as long
+    mirror_attributes(bpy.context, body, ["edges"], "exchange")
+    exchanged = np.array([edge.use_seam for edge in body.data.edges])
+    assert 0.7 < exchanged.sum() / seams.sum() < 1.4
