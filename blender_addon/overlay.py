@@ -2,7 +2,7 @@
 
 A coat of colour lies over an object as its modifiers leave it, a hair nearer to the eye, whatever the viewport's
 shading is; it follows the object, its pose and its name. It is hidden with the viewport's other overlays, while its
-mesh is being edited, painted or sculpted, and as long as the mesh is not the one that it was made for.
+mesh is being edited, painted or sculpted, and as long as a mesh is not the one that its coat was made for.
 """
 
 from __future__ import annotations
@@ -127,12 +127,15 @@ def repose(uids: Iterable[int] | None = None) -> None:
         _batches.pop(uid, None)
 
 
-def is_covered(coat: Coat, obj: Object) -> bool:
-    """Whether a coat may lie over its object: as far as is known, its mesh is the one that the coat was made for."""
-    if obj.mode != "OBJECT":
-        return False
-    known = facts(obj)
-    return known is None or known.content == coat.content
+def covered() -> list[tuple[Coat, Object]]:
+    """The coats that may be seen, each with the object that it lies over.
+
+    As far as is known, meshes are those that the coats were made for; if one of them is another, none may be seen.
+    """
+    found = [(coat, obj) for coat in _coats if (obj := find(coat.object_uid)) is not None]
+    if any((known := facts(obj)) is not None and known.content != coat.content for coat, obj in found):
+        return []
+    return [(coat, obj) for coat, obj in found if obj.mode == "OBJECT"]
 
 
 def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
@@ -161,9 +164,8 @@ def _draw() -> None:
         return
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
-    for coat in _coats:
-        obj = find(coat.object_uid)
-        if obj is not None and obj.visible_in_viewport_get(context.space_data) and is_covered(coat, obj):
+    for coat, obj in covered():
+        if obj.visible_in_viewport_get(context.space_data):
             _draw_coat(coat, obj.evaluated_get(context.evaluated_depsgraph_get()))
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")

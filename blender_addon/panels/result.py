@@ -41,9 +41,9 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             text = f"Matched with '{kept['source']}', {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
+        preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
-        preview_buttons(context, usable, preview.OF_MATCH)
         listing = candidates.read(target.data)
         if listing is not None:
             _draw_candidates(usable, listing)

@@ -51,20 +51,27 @@ def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) 
         sentences(context, box, [finding.text], "ERROR" if finding.blocks else "INFO")
 
 
-def preview_buttons(context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind]) -> None:
-    """What can be shown of the active object in the viewport, below what the colours that are shown mean."""
+def preview_buttons(
+    context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], enabled: bool = True
+) -> None:
+    """What can be shown of the active object in the viewport, below what the colours that are shown mean.
+
+    Whatever is enabled, colours can be taken away.
+    """
     shown = preview.shown(context.active_object)
     if shown is not None and shown.kind not in kinds:
         shown = None
     sentences(context, layout, [shown.legend if shown else "Show in the viewport:"])
-    row = layout.row(align=True)
+    whole = layout.row(align=True)
+    row = whole.row(align=True)
+    row.enabled = enabled
     for name, kind in kinds.items():
         pressed = shown is not None and shown.kind == name
         if name == preview.ASYMMETRY:
             row.operator(ZOOMOUT_OT_check_symmetry.bl_idname, text=kind.label, depress=pressed)
         else:
             row.operator(ZOOMOUT_OT_preview.bl_idname, text=kind.label, depress=pressed).kind = name
-    row.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
+    whole.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:

@@ -163,6 +163,13 @@ def test_buttons_say_how_many_targets_there_are(source, target):
     assert buttons()["Match"] is False
 
 
+def test_colours_can_be_taken_away_from_what_is_out_of_date(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    bpy.ops.zoomout.preview(kind="PLACES")
+    target.data.vertices.add(1)
+    assert (buttons()["Places"], buttons()[""]) == (False, True)
+
+
 def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
     assert "Detect Again" in buttons()
     chosen = stored_symmetry.description(body.data)["candidates"][0]
