@@ -24,7 +24,7 @@ A mesh's own symmetry is found in any pose, kept on the mesh, and what is done a
 >>> symmetry, *others = api.detect_symmetry(context, body, left="X")
 >>> symmetry.reverses_orientation, symmetry.has_sides
 (True, True)
->>> api.symmetrise_weights(context, body, winner="left")
+>>> api.symmetrise_weights(context, body, direction="left_to_right")
 "Made 2 vertex groups of 'Body' symmetric"
 >>> sides = api.symmetry_of(body).sides()  # of each vertex: 1 on the left, -1 on the right, 0 on the line
 >>> int(sides.min()), int(sides.max())

@@ -83,10 +83,8 @@ def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
     points, colors = _pictures(obj, found)
     mesh[PROPERTY] = json.dumps(
         {
-            "candidates": [
-                described(symmetry) | {"colors": to_text(color, np.uint8)}
-                for symmetry, color in zip(found, colors, strict=True)
-            ],
+            "candidates": [described(symmetry) for symmetry in found],
+            "pictures": [to_text(color, np.uint8) for color in colors],
             "key": hash_of("", points, *colors),
             "points": to_text(points, np.float32),
             "chosen": 0,
@@ -113,8 +111,8 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     Returns:
         `candidates`: for each its `name`, `certainty`, whether it has `sides`, and `notes`, sentences for the user;
         `chosen`: the number of one of them; `left`: the axis that told the sides apart; `vertices` and `faces`: how
-        many the mesh had; `content`: see `mesh_data.content_hash`; for pictures `points` of the mesh in world space,
-        and for each candidate their `colors`, as text.
+        many the mesh had; `content`: see `mesh_data.content_hash`; `pictures`, for each candidate the colours of some
+        `points` of the mesh in world space, as text, and the `key` that they are known by.
     """
     if PROPERTY not in mesh:
         return None
@@ -124,7 +122,7 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 
 def described(symmetry: zo.Symmetry) -> dict[str, Any]:
-    """What is kept of a symmetry beside its map and its picture, one of the candidates of `description`."""
+    """What is kept of a symmetry beside its map and picture, one of the candidates of `description`."""
     turn = "Half turn" if symmetry.order == 2 else f"Turn of order {symmetry.order}" if symmetry.order else "Turn"
     reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
     return {
@@ -150,10 +148,10 @@ def is_reshaped(obj: Object, kept: dict[str, Any]) -> bool:
 
 def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Integers]]:
     """For each candidate of a `description` the name of its picture, points (s, 3), and their colours, 0 to 255."""
-    if "points" not in kept:
+    if "pictures" not in kept:
         return []
     points = from_text(kept["points"], np.float32, 3)
-    colors = [from_text(one["colors"], np.uint8, 3) for one in kept["candidates"]]
+    colors = [from_text(picture, np.uint8, 3) for picture in kept["pictures"]]
     return [(f"{kept['key']} {number}", points, color) for number, color in enumerate(colors)]
 
 

@@ -12,7 +12,7 @@ from zoomout_core.correspondence.detail import DETAIL
 
 from ..cargo import DATA, USUAL_DATA
 from ..properties.match import MatchOptions
-from ..properties.symmetry import DetectOptions, KeyOptions, LayerOptions, SideOptions, WinnerOptions
+from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
 from ..properties.transfer import BlendOptions
 
 NAME = "zoomout"
@@ -103,7 +103,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name-sides", action="store_true", help="make vertex groups of the sides")
     _add_options(parser, SideOptions)
     parser.add_argument("--symmetrise-weights", action="store_true", help="make vertex groups the same on both sides")
-    _add_options(parser, WinnerOptions)
+    _add_options(parser, DirectionOptions)
     parser.add_argument(
         "--mirror-shape-keys", nargs="+", default=(), metavar="KEY", help="make keys from these, as --key-mode says"
     )

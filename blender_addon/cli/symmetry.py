@@ -50,11 +50,11 @@ def _work(context: Context, obj: Object, options: argparse.Namespace) -> Iterato
     if options.name_sides:
         yield name_sides(obj, options.middle_width)
     if options.symmetrise_weights:
-        yield symmetrise_weights(context, obj, options.winner)
+        yield symmetrise_weights(context, obj, options.direction)
     for key in options.mirror_shape_keys:
-        yield mirror_shape_key(context, obj, key, options.key_mode, options.winner, options.blend)
+        yield mirror_shape_key(context, obj, key, options.key_mode, options.direction, options.blend)
     if options.mirror_attributes:
-        yield mirror_attributes(context, obj, options.mirror_attributes, options.winner, options.uv_layout)
+        yield mirror_attributes(context, obj, options.mirror_attributes, options.direction, options.uv_layout)
 
 
 def _is_known(obj: Object) -> bool:

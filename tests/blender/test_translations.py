@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from blender_addon import menus, panels, presets, translations
+from blender_addon import menus, panels, presets, preview, translations
 
 # The same in every language.
 NAMES = {"ZoomOut", "X", "-X", "Y", "-Y", "Z", "-Z"}
@@ -38,7 +38,7 @@ def registered():
 
 
 def sources():
-    paths = [*Path(panels.__file__).parent.glob("*.py"), Path(menus.__file__)]
+    paths = [*Path(panels.__file__).parent.glob("*.py"), Path(menus.__file__), Path(preview.__file__)]
     return [node for path in paths for node in ast.walk(ast.parse(path.read_text()))]
 
 
@@ -49,7 +49,7 @@ def drawn():
 
 
 def literals():
-    """All that stands between quotes in panels and menus."""
+    """All that stands between quotes in panels, menus and what previews are called."""
     return {node.value for node in sources() if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
 
