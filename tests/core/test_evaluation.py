@@ -12,7 +12,7 @@ from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
 from zoomout_core.cli import main
-from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, offset_errors
+from zoomout_core.evaluation import coverage, distance_distortion, edge_distortion, flipped_share, offset_errors
 from zoomout_core.surface import Surface
 from zoomout_core.triangles import triangle_areas
 
@@ -46,6 +46,15 @@ def test_the_identity_folds_misses_and_stretches_nothing(small: Creature) -> Non
     assert flipped_share(identity(surface), surface, surface) < 0.01
     assert coverage(identity(surface), surface) == pytest.approx(1)
     assert edge_distortion(identity(surface), surface, surface) == 0
+
+
+def test_distances_are_kept_by_the_identity_at_any_size_and_not_by_what_scatters(small: Creature) -> None:
+    surface, vertex = small.surface, np.arange(len(small.surface.vertices))
+    larger = Surface(3 * surface.vertices, surface.triangles)
+    assert distance_distortion(vertex, vertex, surface, larger) == pytest.approx(0, abs=1e-12)
+    scattered = np.random.default_rng(0).permutation(vertex)
+    apart = zo.geodesic_error(scattered, surface, vertex, vertex)
+    assert distance_distortion(scattered, vertex, surface, surface) > apart.mean() / 4
 
 
 @pytest.mark.parametrize("inside_out", [False, True])
