@@ -58,6 +58,17 @@ def from_pydata(name, vertices, faces):
     return linked(name, mesh)
 
 
+def delete_vertex(obj):
+    """Its eighth, and the faces around it, so that what is read afterwards is of other sizes."""
+    editable = bmesh.new()
+    editable.from_mesh(obj.data)
+    editable.verts.ensure_lookup_table()
+    editable.verts.remove(editable.verts[7])
+    editable.to_mesh(obj.data)
+    editable.free()
+    obj.data.update()
+
+
 def activate(target, *others):
     """Select objects; the first is the active one."""
     for obj in bpy.context.view_layer.objects:

@@ -6,7 +6,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from scenes import add_uv_map, new_material, positions, set_weights, snapshot_file
+from scenes import add_uv_map, delete_vertex, new_material, positions, set_weights, snapshot_file
 from true_match import keep_true_match
 
 import zoomout_core as zo
@@ -19,17 +19,6 @@ from blender_addon.operators.transfer import transfer_steps
 
 def moved(obj):
     obj.data.vertices[7].co.z += 0.25
-    obj.data.update()
-
-
-def deleted(obj):
-    """A vertex is gone, and the faces around it, so that what is read afterwards is of other sizes."""
-    editable = bmesh.new()
-    editable.from_mesh(obj.data)
-    editable.verts.ensure_lookup_table()
-    editable.verts.remove(editable.verts[7])
-    editable.to_mesh(obj.data)
-    editable.free()
     obj.data.update()
 
 
@@ -46,7 +35,7 @@ def divided(obj):
 
 # Steps after which both are read, and what they carry, in any work.
 LAST = 7
-EDITS = (moved, deleted, divided)
+EDITS = (moved, delete_vertex, divided)
 
 
 def furnish(obj):

@@ -3,7 +3,6 @@
 import json
 from itertools import islice
 
-import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from scenes import (
     activate,
     add_attribute,
     add_uv_map,
+    delete_vertex,
     key_shape,
     new_material,
     positions,
@@ -95,7 +95,7 @@ def test_an_edit_between_two_steps_is_noticed_and_nothing_is_written(body, work,
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
     if work == "sculpt":
         mesh_data.move_vertices(body.data, bumps(np.clip(X, 0, 1)))
-    for edit in (moved, deleted):
+    for edit in (moved, delete_vertex):
         steps = OPERATIONS[work]()
         assert len([*islice(steps, taken)]) == taken
         edit(body)
@@ -113,15 +113,6 @@ MOVE[7] = 0.25
 
 def moved(obj):
     mesh_data.move_vertices(obj.data, MOVE)
-
-
-def deleted(obj):
-    editable = bmesh.new()
-    editable.from_mesh(obj.data)
-    editable.verts.ensure_lookup_table()
-    editable.verts.remove(editable.verts[7])
-    editable.to_mesh(obj.data)
-    editable.free()
 
 
 def test_edges_are_mirrored_in_the_order_in_which_blender_has_them(body):
