@@ -130,7 +130,7 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
 
 def report(tables: dict[str, list[dict[str, Any]]], data: Path | None, json_file: Path | None) -> None:
     """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
-    if not any(tables.values()):
+    if "rows" in tables and not tables["rows"]:
         raise click.ClickException(f"{data} holds nothing that this table is made from: give the folder of the sets.")
     shown = [show(rows) for name, rows in tables.items() if rows and name != "pairs"]
     click.echo("\n\n".join(shown))
