@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from threading import active_count
+from threading import enumerate as running_threads
 from time import perf_counter, process_time, sleep, thread_time
 from unittest.mock import patch
 
@@ -87,6 +87,7 @@ def watched(operate: Callable[[], object], escape_after: float = float("inf")) -
 
     def in_ticks(steps: Steps[str]) -> str:
         timed = _timed(steps, seen)
+        others = set(running_threads())  # a progress bar's, for example, which does not end
         while seen.seconds < escape_after:
             start = perf_counter()
             try:
@@ -95,11 +96,10 @@ def watched(operate: Callable[[], object], escape_after: float = float("inf")) -
                 return str(finished.value)
             finally:
                 seen.ticks.append(perf_counter() - start)
-        threads = active_count()
         start = perf_counter()
         timed.close()
         seen.closing = perf_counter() - start
-        while active_count() > 1 and threads > 1:
+        while set(running_threads()) - others:
             sleep(LOOK)
         seen.trailing = perf_counter() - start - seen.closing
         return "Cancelled"
