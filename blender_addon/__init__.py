@@ -1,5 +1,8 @@
 """Attribute transfer between meshes of different poses and topologies, as an extension."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import bpy
 
 import zoomout_core as zo
@@ -53,3 +56,16 @@ def unregister() -> None:
     _unregister_classes()
     zo.forget_shapes()
     zo.store_shapes(None)
+
+
+@contextmanager
+def registered() -> Iterator[None]:
+    """All of that, for as long as it is needed, where it is not there already: for what runs without installing it."""
+    if hasattr(bpy.types.Scene, "zoomout"):
+        yield
+        return
+    register()
+    try:
+        yield
+    finally:
+        unregister()

@@ -45,12 +45,12 @@ def run(data: Path, tables: tuple[str, ...] = TABLES) -> dict[str, list[Record]]
     """
     if not scene.is_there(data):
         return {"rows": []}
-    made = _operators(data) if "rows" in tables else {"rows": []}
-    if "escape" in tables:
-        made["escape"] = _escapes(data)
-    if "undo" in tables:
-        made["undo"] = undo.rows()
-    blender_addon.unregister()
+    with blender_addon.registered():
+        made = _operators(data) if "rows" in tables else {"rows": []}
+        if "escape" in tables:
+            made["escape"] = _escapes(data)
+        if "undo" in tables:
+            made["undo"] = undo.rows()
     return made
 
 

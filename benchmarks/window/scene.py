@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 from bpy.types import Object
 
-import blender_addon
 from benchmarks.transfer.load import burden
 from blender_addon import mesh_data
 from blender_addon.demo.character import select_only
@@ -28,9 +27,8 @@ def is_there(data: Path) -> bool:
 
 
 def make_pair(data: Path) -> tuple[Object, Object]:
-    """An empty file but for a source and a target beside it, with the add-on."""
+    """An empty file but for a source and a target beside it, where the add-on is registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    blender_addon.register()
     source, target = (_object(name, data, name) for name in CHARACTERS)
     target.location.x = APART * max(source.dimensions)
     bpy.context.view_layer.update()

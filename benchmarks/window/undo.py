@@ -25,6 +25,7 @@ from blender_addon.pair import read_pair
 Record = dict[str, Any]
 
 
+@blender_addon.registered()
 def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Record]:
     """Transfer everything along the true map, undo it and redo it, as by the keyboard.
 
@@ -38,7 +39,6 @@ def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Reco
         the processor, how much memory it takes for good, and whether the target is what it is to be.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    blender_addon.register()
     cast = make_cast(size)
     burden(cast.character, groups, keys)
     match = stored_match.StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())

@@ -18,7 +18,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.projection import closest_points
 
-from .. import mesh_data, register, stored_match, unregister
+from .. import mesh_data, registered, stored_match
 from ..pair import read_pair
 from ..stored_report import transfer_report
 from . import picture
@@ -92,7 +92,7 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
     output.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     seconds: dict[str, float] = {}
-    with _registered(), _timed(seconds, "total"):
+    with registered(), _timed(seconds, "total"):
         with _timed(seconds, "build"):
             cast = make_cast(size)
         with _timed(seconds, "match"):
@@ -212,16 +212,3 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     start = perf_counter()
     yield
     seconds[name] = round(perf_counter() - start, 2)
-
-
-@contextmanager
-def _registered() -> Iterator[None]:
-    """The add-on's operators, for as long as they are needed, where they are not there already."""
-    if hasattr(bpy.types.Scene, "zoomout"):
-        yield
-        return
-    register()
-    try:
-        yield
-    finally:
-        unregister()

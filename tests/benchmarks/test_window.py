@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
+import bpy
 import pytest
 from conftest import write_off
 from creatures import creature
@@ -15,6 +18,7 @@ from benchmarks.window.watching import watched
 from blender_addon.demo import Size
 from blender_addon.operators import stepped
 
+SMALL = Size(cell=0.05, voxel=0.04, target_vertices=1500)
 BENDS = {"michael0": 0.0, "michael10": 0.9, "horse0": 0.0, "horse6": 0.6}
 
 
@@ -29,15 +33,22 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name, value in ((scene, "GROUPS", 2), (scene, "KEYS", 2), (window, "REPEATS", 1)):
-        monkeypatch.setattr(module, name, value)
+@pytest.fixture(scope="module")
+def tables(data: Path) -> Iterator[dict[str, list[window.Record]]]:
+    """All tables of one run."""
+    changes = (scene, "GROUPS", 2), (scene, "KEYS", 2), (window, "REPEATS", 1), (window, "CANCELS", 3)
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in (*changes, (undo, "rows", partial(undo.rows, SMALL, 30, 3))):
+            patch.setattr(module, name, value)
+        yield window.run(data)
 
 
-@pytest.mark.usefixtures("small")
-def test_every_operator_is_watched(data: Path) -> None:
-    tables = window.run(data, ("rows",))
+def test_the_add_on_is_gone_afterwards(tables: dict[str, list[window.Record]]) -> None:
+    assert tables.keys() == {"rows", "stages", "escape", "undo"}
+    assert not hasattr(bpy.types.Scene, "zoomout")
+
+
+def test_every_operator_is_watched(tables: dict[str, list[window.Record]]) -> None:
     rows = {row["operator"]: row for row in tables["rows"]}
     assert len(rows) == len(tables["rows"]) > 20
     assert {"match, cold", "match, warm", "transfer", "match collections", "cut along seams", "mirror sculpt"} <= {
@@ -50,10 +61,8 @@ def test_every_operator_is_watched(data: Path) -> None:
     assert sum(row["seconds"] for row in cold) == pytest.approx(rows["match, cold"]["seconds"], rel=0.05)
 
 
-@pytest.mark.usefixtures("small")
-def test_escape_is_pressed_at_moments_of_the_match(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(window, "CANCELS", 3)
-    cold, warm = window.run(data, ("escape",))["escape"]
+def test_escape_is_pressed_at_moments_of_the_match(tables: dict[str, list[window.Record]]) -> None:
+    cold, warm = tables["escape"]
     assert (cold["operator"], warm["operator"]) == ("match, cold", "match, warm")
     for row in (cold, warm):
         assert 0 < row["cancels"] <= 3
@@ -75,8 +84,8 @@ def test_a_watched_operator_that_is_escaped_writes_nothing() -> None:
     assert seen.closing > 0
 
 
-def test_a_transfer_is_taken_back_and_made_again_exactly() -> None:
-    rows = undo.rows(Size(cell=0.05, voxel=0.04, target_vertices=1500), 30, 3)
+def test_a_transfer_is_taken_back_and_made_again_exactly(tables: dict[str, list[window.Record]]) -> None:
+    rows = tables["undo"]
     assert [row["step"] for row in rows] == ["transfer", "keep a step of undo", "undo", "redo"]
     assert [row["exact"] for row in rows] == [True, None, True, True]
     assert all(row["seconds"] > 0 for row in rows)
