@@ -236,38 +236,59 @@ def project_to_embedding(
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates.
     """
-    dtype: type = np.float32 if embedding.shape[1] >= SINGLE_PRECISION_DIMENSION else np.float64
-    points, embedding = points.astype(dtype), embedding.astype(dtype)
-    triangles = neighbourhoods.triangles
-    a, b, c = (embedding[corner] for corner in triangles.T)
-    ab, ac = b - a, c - a
-    pairs = (ab, ab), (ab, ac), (ac, ac), (a, ab), (a, ac), (a, a)
-    ab_ab, ab_ac, ac_ac, a_ab, a_ac, a_a = (np.einsum("mk,mk->m", x, y).astype(np.float64) for x, y in pairs)
-    triangle = np.zeros(len(points), dtype=np.int64)
-    barycentric = np.zeros((len(points), 3))
-    # Queries that share a nearest vertex share its candidates' rows in the cache.
-    order = np.argsort(nearest, kind="stable")
-    pairs_each = max(1, len(neighbourhoods.vertex) // max(1, len(embedding)))
-    per_block = max(1, BLOCK * 2 // (pairs_each * max(8, embedding.shape[1])))
-    for block in np.array_split(order, max(1, len(order) // per_block)):
-        # Inner products of each query with each vertex near it, once a pair.
-        query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
-        all_products = np.einsum("pk,pk->p", points[block][query], embedding[pair_vertex])
-        query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
-        _, corners, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.corners, nearest[block])
-        product = all_products[first[query, None] + corners].astype(np.float64)
-        ap_ab = product[:, 1] - product[:, 0] - a_ab[candidate]
-        ap_ac = product[:, 2] - product[:, 0] - a_ac[candidate]
-        dots = ap_ab, ap_ac, ab_ab[candidate], ab_ac[candidate], ac_ac[candidate]
-        weights = barycentric_of_closest(dots)
-        v, w = weights[:, 1], weights[:, 2]
-        # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
-        offset = a_a[candidate] - 2 * product[:, 0]
-        distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
-        hit = _first_least(distance, query)
-        triangle[block] = candidate[hit]
-        barycentric[block] = weights[hit]
-    return triangle, barycentric
+    return EmbeddedSurface(embedding, neighbourhoods).closest(points, nearest)
+
+
+class EmbeddedSurface:
+    """A surface prepared once to have many points projected onto it: see `project_to_embedding`.
+
+    Args:
+        embedding: (n, k) the surface's vertices in the embedding.
+        neighbourhoods: of the surface's triangles; every vertex is used.
+    """
+
+    def __init__(self, embedding: Floats, neighbourhoods: Neighbourhoods) -> None:
+        dtype: type = np.float32 if embedding.shape[1] >= SINGLE_PRECISION_DIMENSION else np.float64
+        self._embedding: Floats = embedding.astype(dtype)
+        self._neighbourhoods = neighbourhoods
+        a, b, c = (self._embedding[corner] for corner in neighbourhoods.triangles.T)
+        ab, ac = b - a, c - a
+        pairs = (ab, ab), (ab, ac), (ac, ac), (a, ab), (a, ac), (a, a)
+        self._products = [np.einsum("mk,mk->m", x, y).astype(np.float64) for x, y in pairs]
+
+    def closest(self, points: Floats, nearest: Integers) -> tuple[Integers, Floats]:
+        """(q,) triangle numbers and (q, 3) barycentric coordinates of what is closest to points (q, k).
+
+        It is sought around the vertex nearest to each (q,).
+        """
+        embedding, neighbourhoods = self._embedding, self._neighbourhoods
+        points = points.astype(embedding.dtype)
+        ab_ab, ab_ac, ac_ac, a_ab, a_ac, a_a = self._products
+        triangle = np.zeros(len(points), dtype=np.int64)
+        barycentric = np.zeros((len(points), 3))
+        # Queries that share a nearest vertex share its candidates' rows in the cache.
+        order = np.argsort(nearest, kind="stable")
+        pairs_each = max(1, len(neighbourhoods.vertex) // max(1, len(embedding)))
+        per_block = max(1, BLOCK * 2 // (pairs_each * max(8, embedding.shape[1])))
+        for block in np.array_split(order, max(1, len(order) // per_block)):
+            # Inner products of each query with each vertex near it, once a pair.
+            query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
+            all_products = np.einsum("pk,pk->p", points[block][query], embedding[pair_vertex])
+            query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
+            _, corners, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.corners, nearest[block])
+            product = all_products[first[query, None] + corners].astype(np.float64)
+            ap_ab = product[:, 1] - product[:, 0] - a_ab[candidate]
+            ap_ac = product[:, 2] - product[:, 0] - a_ac[candidate]
+            dots = ap_ab, ap_ac, ab_ab[candidate], ab_ac[candidate], ac_ac[candidate]
+            weights = barycentric_of_closest(dots)
+            v, w = weights[:, 1], weights[:, 2]
+            # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
+            offset = a_a[candidate] - 2 * product[:, 0]
+            distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
+            hit = _first_least(distance, query)
+            triangle[block] = candidate[hit]
+            barycentric[block] = weights[hit]
+        return triangle, barycentric
 
 
 def _lists(first: Integers, entries: Integers, chosen: Integers) -> tuple[Integers, Integers, Integers]:

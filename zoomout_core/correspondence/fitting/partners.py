@@ -11,7 +11,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.correspondence.laying import NORMAL_WEIGHT
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import project_to_embedding
+from zoomout_core.projection import EmbeddedSurface
 from zoomout_core.triangles import unit_vectors
 
 # Places that are farther than this from their partner, at unit area, pull less; some pull is left to all.
@@ -51,24 +51,23 @@ class Surroundings:
         source: the shape.
         places: (n_s, 6) its vertices and normals, in one scale.
         tree: of these.
+        surface: its triangles, prepared.
     """
 
     source: Shape
     places: Floats
     tree: cKDTree
+    surface: EmbeddedSurface
 
     @classmethod
     def of(cls, source: Shape) -> Surroundings:
         places = _with_normals(source.mesh.vertices, source.mesh.vertex_normals)
-        return cls(source, places, cKDTree(places))
+        return cls(source, places, cKDTree(places), EmbeddedSurface(source.mesh.vertices, source.neighbourhoods))
 
     def closest(self, positions: Floats, normals: Floats) -> SurfaceMap:
         """The points closest to places (q, 3), next to vertices whose normals agree with those given (q, 3)."""
         near = np.asarray(self.tree.query(_with_normals(positions, normals))[1])
-        mesh = self.source.mesh
-        return SurfaceMap(
-            *project_to_embedding(positions, mesh.vertices, self.source.neighbourhoods, near), mesh.triangles
-        )
+        return SurfaceMap(*self.surface.closest(positions, near), self.source.mesh.triangles)
 
 
 class Leaps:
