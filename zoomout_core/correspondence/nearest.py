@@ -20,19 +20,19 @@ ROUNDING = 1e-6
 
 
 def nearest(queries: Floats, points: Floats) -> Integers:
-    """(q,) the row of `points` (n, k) nearest to each row of `queries` (q, k)."""
+    """(..., q) the row of `points` (..., n, k) nearest to each row of `queries` (q, k); of few points for a stack."""
     k = queries.shape[1]
-    if k <= TREE_DIMENSION and len(points) > 1000:
+    if points.ndim == 2 and k <= TREE_DIMENSION and len(points) > 1000:
         return np.asarray(cKDTree(points).query(queries)[1])
-    if k >= SINGLE_PRECISION_DIMENSION and len(queries) * len(points) > MANY_PRODUCTS:
+    if points.ndim == 2 and k >= SINGLE_PRECISION_DIMENSION and len(queries) * len(points) > MANY_PRODUCTS:
         return _nearest_by_clusters(queries.astype(np.float32), points.astype(np.float32))
     dtype: type = np.float32 if k >= SINGLE_PRECISION_DIMENSION else np.float64
     table = _table(points.astype(dtype))
     extended = _extended(queries.astype(dtype))
-    found = np.empty(len(queries), dtype=np.int64)
-    rows = max(1, BLOCK // len(points))
+    found = np.empty((*points.shape[:-2], len(queries)), dtype=np.int64)
+    rows = max(1, BLOCK * k // points.size)
     for start in range(0, len(queries), rows):
-        found[start : start + rows] = np.argmax(extended[start : start + rows] @ table, axis=1)
+        found[..., start : start + rows] = np.argmax(extended[start : start + rows] @ table, axis=-1)
     return found
 
 
@@ -51,8 +51,9 @@ def nearest_among(queries: Floats, points: Floats, candidates: Integers) -> Inte
 
 
 def _table(points: Floats) -> Floats:
-    """(k + 1, n) of points: |x - y|^2 is least where x.y - |y|^2 / 2 is most, and the second term rides along."""
-    return np.vstack([points.T, -np.einsum("nk,nk->n", points, points) / 2])
+    """(..., k + 1, n) of points: |x - y|^2 is least where x.y - |y|^2 / 2 is most; the second term rides along."""
+    half_norm = np.einsum("...nk,...nk->...n", points, points) / 2
+    return np.concatenate([np.swapaxes(points, -1, -2), -half_norm[..., None, :]], axis=-2)
 
 
 def _extended(queries: Floats) -> Floats:

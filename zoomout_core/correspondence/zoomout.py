@@ -63,7 +63,7 @@ class SampledBasis:
         return cls(samples, rows, Q, solve_triangular(R, np.eye(len(R))))
 
     def fit(self, values: Floats, k: int) -> Floats:
-        """(k, d) least-squares coefficients of values (s, d) at the samples."""
+        """(..., k, d) least-squares coefficients of values (..., s, d) at the samples."""
         return np.asarray(self.R_inverse[:k, :k] @ (self.Q[:, :k].T @ values))
 
 
@@ -121,15 +121,15 @@ def upsample(
     Args:
         source: samples of the shape that the map lands on.
         target: samples of the shape that the map starts from.
-        functional_map: (k_target, k_source).
+        functional_map: (k_target, k_source), or a stack of them, which takes less time than one after the other.
         k_final: size to reach.
         step: growth in an iteration.
-        anchors: given at the samples; what else should agree under the map.
+        anchors: given at the samples; what else should agree under the map. Not for a stack.
 
     Returns:
-        The functional map, and (s_t,) for each target sample the number of its source sample.
+        The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.
     """
-    for k_target, k_source in _sizes(functional_map.shape, k_final, step):
+    for k_target, k_source in _sizes(functional_map.shape[-2:], k_final, step):
         match = nearest_samples(source, target, functional_map, anchors)
         functional_map = target.fit(source.rows[match, :k_source], k_target)
     return functional_map, nearest_samples(source, target, functional_map, anchors)
@@ -138,9 +138,9 @@ def upsample(
 def nearest_samples(
     source: SampledBasis, target: SampledBasis, functional_map: Floats, anchors: Anchors | None = None
 ) -> Integers:
-    """(s_t,) number of the source sample that a functional map (k_t, k_s) assigns to each target sample."""
-    k_target, k_source = functional_map.shape
-    embedded = source.rows[:, :k_source] @ functional_map.T
+    """(..., s_t) number of the source sample that a functional map (..., k_t, k_s) assigns to each target sample."""
+    k_target, k_source = functional_map.shape[-2:]
+    embedded = source.rows[:, :k_source] @ np.swapaxes(functional_map, -1, -2)
     if anchors is None:
         return nearest(target.rows[:, :k_target], embedded)
     return nearest(beside(target.rows[:, :k_target], anchors.target), beside(embedded, anchors.source))

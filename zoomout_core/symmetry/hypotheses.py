@@ -112,13 +112,11 @@ def _grown(
     maps: list[Floats], choices: list[Floats], width: int, sampled: SampledBasis, eigenvalues: Floats
 ) -> list[Floats]:
     """The maps, each with each choice appended and refined: the distinct ones that commute best with the Laplacian."""
-    grown, scores = [], []
-    for C, choice in product(maps, choices):
-        longer = block_diag(C, choice)
-        k = len(longer)
-        refined, _ = upsample(sampled, sampled, longer, k + LOOK_AHEAD, 1)
-        grown.append(_nearest_orthogonal(refined[:k, :k]))
-        scores.append(commutativity_error(refined, eigenvalues, eigenvalues) + orthonormality_error(refined))
+    longer = np.stack([block_diag(C, choice) for C, choice in product(maps, choices)])
+    k = longer.shape[-1]
+    refined, _ = upsample(sampled, sampled, longer, k + LOOK_AHEAD, 1)
+    grown = _nearest_orthogonal(refined[:, :k, :k])
+    scores = [commutativity_error(C, eigenvalues, eigenvalues) + orthonormality_error(C) for C in refined]
     kept: list[Floats] = []
     for i in np.argsort(scores, kind="stable"):
         differences = [np.linalg.norm(grown[i] - other) / np.linalg.norm(other) for other in kept]
@@ -127,6 +125,6 @@ def _grown(
     return kept
 
 
-def _nearest_orthogonal(matrix: Floats) -> Floats:
-    U, _, Vt = np.linalg.svd(matrix)
+def _nearest_orthogonal(matrices: Floats) -> Floats:
+    U, _, Vt = np.linalg.svd(matrices)
     return np.asarray(U @ Vt)
