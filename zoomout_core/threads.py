@@ -15,6 +15,8 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from zoomout_core.progress import scaled
+
 First = TypeVar("First")
 Second = TypeVar("Second")
 Yielded = TypeVar("Yielded")
@@ -46,12 +48,20 @@ def side_by_side(
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> Generator[float, None, list[Result]]:
     """What a function returns for each item, by two threads in turns; yields the fraction done."""
+    return (yield from for_each_stepped(lambda item: _single_step(lambda: function(item)), items))
+
+
+def for_each_stepped(
+    steps: Callable[[Item], Generator[float, None, Result]], items: Sequence[Item]
+) -> Generator[float, None, list[Result]]:
+    """What a stepped computation returns for each item, by two threads in turns; yields the fraction done."""
     results: list[Any] = [None] * len(items)
 
     def every_other(first: int) -> Generator[float, None, None]:
-        for i in range(first, len(items), 2):
-            results[i] = function(items[i])
-            yield i / len(items)
+        mine = range(first, len(items), 2)
+        for count, i in enumerate(mine):
+            results[i] = yield from scaled(steps(items[i]), count / len(mine), (count + 1) / len(mine))
+            yield (count + 1) / len(mine)
 
     yield from side_by_side(every_other(0), every_other(1))
     return results
@@ -65,12 +75,12 @@ def alone(steps: Generator[float, None, Result]) -> Generator[float, None, Resul
 
 def in_background(work: Callable[[], Result]) -> Generator[float, None, Result]:
     """Run a function that takes long in a thread; yields 0 now and then, and returns what it returns."""
+    return (yield from alone(_single_step(work)))
 
-    def single_step() -> Generator[float, None, Result]:
-        yield from ()
-        return work()
 
-    return (yield from alone(single_step()))
+def _single_step(work: Callable[[], Result]) -> Generator[float, None, Result]:
+    yield from ()
+    return work()
 
 
 def _in_threads(computations: Sequence[Generator[float, None, Any]]) -> Generator[float, None, list[Any]]:

@@ -10,7 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from zoomout_core.progress import drain
-from zoomout_core.threads import in_background, on_one_blas_thread, side_by_side
+from zoomout_core.threads import for_each_stepped, in_background, on_one_blas_thread, side_by_side
 
 
 def counting(steps: int, result: str, meeting: threading.Barrier | None = None) -> Generator[float, None, str]:
@@ -97,3 +97,18 @@ def test_blas_has_one_thread_until_all_computations_have_ended() -> None:
         assert threads_of_blas() == {1}
         second.close()
         assert threads_of_blas() == {2}
+
+
+def test_stepped_computations_for_each_item_run_two_at_a_time() -> None:
+    meeting = threading.Barrier(2)
+    items = ["first", "second", "third", "fourth"]
+    steps = for_each_stepped(lambda item: counting(3, item.upper(), meeting), items)
+    fractions: list[float] = []
+    while True:
+        try:
+            fractions.append(next(steps))
+        except StopIteration as finished:
+            assert finished.value == ["FIRST", "SECOND", "THIRD", "FOURTH"]
+            break
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1

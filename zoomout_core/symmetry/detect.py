@@ -33,7 +33,7 @@ from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import in_order, is_no_part_of_identity
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, main_shape_steps
 from zoomout_core.symmetry.sides import CLEARLY_LEFT, leftward, on_whole_surface, signed_distance
-from zoomout_core.threads import alone, for_each, in_background, on_one_blas_thread, side_by_side
+from zoomout_core.threads import alone, for_each, for_each_stepped, in_background, on_one_blas_thread, side_by_side
 
 # A character of Blender's faces -y, so that its left is +x.
 LEFT = (1.0, 0.0, 0.0)
@@ -125,11 +125,8 @@ def detect_symmetry_steps(
     pair = Pair(surface, surface, shape, shape, k_final, step)
     candidates = yield from spread(candidate_steps(shape), 0.5, 0.7, "Comparing candidates")
     chosen = [entry for i, entry in enumerate(candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
-    found = []
-    for i, candidate in enumerate(chosen):
-        start, end = (0.7 + 0.3 * (i + done) / len(chosen) for done in (0, 1))
-        found.append((yield from spread(_symmetry_steps(pair, candidate, to_the_left), start, end, "Refining")))
-    return tuple(found)
+    refining = for_each_stepped(lambda candidate: _symmetry_steps(pair, candidate, to_the_left), chosen)
+    return tuple((yield from spread(refining, 0.7, 1.0, "Refining")))
 
 
 def candidate_steps(shape: Shape) -> Generator[float, None, list[Candidate]]:
