@@ -102,13 +102,12 @@ def test_blas_has_one_thread_until_all_computations_have_ended() -> None:
 def test_stepped_computations_for_each_item_run_two_at_a_time() -> None:
     meeting = threading.Barrier(2)
     items = ["first", "second", "third", "fourth"]
-    steps = for_each_stepped(lambda item: counting(3, item.upper(), meeting), items)
-    fractions: list[float] = []
-    while True:
-        try:
-            fractions.append(next(steps))
-        except StopIteration as finished:
-            assert finished.value == ["FIRST", "SECOND", "THIRD", "FOURTH"]
-            break
+    assert drain(for_each_stepped(lambda item: counting(3, item.upper(), meeting), items)) == [
+        "FIRST",
+        "SECOND",
+        "THIRD",
+        "FOURTH",
+    ]
+    fractions = list(for_each_stepped(lambda item: counting(3, item), items[:3]))
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1

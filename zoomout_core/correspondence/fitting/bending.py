@@ -23,8 +23,8 @@ TURNING = 0.0005
 # Neighbours that put each other farther apart than this, at unit area, pull less: joints bend.
 JOINT = 0.01
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
-# the time, and where the next step begins from closest points found anew.
-DAMPING = 1e-5
+# the time, and where the next step begins from closest points found anew. A node that nothing speaks of stays.
+DAMPING, LEAST_DIAGONAL = 1e-5, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,8 @@ class Bending:
         shifting = pull[:, None] * weight[..., None, None]
         pulling = _Rows(near, np.concatenate([turning, shifting], axis=-1), np.einsum("qij,qj->qi", pull, misses))
         matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], len(self.nodes.vertex))
-        matrix[np.diag_indices_from(matrix)] *= 1 + DAMPING
+        diagonal = matrix.diagonal()
+        matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + LEAST_DIAGONAL * diagonal.mean()
         factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
         change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
         self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
