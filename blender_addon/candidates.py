@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 
@@ -17,14 +18,16 @@ from bpy.types import Mesh
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.correspondence.ranking import Candidate
 from zoomout_core.progress import Steps
+from zoomout_core.symmetry.detect import LEAST_CERTAINTY
 
 from .colors import DARK, LIGHT, place_colors
 from .mesh_data.arrays import from_text, hash_of, to_text
 from .pair import ObjectPair
 
 PROPERTY = "zoomout_candidates"
-# How many are listed: the most likely ones, and the most likely mirror images, which rank behind all others.
+# How many are listed at most: likely ones, and the most likely mirror images, which rank behind all others.
 MOST_DIRECT, MOST_MIRRORED = 6, 2
 # Pairs of objects of which results are held, those used last.
 MOST_HELD = 2
@@ -68,22 +71,8 @@ class Listing:
     candidates: tuple[Listed, ...]
 
     def swapped(self) -> int | None:
-        """Place in the list of the map that swaps sides most nearly, or None if none does.
-
-        Wherever the sides are, the box around the source has one of its middle planes between them: this map leads
-        to the mirror images in one of the three, rather than to the same places.
-        """
-        chosen = self.candidates[self.chosen].colors.astype(float)
-        best, least = None, np.inf
-        for place, other in enumerate(self.candidates):
-            kept = np.abs(other.colors - chosen).mean()
-            for axis in range(3):
-                mirrored = chosen.copy()
-                mirrored[:, axis] = _mirrored(chosen[:, axis])
-                apart = np.abs(other.colors - mirrored).mean()
-                if place != self.chosen and apart < min(least, kept):
-                    best, least = place, apart
-        return best
+        """Place in the list of the map that swaps sides most nearly, or None if none does."""
+        return _swapping(self.chosen, [candidate.colors for candidate in self.candidates])
 
 
 # Results that were worked out, by the list's key and the candidate's number.
@@ -91,26 +80,31 @@ _held: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
 
 
 def listing_of(result: zo.MatchResult, pair: ObjectPair) -> Listing:
-    """The candidates of a result, the one that it was made from always among them."""
-    order = range(len(result.candidates))
-    flips = [candidate.reverses_orientation for candidate in result.candidates]
-    direct = [number for number in order if not flips[number]][:MOST_DIRECT]
-    mirrored = [number for number in order if flips[number]][:MOST_MIRRORED]
-    numbers = sorted({*direct, *mirrored, result.chosen})
-    outlines = [result.outline(number) for number in numbers]
+    """The candidates of a result that are worth a look, the one that it was made from always among them.
+
+    These are the most likely one, others that are likely at all, mirror images, and whatever swaps the sides of a
+    likely one, however unlikely that is.
+    """
+    outlines = [result.outline(number) for number in range(len(result.candidates))]
     vertices = outlines[0][0]
     around = pair.source.vertices
     box = np.array([np.nanmin(around, axis=0), np.nanmax(around, axis=0)])
     colors = [np.rint(255 * place_colors(around[images], box)).astype(np.uint8) for _, images in outlines]
+    numbers = sorted({*_worth_a_look(result.candidates, colors), result.chosen})
     return Listing(
-        hash_of("", vertices, *colors),
+        hash_of("", vertices, *(colors[number] for number in numbers)),
         numbers.index(result.chosen),
         vertices,
         pair.target.vertices[vertices],
         np.nan_to_num(np.ptp(around[np.isfinite(around).all(axis=1)], axis=0)),
         tuple(
-            Listed(number, result.candidates[number].certainty, flips[number], color)
-            for number, color in zip(numbers, colors, strict=True)
+            Listed(
+                number,
+                result.candidates[number].certainty,
+                result.candidates[number].reverses_orientation,
+                colors[number],
+            )
+            for number in numbers
         ),
     )
 
@@ -173,6 +167,35 @@ def most_alike(place: int, listing: Listing, found: Listing) -> int:
     wanted = listing.candidates[place].colors.astype(float)
     near = np.linalg.norm(found.points[:, None] - listing.points[None], axis=2).argmin(axis=1)
     return int(np.argmin([np.abs(wanted[near] - other.colors).mean() for other in found.candidates]))
+
+
+def _worth_a_look(found: Sequence[Candidate], colors: Sequence[Integers]) -> set[int]:
+    """Numbers of the candidates to list, whichever is used; of them all, with their colours."""
+    order = range(len(found))
+    direct = [number for number in order if not found[number].reverses_orientation]
+    likely = [one for one in direct if one == direct[0] or found[one].certainty >= LEAST_CERTAINTY][:MOST_DIRECT]
+    mirrored = [number for number in order if found[number].reverses_orientation][:MOST_MIRRORED]
+    swapping = (_swapping(number, colors) for number in likely)
+    return {*likely, *mirrored, *(number for number in swapping if number is not None)}
+
+
+def _swapping(chosen: int, colors: Sequence[Integers]) -> int | None:
+    """Number of the map, of some that are known by their colours, that swaps the sides of one of them most nearly.
+
+    Wherever the sides are, the box around the source has one of its middle planes between them: this map leads
+    to the mirror images in one of the three, rather than to the same places.
+    """
+    here = colors[chosen].astype(float)
+    best, least = None, np.inf
+    for number, other in enumerate(colors):
+        kept = np.abs(other - here).mean()
+        for axis in range(3):
+            mirrored = here.copy()
+            mirrored[:, axis] = _mirrored(here[:, axis])
+            apart = np.abs(other - mirrored).mean()
+            if number != chosen and apart < min(least, kept):
+                best, least = number, apart
+    return best
 
 
 def _mirrored(color: Floats) -> Floats:

@@ -1,5 +1,7 @@
 """The list of maps that a match found: swapped sides are one click away, also in a file that was opened again."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -66,6 +68,28 @@ def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(s
     with pytest.raises(RuntimeError, match=f"There is no candidate {count + 1}"):
         bpy.ops.zoomout.use_candidate(candidate=count + 1)
     assert snapshot_file() == before
+
+
+def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_sides(source, target):
+    result, pair = match_objects(bpy.context, source, target, k_final=60), read_pair(bpy.context, "Source", "Target")
+
+    def listing(certainty, reverses_orientation):
+        changed = {"certainty": certainty}
+        if reverses_orientation is not None:
+            changed["reverses_orientation"] = reverses_orientation
+        found = tuple(replace(candidate, **changed) for candidate in result.candidates)
+        return candidates.listing_of(replace(result, candidates=found), pair)
+
+    flips = [candidate.reverses_orientation for candidate in result.candidates]
+    assert flips.count(False) > 1
+    wanted = listing(1.0, None)
+    partner = wanted.candidates[wanted.swapped()].number
+    assert flips[partner]
+    assert [one.number for one in listing(0.0, None).candidates if not one.mirrored] == [0]
+    # Where both sides are alike whichever way round, the map that swaps them need not be a mirror image.
+    unlikely = listing(0.0, False)
+    assert [one.number for one in unlikely.candidates] == [0, partner]
+    assert unlikely.swapped() == 1
 
 
 def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch):
