@@ -1,6 +1,13 @@
-"""The other side's name: Arm.L and Arm.R, l_hand and r_hand, LeftFoot and RightFoot, paired as Blender does."""
+"""The other side's name: Arm.L and Arm.R, l_hand and r_hand, LeftFoot and RightFoot, paired as Blender does.
+
+Rigs of other programs have the side in the midst of a name, which Blender does not read: mixamorig:LeftArm, Bip01 L
+Thigh, J_Bip_L_UpperArm. Those are paired where both names are there.
+"""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Container
 
 SEPARATORS = ". -_"
 LETTERS = {"l": "r", "r": "l", "L": "R", "R": "L"}
@@ -8,6 +15,8 @@ LETTERS = {"l": "r", "r": "l", "L": "R", "R": "L"}
 WORDS = {"right": ("left", "Left", "LEFT"), "left": ("right", "Right", "RIGHT")}
 # Names that are shorter have no side, by a letter or by a word.
 SHORTEST_WITH_LETTER, SHORTEST_WITH_WORD = 3, 6
+# A side in the midst of a name: a letter that is set off on both sides, or a word.
+MIDST = re.compile(r"(?<=[. _:-])[lrLR](?=[. _:-])|left|right|Left|Right|LEFT|RIGHT")
 
 
 def flip_name(name: str, strip_digits: bool = False) -> str:
@@ -40,6 +49,31 @@ def flip_name(name: str, strip_digits: bool = False) -> str:
                 other = others[0] if found[0].islower() else others[2] if found[1].isupper() else others[1]
                 return stem[:at] + other + stem[at + len(word) :] + number
     return stem + number
+
+
+def partner_of(name: str, names: Container[str | None]) -> str:
+    """The name of the same thing on the other side; the name itself where it has no side.
+
+    Args:
+        name: of a vertex group, a bone, a shape key or a material.
+        names: of all of these. A side in the midst of a name counts only if the other side's name is among them.
+    """
+    flipped = flip_name(name)
+    if flipped != name:
+        return flipped
+    for side in MIDST.finditer(name):
+        other = name[: side.start()] + _other_side(side.group()) + name[side.end() :]
+        if other in names:
+            return other
+    return name
+
+
+def _other_side(side: str) -> str:
+    """The other one of two letters or words."""
+    if side in LETTERS:
+        return LETTERS[side]
+    small, capital, capitals = WORDS[side.lower()]
+    return small if side.islower() else capitals if side.isupper() else capital
 
 
 def _without_number(name: str) -> tuple[str, str]:

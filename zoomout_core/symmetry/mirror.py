@@ -7,7 +7,7 @@ with its partner.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
@@ -17,7 +17,7 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import MeshError, Surface
-from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
@@ -138,9 +138,16 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
     return share
 
 
-def with_partners(weights: Attribute) -> Attribute:
-    """Weights with an empty group for every name whose other side is missing."""
-    missing = [flip_name(name) for name in weights.labels if flip_name(name) not in weights.labels]
+def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute:
+    """Weights with an empty group for every name whose other side is missing.
+
+    Args:
+        weights: labelled by their groups' names.
+        others: names that there are besides, such as those of bones: see `partner_of`.
+    """
+    names = {*weights.labels, *others}
+    partners = dict.fromkeys(partner_of(name, names) for name in weights.labels)
+    missing = [name for name in partners if name not in weights.labels]
     if not missing:
         return weights
     values = csr_array(weights.values)
@@ -154,7 +161,7 @@ def names_flipped(weights: Attribute) -> Attribute:
     """Weights whose groups have changed places with those of the other side, in the same order of names."""
     weights = with_partners(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
-    partner = [column[flip_name(name)] for name in weights.labels]
+    partner = [column[partner_of(name, column)] for name in weights.labels]
     return replace(weights, values=csr_array(csr_array(weights.values)[:, partner]))
 
 

@@ -1,10 +1,10 @@
-"""Names change sides as they do in Blender; `tests/blender/test_flip_name.py` compares with Blender itself."""
+"""Names change sides as they do in Blender; `tests/blender/test_flipped_names.py` compares with Blender itself."""
 
 from __future__ import annotations
 
 import pytest
 
-from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.flip_name import flip_name, partner_of
 
 PAIRS = [
     ("Arm.L", "Arm.R"),
@@ -31,3 +31,24 @@ def test_numbers_stay_unless_they_are_stripped() -> None:
     assert flip_name("Arm.L.004") == "Arm.R.004"
     assert flip_name("Arm.L.004", strip_digits=True) == "Arm.R"
     assert flip_name("spine.004", strip_digits=True) == "spine"
+
+
+IN_THE_MIDST = [
+    ("mixamorig:LeftArm", "mixamorig:RightArm"),
+    ("Bip01 L Thigh", "Bip01 R Thigh"),
+    ("J_Bip_L_UpperArm", "J_Bip_R_UpperArm"),
+    ("CC_Base_l_Hand_01", "CC_Base_r_Hand_01"),
+    ("rig-LEFT-foot", "rig-RIGHT-foot"),
+    ("upright_left_ear", "upright_right_ear"),
+]
+
+
+@pytest.mark.parametrize(("left", "right"), IN_THE_MIDST)
+def test_a_side_in_the_midst_of_a_name_counts_if_there_is_the_other_one(left: str, right: str) -> None:
+    assert (partner_of(left, {left, right}), partner_of(right, {left, right})) == (right, left)
+    assert partner_of(left, {left}) == left
+
+
+def test_other_names_have_the_partners_that_blender_gives_them() -> None:
+    assert partner_of("Arm.L", ()) == "Arm.R"
+    assert partner_of("brightness", {"brightness", "spine"}) == "brightness"
