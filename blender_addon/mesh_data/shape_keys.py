@@ -6,7 +6,7 @@ its modifiers: an armature poses what the keys have moved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -106,13 +106,18 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
 
 
 def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> None:
-    """Write keys with offsets (n, keys, 3) in the object's space; those of the same names are overwritten."""
+    """Write keys with offsets (n, keys, 3) in the object's space; those of the same names are overwritten.
+
+    Other keys that are relative to those move along, as when a key is edited: what they do stays the same.
+    """
     mesh = obj.data
     active = obj.active_shape_key_index
     if mesh.shape_keys is None:
         obj.shape_key_add(name=BASIS, from_mix=False)
     blocks = mesh.shape_keys.key_blocks
     rest = read_rest_positions(mesh)
+    following = _following(mesh.shape_keys, {key.name for key in keys})
+    before = {name: read_key_positions(mesh, name) for name in set(following.values())}
     shapes: list[Floats | None] = [None] * len(keys)
 
     def shape(number: int) -> Floats:
@@ -130,6 +135,9 @@ def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> 
             setattr(block, name, value)
     for key in keys:
         blocks[key.name].relative_key = blocks[key.relative_to] if key.relative_to else mesh.shape_keys.reference_key
+    for follower, name in following.items():
+        moved: Floats = read_key_positions(mesh, follower) + read_key_positions(mesh, name) - before[name]
+        blocks[follower].points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
     obj.active_shape_key_index = active
     mesh.shape_keys.update_tag()
 
@@ -165,6 +173,21 @@ def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
 def _drivers(key: Key, names: Sequence[str]) -> list[FCurve]:
     paths = tuple(f'key_blocks["{bpy.utils.escape_identifier(name)}"].' for name in names)
     return [curve for curve in key.animation_data.drivers if curve.data_path.startswith(paths)]
+
+
+def _following(key: Key, names: Collection[str]) -> dict[str, str]:
+    """Keys that are relative, directly or by way of others, to one of these names, by their names; themselves not."""
+    following = {}
+    for block in key.key_blocks:
+        base = block.relative_key
+        for _ in key.key_blocks:  # they may be relative to each other in a circle
+            if base == key.reference_key or block.name in names:
+                break
+            if base.name in names:
+                following[block.name] = base.name
+                break
+            base = base.relative_key
+    return following
 
 
 def _shape_keys(keys: tuple[ShapeKey, ...], rest: Floats, offsets: list[Floats]) -> ShapeKeys:

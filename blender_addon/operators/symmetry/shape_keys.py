@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
 from typing import Literal, TypeAlias
@@ -12,7 +13,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.progress import Steps, drain, spread
-from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
@@ -85,7 +86,8 @@ def mirror_shape_key_steps(
     both = mode == "mirror" and direction == "exchange"
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         key, offsets = read_key(obj, key_name)
-        names = _new_names(key_name, mode)
+        names = _new_names(key_name, mode, obj.data.shape_keys.key_blocks.keys())
+        _check_unlocked(obj, {key_name, *names} if both else names)
         partner, theirs = read_key(obj, names[0]) if both else (key, offsets)
     if both:
         keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)
@@ -95,7 +97,7 @@ def mirror_shape_key_steps(
     made = yield from spread(in_background(work), 0, 1, "Mirroring the key")
     obj = unedited(context, name, symmetry.surface)
     for one, shape in zip(keys, made, strict=True):
-        _write(obj, one, shape, in_place=both or mode == "symmetrise")
+        _write(obj, one, shape, mode, in_place=both or mode == "symmetrise")
     obj.data.update()
     return _told(key_name, names, mode, direction)
 
@@ -116,12 +118,24 @@ def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
     return keys.keys[number], keys.offsets.values[:, number].astype(np.float64)
 
 
-def _new_names(name: str, mode: KeyMode) -> tuple[str, ...]:
+def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str, ...]:
+    """The names of what is made of a key, where keys of some names are present."""
     if mode == "split":
         return f"{name}.L", f"{name}.R"
-    if mode == "mirror" and flip_name(name) == name:
+    partner = partner_of(name, present)
+    if mode == "mirror" and partner == name:
         raise zo.MeshError(f"The name {name!r} has no side: end it in .L or .R, or split the key into both.")
-    return (flip_name(name) if mode == "mirror" else name,)
+    return (partner if mode == "mirror" else name,)
+
+
+def _check_unlocked(obj: Object, names: Collection[str]) -> None:
+    """Raise a MeshError if a key of these names is there and locked against changes."""
+    blocks = obj.data.shape_keys.key_blocks
+    for name in names:
+        if name in blocks and blocks[name].lock_shape:
+            raise zo.MeshError(
+                f"The shape key {name!r} of '{obj.name}' is locked: unlock it in the list of shape keys."
+            )
 
 
 def _told(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
@@ -152,20 +166,23 @@ def _without_noise(made: Floats, offsets: Floats) -> Floats:
     return np.where(np.linalg.norm(made, axis=1, keepdims=True) < least, 0, made)
 
 
-def _write(obj: Object, key: ShapeKey, offsets: Floats, in_place: bool) -> None:
+def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place: bool) -> None:
     """Write a key with displacements from the key that it is relative to; one of its name keeps its value.
 
     Args:
         obj: the object.
         key: as it was read, under its new name.
         offsets: (n, 3).
+        mode: what is made of it. The other side's key goes with what else belongs to that side.
         in_place: whether it is written where it was read, so that all else stays.
     """
     blocks, settings, base = obj.data.shape_keys.key_blocks, dict(key.settings), key.relative_to
     if not in_place:
         settings["value"] = blocks[key.name].value if key.name in blocks else 0.0
-        settings["vertex_group"] = _other_name(settings["vertex_group"], obj.vertex_groups.keys())
-        base = _other_name(base, blocks.keys()) if base else None
+        settings["lock_shape"] = False
+        if mode == "mirror":
+            settings["vertex_group"] = _other_name(settings["vertex_group"], obj.vertex_groups.keys())
+            base = _other_name(base, blocks.keys()) if base else None
     if base is not None:
         offsets = offsets + mesh_data.read_key_positions(obj.data, base) - mesh_data.read_rest_positions(obj.data)
     mesh_data.write_shape_keys(obj, [ShapeKey(key.name, -1, base, settings)], np.ascontiguousarray(offsets)[:, None])
@@ -173,4 +190,5 @@ def _write(obj: Object, key: ShapeKey, offsets: Floats, in_place: bool) -> None:
 
 def _other_name(name: str, present: list[str]) -> str:
     """The name of the other side if there is such a thing, else the name itself."""
-    return flip_name(name) if flip_name(name) in present else name
+    partner = partner_of(name, present)
+    return partner if partner in present else name
