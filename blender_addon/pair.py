@@ -82,7 +82,7 @@ def find_mesh(context: Context, name: str) -> Object:
         raise zo.MeshError(f"There are several objects '{name}' in the scene, of other files: rename the one of this.")
     if obj.type != "MESH":
         raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
-    if obj.mode == "EDIT":
+    if obj.data.is_editmode:  # of this object, or of another one that shares the mesh
         raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
     return obj
 

@@ -42,6 +42,8 @@ def obstacle(context: Context) -> str:
         return "Make the mesh active that is to receive the data"
     if context.mode != "OBJECT":
         return "Switch to Object Mode"
+    if target.data.is_editmode:
+        return "The active mesh is edited through another object: leave its Edit Mode"
     if target.library is not None or target.data.library is not None:
         return "The active mesh is linked from another file: make it local"
     return ""

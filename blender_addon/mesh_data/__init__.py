@@ -57,7 +57,14 @@ from .surfaces import (
     read_target_surface,
     to_object,
 )
-from .vertex_groups import deforming_bones, locked_groups, read_weights, read_weights_steps, write_weights
+from .vertex_groups import (
+    deforming_bones,
+    locked_groups,
+    read_weights,
+    read_weights_steps,
+    update_weights,
+    write_weights,
+)
 
 __all__ = [
     "MARKS",
@@ -116,6 +123,7 @@ __all__ = [
     "read_weights_steps",
     "seen_place",
     "to_object",
+    "update_weights",
     "write_active_layers",
     "write_animation",
     "write_custom_normals",

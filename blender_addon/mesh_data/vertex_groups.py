@@ -8,8 +8,8 @@ half the time, but its round trip writes all the rest of the mesh anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 from bpy.types import Mesh, Object
@@ -72,18 +72,36 @@ def _weights(names: tuple[str, ...], count: int, entries: list[np.ndarray]) -> A
 def write_weights(obj: Object, weights: Attribute) -> None:
     """Write vertex groups in the order of their labels, in place of those of the same names."""
     groups = obj.vertex_groups
-    active = groups.active.name if groups.active else None
-    for name in weights.labels:
-        if name in groups:
-            groups.remove(groups[name])
+    with _active_kept(obj):
+        for name in weights.labels:
+            if name in groups:
+                groups.remove(groups[name])
+        update_weights(obj, weights)
+
+
+def update_weights(obj: Object, weights: Attribute) -> None:
+    """Write vertex groups; those that are there stay where they are in the list, and new ones come last."""
+    groups = obj.vertex_groups
+    present, everywhere = set(groups.keys()), list(range(len(obj.data.vertices)))
     columns = csc_array(weights.values)
-    for column, name in enumerate(weights.labels):
-        entries = slice(*columns.indptr[column : column + 2])
-        vertices, weight = columns.indices[entries], columns.data[entries]
-        add = groups.new(name=name).add
-        add(vertices[weight == 1].tolist(), 1, "REPLACE")
-        for vertex, part in zip(vertices[weight != 1].tolist(), weight[weight != 1].tolist(), strict=True):
-            add((vertex,), part, "REPLACE")
+    with _active_kept(obj):
+        for column, name in enumerate(weights.labels):
+            entries = slice(*columns.indptr[column : column + 2])
+            vertices, weight = columns.indices[entries], columns.data[entries]
+            if name in present:
+                groups[name].remove(everywhere)
+            add = (groups[name] if name in present else groups.new(name=name)).add
+            add(vertices[weight == 1].tolist(), 1, "REPLACE")
+            for vertex, part in zip(vertices[weight != 1].tolist(), weight[weight != 1].tolist(), strict=True):
+                add((vertex,), part, "REPLACE")
+
+
+@contextmanager
+def _active_kept(obj: Object) -> Iterator[None]:
+    """Have the active vertex group of an object, which groups that come and go would change, be so again."""
+    groups = obj.vertex_groups
+    active = groups.active.name if groups.active else None
+    yield
     if active is not None:
         groups.active_index = groups[active].index
 

@@ -136,6 +136,18 @@ def test_an_edited_mesh_says_so(body):
     assert stored_symmetry.is_outdated(body.data, json.loads(body.data["zoomout_symmetry"]))
 
 
+def test_a_mesh_that_is_edited_through_another_object_is_left_alone(body):
+    other = bpy.data.objects.new("Other", body.data)
+    bpy.context.scene.collection.objects.link(other)
+    activate(other)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.context.view_layer.objects.active = body
+    assert body.mode == bpy.context.mode == "OBJECT"
+    assert not bpy.ops.zoomout.name_sides.poll()
+    with pytest.raises(zo.MeshError, match="'Creature' is in Edit Mode"):
+        mirror_sculpt(bpy.context, body)
+
+
 def test_without_a_symmetry_nothing_can_be_mirrored():
     obj = new_object()
     activate(obj)
@@ -164,6 +176,30 @@ def test_weights_of_one_side_become_those_of_the_other(body):
     assert np.abs(weight_array(body, "Spine") - (1 - left - right)).mean() < 0.01
     total = sum(weight_array(body, name) for name in weights(body))
     np.testing.assert_allclose(total, 1, atol=1e-5)
+
+
+def test_sides_in_the_midst_of_names_are_paired(body):
+    left = np.clip(1.5 * X, 0, 0.9)
+    set_weights(body, "mixamorig:LeftArm", left)
+    set_weights(body, "mixamorig:RightArm", np.zeros(len(X)))
+    assert symmetrise_weights(bpy.context, body) == "Made 2 vertex groups of 'Creature' symmetric"
+    np.testing.assert_allclose(weight_array(body, "mixamorig:LeftArm"), left, atol=0.02)
+    assert np.abs(weight_array(body, "mixamorig:RightArm") - np.clip(-1.5 * X, 0, 0.9)).mean() < 0.01
+
+
+def test_names_without_sides_are_told_of(body):
+    set_weights(body, "Hat", np.clip(X, 0, 1))
+    told = "Made 1 vertex groups of 'Creature' symmetric, each by itself: none has a side in its name"
+    assert symmetrise_weights(bpy.context, body) == told
+
+
+def test_groups_stay_in_their_order(body):
+    for name in ("Arm.L", "Arm.R", "Spine"):
+        set_weights(body, name, np.clip(X, 0, 1))
+    symmetrise_weights(bpy.context, body, only="Arm.R")
+    assert body.vertex_groups.keys() == ["Arm.L", "Arm.R", "Spine"]
+    name_sides(body, 0.01)
+    assert body.vertex_groups.keys()[:3] == ["Arm.L", "Arm.R", "Spine"]
 
 
 def test_locked_and_other_groups_stay(body):
@@ -205,6 +241,39 @@ def test_a_key_relative_to_another_one_stays_so(body):
     made = body.data.shape_keys.key_blocks["Grin.R"]
     assert made.relative_key.name == "Smile.R"
     assert off_by(key_offsets(body, "Grin.R"), bumps(2 * np.clip(-X, 0, 1))) < 0.1
+
+
+def test_keys_that_are_relative_to_what_is_written_do_what_they_did(body):
+    add_key(body, "Smile", bumps(np.clip(X, 0, 1)))
+    on_top = bumps(np.ones(len(X)))
+    for name, base in (("Grin", "Smile"), ("Laugh", "Grin")):
+        key = add_key(body, name, key_offsets(body, base) + on_top)
+        key.relative_key = body.data.shape_keys.key_blocks[base]
+    mirror_shape_key(bpy.context, body, "Smile", "symmetrise")
+    assert off_by(key_offsets(body, "Smile"), bumps(np.abs(X))) < 0.1
+    for name, base in (("Grin", "Smile"), ("Laugh", "Grin")):
+        np.testing.assert_allclose(key_offsets(body, name) - key_offsets(body, base), on_top, atol=1e-5)
+
+
+def test_locked_keys_are_not_written(body):
+    add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
+    add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1))).lock_shape = True
+    before = snapshot(body)
+    for mode, direction in (("mirror", "left_to_right"), ("mirror", "exchange")):
+        with pytest.raises(zo.MeshError, match=r"The shape key 'Smile\.R' of 'Creature' is locked: unlock it"):
+            mirror_shape_key(bpy.context, body, "Smile.L", mode, direction)
+    with pytest.raises(zo.MeshError, match="is locked"):
+        mirror_shape_key(bpy.context, body, "Smile.R", "symmetrise")
+    assert snapshot(body) == before
+
+
+def test_both_parts_of_a_split_key_keep_its_vertex_group(body):
+    body.vertex_groups.new(name="Mask.L")
+    body.vertex_groups.new(name="Mask.R")
+    add_key(body, "Frown", bumps(np.abs(X))).vertex_group = "Mask.L"
+    mirror_shape_key(bpy.context, body, "Frown", "split")
+    made = body.data.shape_keys.key_blocks
+    assert (made["Frown.L"].vertex_group, made["Frown.R"].vertex_group) == ("Mask.L", "Mask.L")
 
 
 def test_a_key_is_split_and_made_symmetric(body):

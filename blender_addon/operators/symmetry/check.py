@@ -10,7 +10,7 @@ from bpy.types import Context, Object
 
 from zoomout_core.arrays import Floats
 from zoomout_core.progress import Steps, drain, spread
-from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import asymmetry
 from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
@@ -92,8 +92,9 @@ def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") 
     else:
         with own_mesh(context, name, symmetry.surface) as (obj, mesh):
             _, own = read_key(obj, key)
-            partner = flip_name(key) if flip_name(key) in mesh.shape_keys.key_blocks else key
-            work = partial(_key_asymmetry, own, read_key(obj, partner)[1], symmetry)
+            keys = mesh.shape_keys.key_blocks.keys()
+            partner = partner_of(key, keys)
+            work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
     values = np.nan_to_num((yield from spread(in_background(work), READ, 1, "Comparing the sides")))
     unedited(context, name, symmetry.surface)
     return values

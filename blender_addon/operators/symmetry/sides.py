@@ -92,7 +92,7 @@ def name_sides(obj: Object, width: float) -> str:
     side = symmetry.sides(width * np.sqrt(symmetry.surface.area))
     members = np.column_stack([side > 0, side < 0, side == 0])
     weights = csr_array(members.astype(np.float32))
-    mesh_data.write_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
+    mesh_data.update_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
     obj.data.update()
     left, right, middle = members.sum(axis=0)
     return f"'{obj.name}': {left} vertices on the left, {right} on the right, {middle} in the middle"

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.progress import Steps, drain, spread
-from zoomout_core.symmetry.flip_name import flip_name
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
 from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute
@@ -67,15 +67,13 @@ def symmetrise_weights_steps(context: Context, name: str, direction: Direction, 
     reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
     weights = yield from spread(reading, 0, READ, READING.stage)
     with own_mesh(context, name, symmetry.surface) as (obj, _):
-        chosen = _choose(obj, with_partners(weights), only)
+        chosen = _choose(obj, with_partners(weights, mesh_data.deforming_bones(obj)), only)
     work = in_background(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
     weights = yield from spread(work, READ, 1, "Mirroring weights")
     obj = unedited(context, name, symmetry.surface)
-    mesh_data.write_weights(obj, weights)
+    mesh_data.update_weights(obj, weights)
     obj.data.update()
-    kept = f"; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else ""
-    groups = f"{len(weights.labels)} vertex groups of '{name}'"
-    return f"Exchanged the sides of {groups}{kept}" if direction == "exchange" else f"Made {groups} symmetric{kept}"
+    return _told(name, chosen, direction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +94,13 @@ class _Chosen:
 def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     if not weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex groups: give it some, or make another mesh active.")
-    wanted = {only, flip_name(only)} if only else set(weights.labels)
+    wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
     if only and only not in weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
     held = mesh_data.locked_groups(obj)
-    locked = [label for label in weights.labels if label in wanted and {label, flip_name(label)} & held]
+    locked = [
+        label for label in weights.labels if label in wanted and {label, partner_of(label, weights.labels)} & held
+    ]
     columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
     if not columns:
         raise zo.MeshError(f"All of these vertex groups of '{obj.name}' are locked: unlock some.")
@@ -116,10 +116,20 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     return _Chosen(replace(weights, values=csr_array(values[:, columns]), labels=labels), sharing, locked)
 
 
+def _told(name: str, chosen: _Chosen, direction: Direction) -> str:
+    """What was done with an object's groups, in a sentence."""
+    labels = chosen.weights.labels
+    groups = f"{len(labels)} vertex groups of '{name}'"
+    done = f"Exchanged the sides of {groups}" if direction == "exchange" else f"Made {groups} symmetric"
+    if all(partner_of(label, labels) == label for label in labels):
+        done += ", each by itself: none has a side in its name"
+    return done + (f"; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else "")
+
+
 def _deforming(obj: Object, weights: Attribute) -> set[str]:
     """The groups that share a vertex among them: those of bones, or all of a skin without bones."""
     bones = mesh_data.deforming_bones(obj)
-    bones |= {flip_name(bone) for bone in bones}
+    bones |= {partner_of(bone, bones) for bone in bones}
     if bones.intersection(weights.labels):
         return bones
     return set(weights.labels) if sum_to_one(weights.values) else set()
