@@ -12,9 +12,10 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
-from bpy.types import Mesh, Object
+from bpy.types import Mesh, Object, VertexGroup
 from scipy.sparse import csc_array, csr_array
 
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A weight of a vertex in a group, as it is read.
@@ -72,28 +73,46 @@ def _weights(names: tuple[str, ...], count: int, entries: list[np.ndarray]) -> A
 def write_weights(obj: Object, weights: Attribute) -> None:
     """Write vertex groups in the order of their labels, in place of those of the same names."""
     groups = obj.vertex_groups
+    columns = csc_array(weights.values)
     with _active_kept(obj):
         for name in weights.labels:
             if name in groups:
                 groups.remove(groups[name])
-        update_weights(obj, weights)
-
-
-def update_weights(obj: Object, weights: Attribute) -> None:
-    """Write vertex groups; those that are there stay where they are in the list, and new ones come last."""
-    groups = obj.vertex_groups
-    present, everywhere = set(groups.keys()), list(range(len(obj.data.vertices)))
-    columns = csc_array(weights.values)
-    with _active_kept(obj):
         for column, name in enumerate(weights.labels):
-            entries = slice(*columns.indptr[column : column + 2])
-            vertices, weight = columns.indices[entries], columns.data[entries]
-            if name in present:
-                groups[name].remove(everywhere)
-            add = (groups[name] if name in present else groups.new(name=name)).add
-            add(vertices[weight == 1].tolist(), 1, "REPLACE")
-            for vertex, part in zip(vertices[weight != 1].tolist(), weight[weight != 1].tolist(), strict=True):
-                add((vertex,), part, "REPLACE")
+            _add(groups.new(name=name), *_members(columns, column))
+
+
+def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
+    """Write what differs between two states of some vertex groups, which stay where they are in the list.
+
+    Args:
+        obj: the object.
+        before: their weights as they are there; a group that has none may not be there, and is made.
+        after: their weights as they are to be, with the same labels.
+    """
+    groups = obj.vertex_groups
+    old, new = csc_array(before.values), csc_array(after.values)
+    with _active_kept(obj):
+        for column, name in enumerate(after.labels):
+            group = groups.get(name) or groups.new(name=name)
+            (was_in, had), (is_in, has) = _members(old, column), _members(new, column)
+            group.remove(np.setdiff1d(was_in, is_in).tolist())
+            present = np.full(len(obj.data.vertices), np.nan, np.float32)
+            present[was_in] = had
+            changed = present[is_in] != has
+            _add(group, is_in[changed], has[changed])
+
+
+def _members(columns: csc_array, column: int) -> tuple[Integers, Floats]:
+    """The vertices in a group, and the weight of each, in single precision, as Blender has it."""
+    entries = slice(*columns.indptr[column : column + 2])
+    return columns.indices[entries], columns.data[entries].astype(np.float32)
+
+
+def _add(group: VertexGroup, vertices: Integers, weight: Floats) -> None:
+    group.add(vertices[weight == 1].tolist(), 1, "REPLACE")
+    for vertex, part in zip(vertices[weight != 1].tolist(), weight[weight != 1].tolist(), strict=True):
+        group.add((vertex,), part, "REPLACE")
 
 
 @contextmanager

@@ -398,7 +398,13 @@ def test_what_was_sculpted_is_carried_over(body):
     rest = positions(body.data)
     with pytest.raises(zo.MeshError, match="No vertex of 'Creature' was moved"):
         mirror_sculpt(bpy.context, body)
+    body.modifiers.new("Detail", "MULTIRES")
+    with pytest.raises(zo.MeshError, match="levels of 'Detail' keep what was sculpted"):
+        mirror_sculpt(bpy.context, body)
+    body.modifiers.clear()
     add_key(body, "Smile", bumps(np.abs(X)))
+    with pytest.raises(zo.MeshError, match="a shape key is active, which keeps what is sculpted"):
+        mirror_sculpt(bpy.context, body)
     moved = rest + bumps(np.clip(X, 0, 1))
     for points in (body.data.vertices, body.data.shape_keys.reference_key.points):
         points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
@@ -407,6 +413,17 @@ def test_what_was_sculpted_is_carried_over(body):
     assert off_by(positions(body.data) - rest, bumps(np.abs(X))) < 0.1
     assert off_by(key_shape(body.data, "Smile") - smile, bumps(np.clip(-X, 0, 1))) < 0.15
     stored_symmetry.read(body)  # which is still good, for the next stroke
+
+
+def test_the_selected_line_is_seen_in_edit_mode(body):
+    bpy.context.tool_settings.mesh_select_mode = (False, False, True)
+    assert bpy.ops.zoomout.select_symmetry_line() == {"FINISHED"}
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.hide()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    hidden = np.array([vertex.hide for vertex in body.data.vertices])
+    assert hidden.sum() > 30
+    assert np.abs(X[hidden]).max() < 0.12
 
 
 def test_the_line_is_selected_and_sides_are_named(body):

@@ -54,11 +54,9 @@ def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> St
     """`mirror_sculpt` as a generator, which holds no Blender data while it is suspended."""
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
-    yield READING
     if not moved.any():
-        raise zo.MeshError(
-            f"No vertex of '{name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."
-        )
+        raise zo.MeshError(_unmoved(obj))
+    yield READING
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
     work = in_background(partial(symmetrised_offsets, moved, symmetry, direction))
     wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
@@ -67,3 +65,14 @@ def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> St
     stored_symmetry.keep_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
     return f"Carried the sculpt of '{name}' over: {count} vertices moved"
+
+
+def _unmoved(obj: Object) -> str:
+    """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
+    said = f"No vertex of '{obj.name}' was moved since its symmetry was detected"
+    levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
+    if levels:
+        return f"{said}: levels of '{levels[0]}' keep what was sculpted there; its Apply Base moves the mesh itself."
+    if obj.data.shape_keys and obj.active_shape_key_index > 0:
+        return f"{said}: a shape key is active, which keeps what is sculpted; make it symmetric, or mirror it."
+    return f"{said}: sculpt it, or mirror a shape key."

@@ -30,7 +30,10 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
     def steps(self, context: Context) -> Steps[str]:
         obj = writable_mesh(context, context.active_object.name)
         yield Progress(0.0, "Selecting")
-        return select_symmetry_line(obj)
+        told = select_symmetry_line(obj)
+        if not context.tool_settings.mesh_select_mode[0]:  # Edit Mode would let go of vertices
+            context.tool_settings.mesh_select_mode = (True, False, False)
+        return told
 
 
 class ZOOMOUT_OT_name_sides(SideOptions, SymmetryOperator):
@@ -92,7 +95,7 @@ def name_sides(obj: Object, width: float) -> str:
     side = symmetry.sides(width * np.sqrt(symmetry.surface.area))
     members = np.column_stack([side > 0, side < 0, side == 0])
     weights = csr_array(members.astype(np.float32))
-    mesh_data.update_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
+    mesh_data.write_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
     obj.data.update()
     left, right, middle = members.sum(axis=0)
     return f"'{obj.name}': {left} vertices on the left, {right} on the right, {middle} in the middle"

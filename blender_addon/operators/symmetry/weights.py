@@ -71,7 +71,7 @@ def symmetrise_weights_steps(context: Context, name: str, direction: Direction, 
     work = in_background(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
     weights = yield from spread(work, READ, 1, "Mirroring weights")
     obj = unedited(context, name, symmetry.surface)
-    mesh_data.update_weights(obj, weights)
+    mesh_data.update_weights(obj, chosen.weights, weights)
     obj.data.update()
     return _told(name, chosen, direction)
 
