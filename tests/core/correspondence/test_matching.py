@@ -296,7 +296,7 @@ def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: C
         np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)]),
         [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]],
     )
-    with pytest.raises(MeshError, match="too few to be matched"):
+    with pytest.raises(MeshError, match="too few to know it by"):
         zo.match(resting.surface, cube)
 
 

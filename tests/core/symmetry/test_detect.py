@@ -128,6 +128,14 @@ def test_a_half_turn_alone_has_no_sides() -> None:
     assert all(symmetry.certainty < found[0].certainty for symmetry in found[1:])
 
 
+def test_reflections_come_before_turns_that_are_as_sure() -> None:
+    box = trimesh.creation.box(extents=(1.0, 0.7, 0.4)).subdivide().subdivide().subdivide()
+    found = zo.detect_symmetry(Surface(box.vertices, box.faces))
+    assert min(symmetry.certainty for symmetry in found[:7]) > 0.98
+    reverse = [symmetry.reverses_orientation for symmetry in found[:7]]
+    assert reverse == [True] * 4 + [False] * 3
+
+
 def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     at = np.array([[0.45, -0.75, 0.35], [-0.45, -0.75, 0.35], [0, -0.85, 0.1]])
@@ -136,6 +144,7 @@ def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
     faces = [bent.surface.triangles, *(ball.faces + start for start in starts[1:-1])]
     whole = Surface(np.concatenate(points), np.concatenate(faces))
     symmetry = zo.detect_symmetry(whole)[0]
+    assert symmetry.notes == ("3 loose parts mapped to their like, or to themselves, by place, size and shape.",)
     part = np.searchsorted(starts, symmetry.surface_map.vertex, side="right") - 1
     for own, other, side in ((1, 2, 1), (2, 1, -1), (3, 3, None)):
         rows = slice(starts[own], starts[own + 1])

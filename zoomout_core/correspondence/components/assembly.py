@@ -9,8 +9,12 @@ from zoomout_core.correspondence.components.loose import LooseParts, map_parts
 from zoomout_core.correspondence.components.parts import MOST_PARTS
 from zoomout_core.correspondence.fitting.fit import Fit, lifted_fit
 from zoomout_core.correspondence.pair import Pair, standing
+from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
+from zoomout_core.surface import Surface
+
+TOO_MANY = f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."
 
 
 def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
@@ -61,20 +65,38 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
 
 def _notes(pair: Pair, loose: LooseParts) -> tuple[str, ...]:
     """What a user should know about the parts of the two surfaces, a sentence each."""
+    if pair.source is pair.target:
+        smaller = ["The main part, whose symmetry decides, is not the largest."]
+        return (
+            *(smaller if _is_smaller(pair.source, pair.source_shape) else ()),
+            *_worded(
+                (loose.paired, "{} mapped to their like, or to themselves, by place, size and shape."),
+                (loose.others, "{} mapped to other parts that lie in the same place."),
+                (loose.too_many, TOO_MANY),
+                (loose.alone, "{} without a partner: the nearest place of the body, with no confidence."),
+            ),
+        )
+    roles = (("source", pair.source, pair.source_shape), ("target", pair.target, pair.target_shape))
     smaller = [
         f"The main part of the {role} is not its largest, but the one that is more like the other surface's."
-        for role, surface, shape in (
-            ("source", pair.source, pair.source_shape),
-            ("target", pair.target, pair.target_shape),
-        )
-        if surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0
+        for role, surface, shape in roles
+        if _is_smaller(surface, shape)
     ]
-    counted = (
+    worded = _worded(
         (loose.paired, "{} paired with parts of the source by place, size and shape."),
         (loose.others, "{} of the target mapped to other parts of the source that lie in the same place."),
-        (loose.too_many, f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."),
+        (loose.too_many, TOO_MANY),
         (loose.alone, "{} of the target without a partner: the nearest place of the body, with no confidence."),
         (loose.left, "{} of the source without a partner: nothing was matched to them."),
     )
-    worded = [text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in counted if count]
     return (*smaller, *worded)
+
+
+def _is_smaller(surface: Surface, shape: Shape) -> bool:
+    """Whether a surface's main part is not its largest."""
+    return bool(surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0)
+
+
+def _worded(*counted: tuple[int, str]) -> tuple[str, ...]:
+    """Sentences about numbers of loose parts, of those that there are."""
+    return tuple(text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in counted if count)

@@ -45,7 +45,7 @@ def main_part_steps(
     Raises:
         MeshError: a component is too small.
     """
-    roles = (source, "source"), (target, "target")
+    roles = ((source, "mesh"),) * 2 if source is target else ((source, "source"), (target, "target"))
     ours, theirs = yield from scaled(for_each(lambda each: _comparable(*each), roles), 0.0, 0.2)
     if len(ours) == len(theirs) == 1:
         return ours[0], theirs[0]
@@ -66,7 +66,7 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
     enough = [part for part in parts if len(part.vertices) >= SMALLEST_PART]
     if not enough:
         raise MeshError(
-            f"The largest part of the {role} has {len(parts[0].vertices)} vertices, too few to be matched: "
+            f"The largest part of the {role} has {len(parts[0].vertices)} vertices, too few to know it by: "
             f"subdivide it to {SMALLEST_PART} or more."
         )
     return enough
