@@ -120,7 +120,8 @@ def distance_of(domain: Domain, symmetry: SelfMap) -> Floats:
 def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Floats:
     """(count,) from 0 to 1: what an element's own value counts, against that from the other side.
 
-    Edges along the symmetry line are those of both sides, and keep theirs: a line that lies there stays whole.
+    Edges along the symmetry line are those of both sides, and keep theirs: a line that lies there stays whole. So do
+    vertices that belong to no face, which have no other side.
 
     Raises:
         MeshError: there are no two sides of which one could give.
@@ -135,6 +136,8 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
     share = np.where(distance > 0, on_left, np.where(distance < 0, on_right, (on_left + on_right) / 2))
     if domain is Domain.EDGE and direction in ONE_WAY:
         share[_along_line(symmetry)] = 1.0
+    if domain is Domain.POINT:
+        share[~_on_faces(symmetry.surface)] = 1.0
     return share
 
 
@@ -165,6 +168,13 @@ def names_flipped(weights: Attribute) -> Attribute:
     return replace(weights, values=csr_array(csr_array(weights.values)[:, partner]))
 
 
+def _on_faces(surface: Surface) -> Booleans:
+    """(n,) which vertices belong to a face."""
+    found = np.zeros(len(surface.vertices), dtype=bool)
+    found[surface.triangles] = True
+    return found
+
+
 def _along_line(symmetry: SelfMap) -> Booleans:
     """(e,) which edges lie along the symmetry line: both ends are nearer to it than half the edge's length."""
     surface = symmetry.surface
@@ -180,5 +190,11 @@ def _mixed_weights(
     weights = csr_array(own.values)
     mixed = diags_array(own_share) @ weights + diags_array(1 - own_share) @ other.values
     limit = max(1, int(np.diff(weights.indptr).max()))
-    stay = SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface)
-    return transfer(replace(other, values=csr_array(mixed)), stay, surface, surface, **{"limit": limit, **options})
+    on_faces = _on_faces(surface)
+    stay = SurfaceMap.from_vertices(np.where(on_faces, np.arange(len(on_faces)), surface.triangles[0, 0]), surface)
+    limited = transfer(replace(other, values=csr_array(mixed)), stay, surface, surface, **{"limit": limit, **options})
+    if on_faces.all():
+        return limited
+    loose = diags_array((~on_faces).astype(limited.values.dtype))
+    whole = diags_array(on_faces.astype(limited.values.dtype)) @ limited.values + loose @ weights
+    return replace(limited, values=csr_array(whole))

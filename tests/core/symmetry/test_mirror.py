@@ -64,6 +64,26 @@ def test_groups_without_a_partner_get_one(reflection: zo.Symmetry, bent: Creatur
     assert both[:, 0].max() == 0
 
 
+def test_vertices_of_no_face_keep_what_they_have(reflection: zo.Symmetry, bent: Creature) -> None:
+    count = len(bent.surface.vertices)
+    surface = zo.Surface(np.vstack([bent.surface.vertices, [[9.0, 9, 9], [8.0, 8, 8]]]), bent.surface.triangles)
+    triangle = np.append(reflection.surface_map.triangle, [0, 0])
+    barycentric = np.vstack([reflection.surface_map.barycentric, np.eye(3)[:2]])
+    symmetry = replace(
+        reflection,
+        surface=surface,
+        surface_map=zo.SurfaceMap(triangle, barycentric, surface.triangles),
+        distance=np.append(reflection.distance, [0, 0]),
+        confidence=np.append(reflection.confidence, [0, 0]),
+    )
+    loose = [[0.25, 0, 0.5], [0, 0, 0]]
+    for direction in ("left_to_right", "average", "exchange"):
+        made = symmetrised(weights_of(np.vstack([true_weights(bent.directions), loose])), symmetry, direction)
+        np.testing.assert_array_equal(made.values.toarray()[count:], loose)
+        numbers = symmetrised(point(np.arange(count + 2.0)), symmetry, direction)
+        np.testing.assert_array_equal(numbers.values[count:], [count, count + 1])
+
+
 def test_numbers_colours_and_labels_take_the_winning_side(reflection: zo.Symmetry, bent: Creature) -> None:
     x, height = bent.directions[:, 0], bent.directions[:, 2]
     left = x > 0
