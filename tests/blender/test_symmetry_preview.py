@@ -105,6 +105,12 @@ def test_a_reshaped_mesh_says_so_in_passing(body):
         assert stored_symmetry.is_reshaped(body, kept) == bool(moved)
 
 
+def test_without_vertex_groups_there_are_no_weights_to_look_at(body):
+    for work in (lambda: check_symmetry(bpy.context, body, "weights"), lambda: symmetrise_weights(bpy.context, body)):
+        with pytest.raises(zo.MeshError, match="'Creature' has no vertex groups: give it some"):
+            work()
+
+
 def test_asymmetry_is_shown_and_told(body):
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
     assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
@@ -126,5 +132,7 @@ def test_asymmetry_is_shown_and_told(body):
     unlike = check_symmetry(bpy.context, body, "key", "Frown.L")
     mean_of = [float(text.split(" differ by ")[1].split(" ")[0]) for text in (like, unlike)]
     assert mean_of[0] < 0.1 * mean_of[1]
+    with pytest.raises(zo.MeshError, match="No shape key of 'Creature' is active"):
+        check_symmetry(bpy.context, body, "key")
     with pytest.raises(zo.MeshError, match="no shape key 'Basis' beside the first one"):
         check_symmetry(bpy.context, body, "key", "Basis")

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from bpy.types import Context, Object
 
+import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.progress import Steps, drain, spread
 from zoomout_core.symmetry.flip_name import partner_of
@@ -82,6 +83,8 @@ def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") 
     """
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
+    if check == "weights" and not obj.vertex_groups:
+        raise zo.MeshError(f"'{name}' has no vertex groups: give it some, or check the shape.")
     yield READING
     if check == "shape":
         work = partial(shape_asymmetry, symmetry)

@@ -94,7 +94,7 @@ def mirror_attributes_steps(
     obj.data.update()
     left_out = f"; skipped {', '.join(skipped)}, of which there is no mean" if skipped else ""
     verb = "Exchanged the sides of" if direction == "exchange" else "Mirrored"
-    return f"{verb} {', '.join(one.attribute.name for one in made)} of '{name}'{left_out}"
+    return f"{verb} {', '.join(dict.fromkeys(one.attribute.name for one in made))} of '{name}'{left_out}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,9 +106,11 @@ def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
     """A shape key of an object, and how far it moves each vertex (n, 3) from the key that it is relative to.
 
     Raises:
-        MeshError: there is no such key, or keys are absolute.
+        MeshError: there is no such key, or none is active, or keys are absolute.
     """
     present = obj.data.shape_keys
+    if not name:
+        raise zo.MeshError(f"No shape key of '{obj.name}' is active: add one, or make it active.")
     if present is None or name not in present.key_blocks or name == present.reference_key.name:
         raise zo.MeshError(f"'{obj.name}' has no shape key {name!r} beside the first one: make another key active.")
     if not present.use_relative:
