@@ -9,7 +9,7 @@ from bpy.types import Context, Panel, UILayout
 from .. import manual, preview, stored_symmetry
 from ..operators import symmetry as operators
 from ..operators.symmetry.detect import summary
-from ..preflight import Finding
+from ..preflight import FEW_VERTICES, Finding
 from ..properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
 from ..swatches import icon_of_symmetry
 from .sidebar import (
@@ -25,6 +25,7 @@ from .sidebar import (
 
 EDITED = Finding("The mesh was edited since: detect its symmetry again.", True)
 RESHAPED = Finding("Reshaped since: Mirror Sculpt carries it over to the other side, or detect again.", False)
+FEW = Finding("Few vertices: if a symmetry is not found, subdivide the mesh and detect again.", False)
 # How many pictures of candidates stand side by side.
 COLUMNS = 2
 
@@ -43,6 +44,8 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         kept, target = _kept(context), context.active_object
         if target is None or target.type != "MESH":
             sentences(context, layout, ["Make a mesh active."], "INFO")
+        elif len(target.data.vertices) < FEW_VERTICES:
+            show_findings(context, layout, [FEW])
         again = "Detect Symmetry" if kept is None else "Detect Again"
         main_button(layout, operators.ZOOMOUT_OT_detect_symmetry.bl_idname, again, "MOD_MIRROR", True)
         if kept is None:

@@ -170,6 +170,12 @@ def test_colours_can_be_taken_away_from_what_is_out_of_date(source, target):
     assert (buttons()["Places"], buttons()[""]) == (False, True)
 
 
+def test_a_mesh_of_few_vertices_is_warned_of_before_its_symmetry_is_sought(target):
+    assert "Few vertices: " not in texts()
+    activate(ellipsoid("Ball", 1))
+    assert "Few vertices: " in texts()
+
+
 def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
     assert "Detect Again" in buttons()
     chosen = stored_symmetry.description(body.data)["candidates"][0]
