@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
-import bpy
 from bpy.types import Object
 
 import zoomout_core as zo
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.transfer import Blend, Mode
 
 from .. import mesh_data
@@ -42,11 +42,11 @@ class Settings:
     group_names: Mapping[str, str] = field(default_factory=dict)
     turning: Collection[str] = ()
 
-    def new_name(self, group: str) -> str:
-        """What a vertex group of the source is called on the target."""
+    def new_name(self, group: str, names: Collection[str]) -> str:
+        """What a vertex group of the source, which has groups and bones of some names, is called on the target."""
         if group in self.group_names:
             return self.group_names[group]
-        return bpy.utils.flip_name(group) if self.flip_names else group
+        return partner_of(group, names) if self.flip_names else group
 
     def blend(self, target: Object) -> Blend:
         """How values are blended with those of a target.

@@ -53,7 +53,8 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
         return []
     target, settings = origin.target, origin.settings
     weights, locked = mesh_data.read_weights(origin.evaluated, origin.mesh), mesh_data.locked_groups(target)
-    weights = rename_groups(weights, {name: settings.new_name(name) for name in weights.labels})
+    names = {*weights.labels, *mesh_data.deforming_bones(origin.source)}
+    weights = rename_groups(weights, {name: settings.new_name(name, names) for name in weights.labels})
     open_columns = [i for i, name in enumerate(weights.labels) if name not in locked]
     closed = [name for name in weights.labels if name in locked]
     remarks.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
@@ -92,7 +93,8 @@ def _deforming_groups(weights: Attribute, origin: Origin, remarks: Remarks) -> s
 
     What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
     """
-    bones = {origin.settings.new_name(name) for name in mesh_data.deforming_bones(origin.source)}
+    bones = mesh_data.deforming_bones(origin.source)
+    bones = {origin.settings.new_name(name, bones) for name in bones}
     bones |= mesh_data.deforming_bones(origin.target)
     if bones.intersection(weights.labels) or weights.values.nnz == 0:
         return bones

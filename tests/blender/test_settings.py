@@ -181,6 +181,14 @@ def test_groups_change_sides_and_names_and_are_still_those_that_deform(source, t
     np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
 
 
+def test_names_with_their_side_in_the_midst_change_sides_where_both_are_there(source, target):
+    keep_match(target)
+    for name in ("mixamorig:LeftArm", "mixamorig:RightArm", "mixamorig:LeftWing"):
+        set_weights(source, name, ramp(source) if "Arm" in name else 1 - ramp(source))
+    transfer(source, target, "vertex_groups", flip_names=True)
+    assert target.vertex_groups.keys() == ["mixamorig:RightArm", "mixamorig:LeftArm", "mixamorig:LeftWing"]
+
+
 def test_names_are_given_as_pairs():
     assert parse_names(" flow, spin ,") == ("flow", "spin")
     assert parse_group_names(" Arm = Upper Arm,Spine=Back , ") == {"Arm": "Upper Arm", "Spine": "Back"}
