@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bpy.types import Context, Panel, UILayout
+from bpy.types import Context, Object, Panel, UILayout
 
 from .. import manual, preview, stored_symmetry
 from ..operators import symmetry as operators
@@ -44,8 +44,8 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         kept, target = _kept(context), context.active_object
         if target is None or target.type != "MESH":
             sentences(context, layout, ["Make a mesh active."], "INFO")
-        elif len(target.data.vertices) < FEW_VERTICES:
-            show_findings(context, layout, [FEW])
+        else:
+            show_findings(context, layout, _doubts(target))
         again = "Detect Symmetry" if kept is None else "Detect Again"
         main_button(layout, operators.ZOOMOUT_OT_detect_symmetry.bl_idname, again, "MOD_MIRROR", True)
         if kept is None:
@@ -133,6 +133,13 @@ CLASSES = (
     ZOOMOUT_PT_symmetry_attributes,
     ZOOMOUT_PT_symmetry_shape,
 )
+
+
+def _doubts(target: Object) -> list[Finding]:
+    """What the user should know before a mesh's symmetry is sought."""
+    found = [FEW] if len(target.data.vertices) < FEW_VERTICES else []
+    halves = [modifier.name for modifier in target.modifiers if modifier.type == "MIRROR" and modifier.show_viewport]
+    return found + [Finding(f"'{name}' makes the mesh's other half: apply it first.", False) for name in halves]
 
 
 def _draw_candidates(context: Context, layout: UILayout, kept: dict[str, Any]) -> None:

@@ -176,6 +176,13 @@ def test_a_mesh_of_few_vertices_is_warned_of_before_its_symmetry_is_sought(targe
     assert "Few vertices: " in texts()
 
 
+def test_half_a_mesh_is_warned_of_before_its_symmetry_is_sought(target):
+    modifier = target.modifiers.new("Mirror", "MIRROR")
+    assert "'Mirror' makes the mesh's other half: apply it first" in texts()
+    modifier.show_viewport = False
+    assert "other half" not in texts()
+
+
 def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
     assert "Detect Again" in buttons()
     chosen = stored_symmetry.description(body.data)["candidates"][0]
