@@ -7,7 +7,7 @@ with its partner.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
@@ -148,9 +148,7 @@ def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute
         weights: labelled by their groups' names.
         others: names that there are besides, such as those of bones: see `partner_of`.
     """
-    names = {*weights.labels, *others}
-    partners = dict.fromkeys(partner_of(name, names) for name in weights.labels)
-    missing = [name for name in partners if name not in weights.labels]
+    missing = [name for name in _partners(weights.labels, others) if name not in weights.labels]
     if not missing:
         return weights
     values = csr_array(weights.values)
@@ -164,8 +162,22 @@ def names_flipped(weights: Attribute) -> Attribute:
     """Weights whose groups have changed places with those of the other side, in the same order of names."""
     weights = with_partners(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
-    partner = [column[partner_of(name, column)] for name in weights.labels]
-    return replace(weights, values=csr_array(csr_array(weights.values)[:, partner]))
+    partner = _partners(weights.labels)
+    columns = [column[partner[name]] for name in weights.labels]
+    return replace(weights, values=csr_array(csr_array(weights.values)[:, columns]))
+
+
+def _partners(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
+    """For each of some names, and for what is found to be its partner, the partner; other names may be known besides.
+
+    The partner of a partner may be a third name: "arm right" is that of "arm lEFT", and has "arm left" itself. So
+    whoever comes first is paired both ways.
+    """
+    names, partner = {*labels, *others}, dict[str, str]()
+    for name in labels:
+        other = partner.setdefault(name, partner_of(name, names))
+        partner.setdefault(other, name)
+    return partner
 
 
 def _on_faces(surface: Surface) -> Booleans:

@@ -64,6 +64,13 @@ def test_groups_without_a_partner_get_one(reflection: zo.Symmetry, bent: Creatur
     assert both[:, 0].max() == 0
 
 
+def test_a_name_in_odd_spelling_has_a_partner_all_the_same() -> None:
+    flipped = names_flipped(weights_of(np.array([[0.5, 0.25]]), ("arm lEFT", "Spine")))
+    assert flipped.labels == ("arm lEFT", "Spine", "arm right")
+    np.testing.assert_array_equal(flipped.values.toarray(), [[0, 0.25, 0.5]])
+    assert with_partners(flipped).labels == flipped.labels
+
+
 def test_vertices_of_no_face_keep_what_they_have(reflection: zo.Symmetry, bent: Creature) -> None:
     count = len(bent.surface.vertices)
     surface = zo.Surface(np.vstack([bent.surface.vertices, [[9.0, 9, 9], [8.0, 8, 8]]]), bent.surface.triangles)
