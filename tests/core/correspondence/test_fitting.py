@@ -84,9 +84,11 @@ def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
         second=np.array([1, 0]),
         bond=np.ones(2),
     )
-    bending = Bending(nodes, places, np.ones((6, 3)), np.tile(np.eye(3), (3, 1, 1)), places[:3].copy())
+    bending = Bending(
+        nodes, places, np.ones((6, 3)), np.tile(np.eye(3), (3, 1, 1)), places[:3].copy(), np.zeros((3, 6))
+    )
     vertex, shift = np.array([0, 1, 3, 4]), np.array([0.1, 0.2, 0.3])
-    bending.step(vertex, np.tile(shift, (4, 1)), np.tile(np.eye(3), (4, 1, 1)), 0.3)
+    bending.step(vertex, np.tile(shift, (4, 1)), np.tile(np.eye(3), (4, 1, 1)), 0.3, False)
     positions, _, _ = bending.moved()
     np.testing.assert_allclose(positions[vertex] - places[vertex], np.tile(shift, (4, 1)), atol=1e-3)
     np.testing.assert_allclose(positions[[2, 5]], places[[2, 5]], atol=1e-6)

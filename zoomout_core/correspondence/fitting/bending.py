@@ -25,6 +25,9 @@ JOINT = 0.01
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
 # the time, and where the next step begins from closest points found anew. A node that nothing speaks of stays.
 DAMPING, LEAST_DIAGONAL = 1e-5, 1e-9
+# Closest points give way only slowly to what slides along a surface. Steps towards them are lengthened by this factor,
+# and by this part of the step before (Polyak 1964): two thirds of the rounds lead as far.
+LENGTHENING, MOMENTUM = 1.6, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,7 @@ class Bending:
         normals: (n, 3) its normals, likewise.
         rotations: (d, 3, 3) of the nodes.
         images: (d, 3) where the nodes go.
+        stride: (d, 6) the last step towards closest points: turns, as rotation vectors, and shifts.
     """
 
     nodes: Nodes
@@ -85,6 +89,7 @@ class Bending:
     normals: Floats
     rotations: Floats
     images: Floats
+    stride: Floats
 
     @classmethod
     def from_images(cls, nodes: Nodes, rest: Floats, normals: Floats, images: Floats, areas: Floats) -> Bending:
@@ -102,7 +107,7 @@ class Bending:
         rotations = nearest_rotations(moments)
         own = sums / sums[:, 15:]
         shift = np.einsum("dij,dj->di", rotations, rest[nodes.vertex] - own[:, :3])
-        return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift)
+        return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift, np.zeros((count, 6)))
 
     def offsets(self, vertex: Integers) -> Floats:
         """(q, c, 3) some vertices, seen from the nodes that move them, as these turn them."""
@@ -122,7 +127,7 @@ class Bending:
             blends += share[:, None, None] * self.rotations[node]
         return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
 
-    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float) -> float:
+    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float, approaching: bool) -> float:
         """One step of Gauss and Newton's method.
 
         Args:
@@ -130,9 +135,10 @@ class Bending:
             misses: (q, 3) by how much.
             pull: (q, 3, 3) square roots of what a miss counts in each direction.
             stiffness: see `Level`.
+            approaching: whether misses are those of closest points, which will be others at the next step.
 
         Returns:
-            How far the nodes move, on average.
+            How far the step takes the nodes, on average, before it is lengthened.
         """
         near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
         turning = pull[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
@@ -143,9 +149,12 @@ class Bending:
         matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + LEAST_DIAGONAL * diagonal.mean()
         factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
         change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
+        moved = float(np.linalg.norm(change[:, 3:], axis=1).mean())
+        if approaching:
+            change = self.stride = LENGTHENING * change + MOMENTUM * self.stride
         self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
         self.images = self.images + change[:, 3:]
-        return float(np.linalg.norm(change[:, 3:], axis=1).mean())
+        return moved
 
     def _stiffness(self, stiffness: float) -> list[_Rows]:
         """What neighbouring nodes that disagree count: in where they put each other, and in how they turn."""

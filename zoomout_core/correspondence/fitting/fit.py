@@ -50,12 +50,12 @@ class Level(NamedTuple):
 # First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else tells how a round part lies.
 LEVELS = (
     Level(40, 1.0, 0.3, 1),
-    Level(40, 0.01, 0.3, 8),
+    Level(40, 0.01, 0.3, 5),
     Level(100, 1.0, 0.3, 1),
-    Level(100, 0.02, 0.3, 3),
+    Level(100, 0.02, 0.3, 2),
     Level(200, 1.0, 0.3, 1),
-    Level(200, 0.05, 0.3, 3),
-    Level(200, 0.02, 0.1, 4),
+    Level(200, 0.05, 0.3, 2),
+    Level(200, 0.02, 0.1, 3),
 )
 # Nodes that move by less than this on average, at unit area, are where a level takes them.
 AT_REST = 6e-4
@@ -128,9 +128,9 @@ def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -
             positions, turned, _ = bending.moved()
             if sliding == 1:
                 pull = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-                motion = bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness)
+                motion = bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness, False)
             else:
-                motion = bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness)
+                motion = bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness, True)
             if motion < AT_REST:
                 break
     yield len(LEVELS) / (len(LEVELS) + 1)
