@@ -30,10 +30,11 @@ from zoomout_core.progress import Steps, drain, scaled, spread, within
 from zoomout_core.surface import Surface
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
-from zoomout_core.symmetry.ranking import in_order, is_no_part_of_identity
+from zoomout_core.symmetry.ranking import SURE, in_order, is_no_part_of_identity
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, main_shape_steps
 from zoomout_core.symmetry.sides import CLEARLY_LEFT, leftward, on_whole_surface, signed_distance
 from zoomout_core.threads import alone, for_each, for_each_stepped, in_background, on_one_blas_thread, side_by_side
+from zoomout_core.triangles import triangle_areas
 
 # A character of Blender's faces -y, so that its left is +x.
 LEFT = (1.0, 0.0, 0.0)
@@ -126,7 +127,8 @@ def detect_symmetry_steps(
     candidates = yield from spread(candidate_steps(shape), 0.5, 0.7, "Comparing candidates")
     chosen = [entry for i, entry in enumerate(candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
     refining = for_each_stepped(lambda candidate: _symmetry_steps(pair, candidate, to_the_left), chosen)
-    return tuple((yield from spread(refining, 0.7, 1.0, "Refining")))
+    found = yield from spread(refining, 0.7, 1.0, "Refining")
+    return tuple(sorted(found, key=_place))
 
 
 def candidate_steps(shape: Shape) -> Generator[float, None, list[Candidate]]:
@@ -198,6 +200,14 @@ def _finished(
         origin=candidate.origin,
         notes=notes,
     )
+
+
+def _place(symmetry: Symmetry) -> tuple[float, float]:
+    """What is less for the symmetries that come first: of those that are sure the ones which pair most loose parts."""
+    surface = symmetry.surface
+    alone = (symmetry.confidence == 0)[surface.triangles].all(axis=1)
+    areas = triangle_areas(surface.vertices, surface.triangles)
+    return -min(symmetry.certainty, SURE), round(float(areas[alone].sum() / areas.sum()), 2)
 
 
 def _unit_vector(left: ArrayLike) -> Floats:

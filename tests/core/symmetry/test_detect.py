@@ -156,6 +156,21 @@ def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
             assert (symmetry.sides()[rows] == side).all()
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_of_a_bodys_symmetries_those_come_first_that_pair_its_loose_parts(axis: int) -> None:
+    body = trimesh.creation.box(extents=(1.0, 0.7, 0.4)).subdivide().subdivide().subdivide()
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.15)
+    at = np.array([[0.3, 0.2, 0.4], [0.3, 0.2, 0.4]])
+    at[1, axis] *= -1
+    parts = [body.vertices, *(ball.vertices + centre for centre in at)]
+    starts = np.cumsum([0, *(len(part) for part in parts)])
+    faces = [body.faces, *(ball.faces + start for start in starts[1:-1])]
+    found = zo.detect_symmetry(Surface(np.concatenate(parts), np.concatenate(faces)))
+    mirrored = found[0].surface.vertices * np.where(np.arange(3) == axis, -1, 1)
+    off = found[0].surface_map.interpolate(found[0].surface.vertices) - mirrored
+    assert np.linalg.norm(off, axis=1).mean() < 0.02
+
+
 def test_detection_tells_how_far_it_is_and_can_be_left(bent: Creature) -> None:
     fractions = [progress.fraction for progress in zo.detect_symmetry_steps(bent.surface)]
     assert all(a <= b for a, b in pairwise(fractions))
