@@ -62,6 +62,11 @@ def main(command_line: Sequence[str]) -> int:
     except (ValueError, RuntimeError) as error:  # the latter are Blender's own, as of a disk that is full
         report["error"] = str(error)
         failed = [report["error"]]
+    if options.report:
+        try:
+            Path(options.report).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            failed.append(f"The report could not be written: {error}.")
     for name, entry in report[done].items():
         print(
             f"zoomout: {command} {'of' if done == 'objects' else 'to'} '{name}' "
@@ -69,16 +74,16 @@ def main(command_line: Sequence[str]) -> int:
         )
     for reason in failed:
         print(f"zoomout: {reason}", file=sys.stderr)
-    if options.report:
-        Path(options.report).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return FAILED if failed else DONE
 
 
 def _check_paths(options: argparse.Namespace) -> None:
     """Raise a MeshError if the results could not be written."""
-    for path in filter(None, (options.save, options.report)):
-        if not Path(path).resolve().parent.is_dir():
-            raise zo.MeshError(f"There is no folder {Path(path).resolve().parent}: create it, or write elsewhere.")
+    for path in (Path(given).resolve() for given in (options.save, options.report) if given):
+        if not path.parent.is_dir():
+            raise zo.MeshError(f"There is no folder {path.parent}: create it, or write elsewhere.")
+        if path.is_dir():  # Blender would save there all the same, and move the folder out of the way
+            raise zo.MeshError(f"{path} is a folder: name a file in it.")
 
 
 def _is_worth_saving(command: str, failed: int, entries: int) -> bool:

@@ -29,9 +29,11 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         entry = report[name] = {"done": []}
         try:
             obj = writable_mesh(context, name)
-            for sentence in _work(context, obj, options):
-                entry["done"].append(sentence)
-            entry |= _described(obj)
+            try:
+                for sentence in _work(context, obj, options):
+                    entry["done"].append(sentence)
+            finally:  # who has to choose another symmetry sees which there are
+                entry |= _described(obj) if _is_known(obj) else {}
             entry["asymmetry"] = {check: _asymmetry(context, name, check) for check in options.check}
         except zo.MeshError as error:
             entry["error"] = str(error)

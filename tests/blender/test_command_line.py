@@ -1,6 +1,7 @@
 """The command for pipelines: what it writes, reports and ends with."""
 
 import json
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -82,6 +83,27 @@ def test_where_nothing_was_done_nothing_is_saved(pair, tmp_path):
     assert run("transfer", "--source", "Nobody", "--target", "Target", "--save", out) == 1
     assert not out.exists()
     assert snapshot_file() == before
+
+
+@pytest.mark.parametrize("option", ["--save", "--report"])
+def test_a_folder_is_not_taken_for_a_file(pair, tmp_path, capsys, option):
+    before = snapshot_file()
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    assert run("match", "--source", "Source", "--target", "Target", option, kept) == 1
+    assert f"{kept} is a folder: name a file in it." in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]  # Blender would have moved it
+    assert snapshot_file() == before
+
+
+def test_a_report_that_cannot_be_written_in_the_end_is_a_sentence(pair, tmp_path, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    arguments = ("--source", "Source", "--target", "Target", "--k-final", 30, "--report", tmp_path / "report.json")
+    assert run("match", *arguments) == 1
+    assert "The report could not be written: No space left on device." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -201,6 +223,14 @@ def test_where_anything_fails_along_a_symmetry_nothing_is_saved(body, tmp_path, 
     assert not out.exists()
     errors = [entry["error"] for entry in json.loads(path.read_text())["objects"].values() if "error" in entry]
     assert len(errors) == 1
+
+
+def test_what_was_found_is_reported_to_whoever_has_to_choose_another(body, tmp_path):
+    path = tmp_path / "report.json"
+    assert run("symmetry", "--object", "Body", "--use", 99, "--report", path) == 1
+    entry = json.loads(path.read_text())["objects"]["Body"]
+    assert "not the one that is asked for" in entry["error"]
+    assert entry["candidates"][entry["used"] - 1]["name"] == "Reflection"
 
 
 @pytest.mark.parametrize(
