@@ -145,7 +145,7 @@ class Screen:
         self.preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
         self.window = self.window_manager = self.workspace = self
         self.screen = SimpleNamespace(areas=[self.area])
-        self.status, self.cursor, self.handlers = None, None, 0
+        self.status, self.cursor, self.handlers, self.modal_operators = None, None, 0, []
 
     def __getattr__(self, name):
         return getattr(bpy.context, name)
@@ -210,6 +210,14 @@ def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_nex
     assert placing.reports == ["Nothing was hit there: click on 'Source' or 'Target'"]
     assert placing.event("ESC") == {"FINISHED"}
     assert (screen.cursor, screen.status) == (None, None)
+
+
+def test_none_are_placed_where_blender_keeps_the_place_of_an_operator_that_is_gone(placing, monkeypatch):
+    monkeypatch.setattr(modal, "can_begin", lambda window: False)  # to add another one would crash it
+    handlers = placing.screen.handlers
+    assert placing.invoke(placing.screen, None) == {"CANCELLED"}
+    assert placing.screen.handlers == handlers
+    assert "move the mouse, and try again" in placing.reports[-1]
 
 
 def test_a_dot_can_be_dragged_and_the_last_one_taken_back(source, target, placing):

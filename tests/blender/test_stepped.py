@@ -18,7 +18,7 @@ class Window:
 
     def __init__(self):
         self.window_manager = self.workspace = self
-        self.window = object()
+        self.window = SimpleNamespace(modal_operators=[])
         self.timers, self.handlers, self.status, self.windows = [], 0, None, []
 
     def event_timer_add(self, interval, window):
@@ -142,6 +142,18 @@ def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, mon
     assert stepped.running is None
     modal.cancel_all()  # once is enough
     assert run(Work(), window, [TICK]) == [{"RUNNING_MODAL"}] * 2
+
+
+def test_where_blender_keeps_the_place_of_an_operator_that_is_gone_the_work_runs_straight_through(window, monkeypatch):
+    """To add another one would crash it: `modal_operators` then has an entry that points to nothing."""
+    kept = SimpleNamespace(as_pointer=lambda operator: operator)
+    monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(types=SimpleNamespace(bpy_struct=kept)))
+    window.window.modal_operators = [1234, 0]
+    work = Work()
+    assert work.invoke(window, None) == {"FINISHED"}
+    assert (work.written, window.handlers, window.timers) == (True, 0, [])
+    window.window.modal_operators = [1234]
+    assert run(Work(count=0), window, [TICK]) == [{"RUNNING_MODAL"}, {"FINISHED"}]
 
 
 def test_an_error_is_one_report_and_leaves_no_timer(window):
