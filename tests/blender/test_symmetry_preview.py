@@ -1,5 +1,6 @@
 """A symmetry, its sides and an asymmetry are seen by colours that lie over the object."""
 
+import re
 from dataclasses import replace
 
 import bpy
@@ -40,7 +41,11 @@ def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
     for number, color in zip((1, -1, 0), (SIDE_COLORS[2], SIDE_COLORS[0], SIDE_COLORS[1]), strict=True):
         np.testing.assert_allclose(colors()[side == number], np.broadcast_to(color, (np.sum(side == number), 3)))
     check_symmetry(bpy.context, body, "shape")
-    assert preview.shown(body).legend.startswith("Shape: the sides differ by ")
+    legend = preview.shown(body).legend
+    assert legend.startswith("Shape: the sides differ by ")
+    lengths = re.findall(r"\d[\d.]*", legend)
+    assert len(lengths) == 3
+    assert all(len(length.replace(".", "").strip("0")) <= 2 for length in lengths)  # digits that tell something
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
     assert (snapshot(body), overlay.shown()) == (before, ())
 

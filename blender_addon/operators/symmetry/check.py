@@ -111,6 +111,11 @@ def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Float
 def _described(check: Checked, key: str, values: Floats, most: float) -> str:
     """The values in words, and what the hottest colour stands for."""
     head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
-    show = "{:.0%}" if check == "weights" else "{:.4g}"
-    mean, largest, hottest = (show.format(value) for value in (values.mean(), values.max(initial=0), most))
+    show = "{:.0%}".format if check == "weights" else _length
+    mean, largest, hottest = (show(value) for value in (values.mean(), values.max(initial=0), most))
     return f"{head}: the sides differ by {mean} on average, at most {largest}; red is {hottest} and more"
+
+
+def _length(value: float) -> str:
+    """A length to two digits, which is as far as it can be told in passing."""
+    return np.format_float_positional(value, precision=2, fractional=False, trim="-")
