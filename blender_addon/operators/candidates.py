@@ -47,7 +47,10 @@ class CandidateOperator(SteppedOperator):
 class ZOOMOUT_OT_use_candidate(CandidateOperator):
     bl_idname = "zoomout.use_candidate"
     bl_label = "Use Candidate"
-    bl_description = "Put this one of the maps that were found in the place of the match"
+    bl_description = (
+        "Put this one of the maps that were found in the place of the match. The number is how likely it is right; "
+        "mirrored ones are for a target that is a mirror image"
+    )
     bl_options = {"REGISTER", "UNDO"}
 
     candidate: IntProperty(

@@ -149,7 +149,7 @@ MESSAGES = {
     "Swap Sides of Match": "Seiten der Zuordnung tauschen",
     "Use the map that has left and right the other way round": "Die Karte benutzen, bei der links und rechts vertauscht sind",
     "Use Candidate": "Kandidaten benutzen",
-    "Put this one of the maps that were found in the place of the match": "Diese der gefundenen Karten an die Stelle der Zuordnung setzen",
+    "Put this one of the maps that were found in the place of the match. The number is how likely it is right; mirrored ones are for a target that is a mirror image": "Diese der gefundenen Karten an die Stelle der Zuordnung setzen. Die Zahl sagt, wie wahrscheinlich sie stimmt; gespiegelte sind für ein Ziel, das ein Spiegelbild ist",
     "Candidate": "Kandidat",
     "Number in the list, from 1; at 0 the one after the one that is used": "Nummer in der Liste, ab 1; bei 0 der nach dem benutzten",
     # Transferring
