@@ -128,14 +128,13 @@ def repose(uids: Iterable[int] | None = None) -> None:
 
 
 def covered() -> list[tuple[Coat, Object]]:
-    """The coats that may be seen, each with the object that it lies over.
+    """The coats that may be seen, each with the object that it lies over; if one is outdated, none may be seen."""
+    return [] if is_outdated() else [(coat, obj) for coat, obj in _found() if obj.mode == "OBJECT"]
 
-    As far as is known, meshes are those that the coats were made for; if one of them is another, none may be seen.
-    """
-    found = [(coat, obj) for coat in _coats if (obj := find(coat.object_uid)) is not None]
-    if any((known := facts(obj)) is not None and known.content != coat.content for coat, obj in found):
-        return []
-    return [(coat, obj) for coat, obj in found if obj.mode == "OBJECT"]
+
+def is_outdated() -> bool:
+    """Whether one of the meshes is known to be another one than its coat was made for."""
+    return any((known := facts(obj)) is not None and known.content != coat.content for coat, obj in _found())
 
 
 def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
@@ -156,6 +155,10 @@ def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
         color = np.column_stack([color, np.zeros(corners, np.float32)])
     triangles = read_array(mesh.loop_triangles, "loops" if coat.on_corners else "vertices", np.int32, 3)
     return {"position": position, "normal": normal, "color": color, "triangles": triangles}
+
+
+def _found() -> list[tuple[Coat, Object]]:
+    return [(coat, obj) for coat in _coats if (obj := find(coat.object_uid)) is not None]
 
 
 def _draw() -> None:

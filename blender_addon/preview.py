@@ -32,7 +32,7 @@ from .stored_match import Match
 
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
-OUTDATED = "The mesh was changed since: look again"
+OUTDATED = "Hidden: a mesh was changed since"
 
 
 class Kind(NamedTuple):
@@ -109,6 +109,11 @@ _shown: Preview | None = None
 def shown(obj: Object | None) -> Preview | None:
     """What is shown of an object."""
     return _shown if _shown is not None and obj is not None and _shown.object_uid == obj.session_uid else None
+
+
+def legend(preview: Preview) -> str:
+    """What the colours of the preview that is shown mean, or that they are hidden."""
+    return OUTDATED if overlay.is_outdated() else preview.legend
 
 
 def is_anything_shown() -> bool:

@@ -61,7 +61,8 @@ def preview_buttons(
     shown = preview.shown(context.active_object)
     if shown is not None and shown.kind not in kinds:
         shown = None
-    sentences(context, layout, [shown.legend if shown else "Show in the viewport:"])
+    legend = preview.legend(shown) if shown else "Show in the viewport:"
+    sentences(context, layout, [legend])
     whole = layout.row(align=True)
     row = whole.row(align=True)
     row.enabled = enabled

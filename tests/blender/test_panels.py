@@ -10,7 +10,7 @@ import pytest
 from drawing import Context, Layout
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
 
-from blender_addon import mesh_facts, panels, stored_symmetry
+from blender_addon import mesh_facts, panels, preview, stored_symmetry
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators import stepped
@@ -104,11 +104,15 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     for name in ("Match Again", "Transfer", "Confidence", "Places", "UV Checker", "Swap Sides", "Next", "100%"):
         assert shown[name], name
     assert "Matched with 'Source', 0% in doubt" in texts()
+    bpy.ops.zoomout.preview(kind="PLACES")
+    assert "Same color, same place" in texts()
     target.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     drawn()
     mesh_facts.look_now()
     assert "The target 'Target' was edited since: match again." in texts()
+    assert preview.OUTDATED in texts()
+    assert "Same color, same place" not in texts()
     shown = buttons()
     assert shown["Match Again"]
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
@@ -196,6 +200,8 @@ def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
     drawn()
     mesh_facts.look_now()
     assert "Reshaped since: Mirror Sculpt carries it over" in texts()
+    assert preview.OUTDATED in texts()
+    assert "Blue is left" not in texts()
     body.data.vertices.add(1)
     assert "The mesh was edited since: detect its symmetry again" in texts()
     assert "Pairs" not in buttons()
