@@ -11,6 +11,8 @@ from ..swatches import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
 from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
 
+# From this part of its vertices in doubt on, a match bears no check mark.
+DOUBTFUL = 0.25
 # How many pictures of candidates stand side by side.
 COLUMNS = 3
 
@@ -39,7 +41,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         else:
             doubtful = kept["low_confidence"] / kept["vertices"]
             text = f"Matched with '{kept['source']}', {doubtful:.0%} in doubt"
-            sentences(context, layout, [text], "CHECKMARK")
+            sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()

@@ -39,6 +39,7 @@ class Layout:
     def label(self, text="", icon="NONE"):
         assert icon in ICONS
         self.drawn.append(("label", text, self.usable))
+        self.drawn.append(("mark", icon, self.usable))
 
     def operator(self, name, text=None, icon="NONE", depress=False):
         assert icon in ICONS

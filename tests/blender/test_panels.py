@@ -1,5 +1,6 @@
 """The sidebar as it is drawn: what it shows for a state of the scene, and how long drawing takes."""
 
+import json
 from functools import partial
 from time import perf_counter
 from types import SimpleNamespace
@@ -10,7 +11,7 @@ import pytest
 from drawing import Context, Layout
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
 
-from blender_addon import mesh_facts, panels, preview, stored_symmetry
+from blender_addon import mesh_facts, panels, preview, stored_match, stored_symmetry
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators import stepped
@@ -116,6 +117,15 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     shown = buttons()
     assert shown["Match Again"]
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
+
+
+def test_a_match_that_is_in_doubt_in_large_part_bears_no_check_mark(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    assert ("mark", "CHECKMARK", True) in drawn()
+    kept = stored_match.description(target.data)
+    target.data[stored_match.PROPERTY] = json.dumps(kept | {"low_confidence": kept["vertices"] // 2})
+    assert "50% in doubt" in texts()
+    assert ("mark", "CHECKMARK", True) not in drawn()
 
 
 def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target):
