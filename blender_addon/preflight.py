@@ -45,7 +45,7 @@ def obstacle(context: Context) -> str:
     if target.data.is_editmode:
         return "The active mesh is edited through another object: leave its Edit Mode"
     if target.library is not None or target.data.library is not None:
-        return "The active mesh is linked from another file: make it local"
+        return "The active mesh is linked from another file: Object > Relations > Make Local"
     return ""
 
 
@@ -64,9 +64,11 @@ def findings(context: Context, otherwise: str = "") -> list[Finding]:
         context: Blender's.
         otherwise: the source if none is chosen or selected.
     """
+    target = context.active_object
+    if target is None and context.scene.zoomout.source is None:  # how to begin
+        return [Finding("Select the mesh that has the data, then with Shift the one that is to receive it.", True)]
     if reason := obstacle(context):
         return [Finding(f"{reason}.", True)]
-    target = context.active_object
     try:
         source = choose_source(context, target, otherwise=otherwise)
         check_distinct(source, target)
@@ -156,7 +158,7 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
             yield f"'{obj.name}' has {count} vertices, too few to know it by: subdivide it, or start at Nearest Points."
         if known is not None and known.crowded_edges:
             yield (
-                f"{known.crowded_edges} edges of '{obj.name}' have more than two faces: Select > All by Trait > Non "
+                f"'{obj.name}' has edges with more than two faces ({known.crowded_edges}): Select > All by Trait > Non "
                 "Manifold shows them, to be mended if the match goes wrong there."
             )
     parts = {obj.name: known.parts for obj in both if (known := facts(obj))}

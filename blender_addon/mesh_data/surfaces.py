@@ -24,6 +24,8 @@ KEEPING_VERTICES = frozenset(
         "VERTEX_WEIGHT_PROXIMITY", "WARP", "WAVE", "WEIGHTED_NORMAL",
     }
 )  # fmt: skip
+# Those without which a mesh is but a part of its shape, such as one half: to disable them is no help.
+MAKING_SHAPE = frozenset({"ARRAY", "BOOLEAN", "MIRROR", "SCREW", "SKIN"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +223,11 @@ def is_mirrored(obj: Object) -> bool:
 
 def change_of_vertices(obj: Object) -> str:
     """Why an object whose modifiers add or remove vertices cannot receive data, and what to do."""
-    suspects = [m.name for m in obj.modifiers if m.show_viewport and m.type not in KEEPING_VERTICES]
-    names = " and ".join(f"'{name}'" for name in suspects) or "modifiers"
+    suspects = [m for m in obj.modifiers if m.show_viewport and m.type not in KEEPING_VERTICES]
+    making = [m for m in suspects if m.type in MAKING_SHAPE]
+    names = " and ".join(f"'{m.name}'" for m in making or suspects) or "modifiers"
+    if making:
+        return f"Apply {names} on '{obj.name}': data is written to the mesh itself, which is another shape without it."
     return (
         f"Disable {names} on '{obj.name}' in the viewport: data is written to the mesh itself, "
         "and modifiers give it other vertices."

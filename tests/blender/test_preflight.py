@@ -27,7 +27,8 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
 @pytest.mark.parametrize(
     ("defect", "sentence"),
     [
-        ("no target", "Make the mesh active that is to receive the data."),
+        ("no target", "Select the mesh that has the data, then with Shift the one that is to receive it."),
+        ("no target of a source", "Make the mesh active that is to receive the data."),
         ("edit mode", "Switch to Object Mode."),
         ("no source", "There is no source: choose it in the sidebar, or select it and then, last, the target."),
         ("many", "2 meshes are selected besides the active one: select the source alone, or choose it in the sidebar."),
@@ -39,11 +40,18 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
             "Disable 'Finer' on 'Target' in the viewport: data is written to the mesh itself, and modifiers give it "
             "other vertices.",
         ),
+        (
+            "half",
+            "Apply 'Mirror' on 'Target': data is written to the mesh itself, which is another shape without it.",
+        ),
     ],
 )
 def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
     if defect == "no target":
         bpy.context.view_layer.objects.active = None
+    elif defect == "no target of a source":
+        bpy.context.view_layer.objects.active = None
+        bpy.context.scene.zoomout.source = source
     elif defect == "edit mode":
         bpy.ops.object.mode_set(mode="EDIT")
     elif defect == "no source":
@@ -58,6 +66,8 @@ def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
         source.data = bpy.data.meshes.new("Empty")
     else:
         target.modifiers.new("Finer", "SUBSURF")
+        if defect == "half":
+            target.modifiers.new("Mirror", "MIRROR")
     assert found() == ([sentence], [])
 
 
@@ -74,7 +84,7 @@ def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):
         linked.objects = ["Target"]
     bpy.context.scene.collection.objects.link(linked.objects[0])
     activate(linked.objects[0], source)
-    assert found() == (["The active mesh is linked from another file: make it local."], [])
+    assert found() == (["The active mesh is linked from another file: Object > Relations > Make Local."], [])
     assert not bpy.ops.zoomout.match.poll()
 
 
@@ -93,7 +103,7 @@ def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect
         faces = [list(polygon.vertices) for polygon in source.data.polygons]
         source.data = from_pydata("Fin", [*map(tuple, positions(source.data)), (2, 2, 2)],
                                   [*faces, [*faces[0][:2], len(source.data.vertices)]]).data  # fmt: skip
-        expected = "1 edges of 'Source' have more than two faces"
+        expected = "'Source' has edges with more than two faces (1)"
     elif defect == "mirrored":
         source.scale.x = -1
         expected = "'Source' has a negative scale, which swaps its sides"
