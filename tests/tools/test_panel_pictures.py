@@ -1,0 +1,12 @@
+"""The pictures of the panels in the guide: all can be taken again when the panels have changed."""
+
+import re
+
+import extension
+
+SCRIPT = extension.ROOT / "tools" / "panel_pictures.py"
+
+
+def test_each_picture_of_the_panels_is_one_that_the_script_takes():
+    taken = re.findall(r'\bpicture\("(\w+)"', SCRIPT.read_text())
+    assert sorted(taken) == sorted(path.stem for path in (extension.DOCS / "images").glob("panel_*.png"))

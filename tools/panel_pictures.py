@@ -1,0 +1,301 @@
+r"""Picture the panels in their states for the guide, in a Blender that has a window. In the checkout:
+
+    PYTHONPATH=.:LIBS blender --factory-startup --python-use-system-env --window-geometry 0 0 1600 1000 \
+        --python tools/panel_pictures.py -- STORY
+
+STORY is one of those below. LIBS is a folder with what the core needs, such as the one of the installed extension.
+ImageMagick's `import` takes the pictures from the screen, which may be one in memory (Xvfb).
+"""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import bmesh
+import bpy
+import numpy as np
+from bpy.types import Area, Object
+from mathutils import Vector
+
+import blender_addon
+from blender_addon import panels, preflight
+from blender_addon.demo.character import build_character
+from blender_addon.demo.target import posed_copy, relax, remeshed, strike
+from blender_addon.landmarks import set_landmark
+from blender_addon.mesh_data import nearest_place
+from blender_addon.operators import stepped
+
+IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
+# What is seen of a window of 1600 x 1000: its right part, without the bars above and below.
+SEEN = "1270x880+330+81"
+# Of the character and of what was scanned of it, in metres and vertices.
+EDGE, VERTICES = 0.024, 6000
+# Seconds until what was changed is drawn, and until facts about meshes that are read between events are known.
+DRAWN, KNOWN = 2.0, 6.0
+# Landmarks: the bones that they lie on, and their names. The last is on one side only.
+LANDMARKS = {
+    "hand.L": "Left hand",
+    "ear.R": "Right ear",
+    "foot.L": "Left foot",
+    "ear.L": "Left ear",
+    "hand.R": "Right hand",
+}
+
+Story = Iterator[float]
+
+
+def matching() -> Story:
+    """From a fresh scene to a transfer, and an edit after it."""
+    hero, scan = pair()
+    yield from begin(scan, hero)
+    picture("panel_fresh")
+    scan.modifiers.new("Subdivision", "SUBSURF")
+    yield KNOWN
+    picture("panel_warning")
+    scan.modifiers.clear()
+    call(bpy.ops.zoomout.match, "INVOKE_DEFAULT")
+    while stepped.running is not None and stepped.running.fraction < 0.25:
+        yield 0.05
+    picture("panel_running")
+    while stepped.running is not None:
+        yield DRAWN
+    call(bpy.ops.zoomout.preview, kind="CONFIDENCE")
+    yield KNOWN
+    picture("panel_heat")
+    call(bpy.ops.zoomout.preview, kind="PLACES")
+    yield DRAWN
+    picture("panel_candidates")
+    call(bpy.ops.zoomout.swap_match_sides)
+    yield DRAWN
+    picture("panel_swapped")
+    call(bpy.ops.zoomout.swap_match_sides)
+    call(bpy.ops.zoomout.transfer)
+    call(bpy.ops.zoomout.preview, kind="CHECKER")
+    yield KNOWN  # what can be scrolled to is known once it was drawn
+    scroll(bpy.ops.view2d.scroll_down, 19)
+    yield DRAWN
+    picture("panel_transferred")
+    scroll(bpy.ops.view2d.scroll_up, 40)
+    bpy.data.objects["Scan"].data.vertices[0].co.x += 0.05
+    bpy.data.objects["Scan"].data.update()
+    while not preflight.stale(bpy.context, bpy.data.objects["Scan"]):
+        yield DRAWN
+    yield DRAWN
+    picture("panel_stale")
+
+
+def light() -> Story:
+    """A match in the light theme."""
+    hero, scan = pair()
+    theme = next(Path(folder, "Blender_Light.xml") for folder in bpy.utils.preset_paths("interface_theme"))
+    bpy.ops.script.execute_preset(filepath=str(theme), menu_idname="USERPREF_MT_interface_theme_presets")
+    yield from begin(scan, hero)
+    call(bpy.ops.zoomout.match)
+    call(bpy.ops.zoomout.preview, kind="PLACES")
+    yield KNOWN
+    picture("panel_light")
+
+
+def landmarks() -> Story:
+    """Landmarks on both meshes, and a pair of collections."""
+    hero, scan = pair(with_landmarks=True)
+    scene = bpy.context.scene
+    settings = scene.zoomout
+    settings.show_landmarks, settings.active_landmark, settings.source = True, 1, hero
+    for name, obj in (("Hero parts", hero), ("Scan parts", scan)):
+        collection = bpy.data.collections.new(name)
+        scene.collection.children.link(collection)
+        for former in obj.users_collection:
+            former.objects.unlink(obj)
+        collection.objects.link(obj)
+    settings.source_collection = bpy.data.collections["Hero parts"]
+    settings.target_collection = bpy.data.collections["Scan parts"]
+    yield from begin(scan, hero)
+    picture("panel_landmarks")
+    picture("panel_collections", "700x880+900+81")
+
+
+def symmetry() -> Story:
+    """Pairs and sides of a posed character, and what differs between the sides of one that was sculpted on."""
+    hero, scan = pair()
+    hero.hide_set(True)
+    scan.location.x = 0
+    yield from begin(scan)
+    call(bpy.ops.zoomout.detect_symmetry)
+    call(bpy.ops.zoomout.preview, kind="PAIRS")
+    yield KNOWN
+    picture("panel_symmetry")
+    call(bpy.ops.zoomout.preview, kind="SIDES")
+    yield DRAWN
+    picture("panel_symmetry_sides")
+    scan.hide_set(True)
+    sculpt = remeshed(hero, EDGE, VERTICES)
+    sculpt.name, sculpt.location.x = "Sculpt", 0
+    bulge(sculpt)
+    yield from begin(sculpt)
+    call(bpy.ops.zoomout.detect_symmetry)
+    call(bpy.ops.zoomout.check_symmetry)
+    yield KNOWN
+    picture("panel_symmetry_check")
+
+
+# Each with the panels that are open beside those that are anyway, and those that are closed.
+STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
+    "matching": (matching, set(), set()),
+    "light": (light, set(), set()),
+    "landmarks": (landmarks, {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"}, {"ZOOMOUT_PT_transfer"}),
+    "symmetry": (symmetry, {"ZOOMOUT_PT_symmetry"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
+}
+
+
+def main() -> None:
+    tell, opened, closed = STORIES[sys.argv[-1]]
+    for panel in panels.CLASSES:
+        if panel.__name__ in opened | closed:
+            panel.bl_options = {"DEFAULT_CLOSED"} if panel.__name__ in closed else set()
+    bpy.context.preferences.view.show_splash = False
+    blender_addon.register()
+
+    def story() -> Story:
+        yield DRAWN  # the window opens
+        yield from tell()
+
+    steps = story()
+
+    def go_on() -> float | None:
+        try:
+            return next(steps)
+        except StopIteration:
+            call(bpy.ops.wm.quit_blender)
+            return None
+
+    bpy.app.timers.register(go_on)
+
+
+def pair(with_landmarks: bool = False) -> tuple[Object, Object]:
+    """The character, and beside it a posed scan of it that has another topology and nothing else."""
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    hero, armature = build_character(EDGE)
+    before = tips(armature)
+    strike(armature)
+    posed, after = posed_copy(hero), tips(armature)
+    scan = remeshed(posed, EDGE, VERTICES)
+    bpy.data.objects.remove(posed)
+    relax(armature)
+    hero.name, scan.name = "Hero", "Scan"
+    hero.modifiers.clear()
+    hero.parent = None
+    bpy.data.objects.remove(armature)
+    mend(hero)
+    for obj in (hero, scan):
+        obj.data.shade_smooth()
+    bpy.context.view_layer.update()
+    if with_landmarks:
+        set_landmarks(hero, before, len(LANDMARKS))
+        set_landmarks(scan, after, len(LANDMARKS) - 1)
+    hero.location.x -= 0.8
+    scan.location.x += 0.8
+    bpy.context.view_layer.update()
+    return hero, scan
+
+
+def tips(armature: Object) -> list[Vector]:
+    """Points near the ends of the bones of landmarks, in world space."""
+    bones = [armature.pose.bones[name] for name in LANDMARKS]
+    return [armature.matrix_world @ bone.head.lerp(bone.tail, 0.7) for bone in bones]
+
+
+def set_landmarks(obj: Object, points: list[Vector], count: int) -> None:
+    """Set the first landmarks of an object, where it is nearest to some points."""
+    depsgraph, inverse = bpy.context.evaluated_depsgraph_get(), obj.matrix_world.inverted()
+    for number, (point, name) in enumerate(zip(points[:count], LANDMARKS.values(), strict=False), start=1):
+        place = nearest_place(obj, inverse @ point, 1, depsgraph)
+        assert place is not None  # the character has faces
+        set_landmark(bpy.context.scene, obj, place, number, name)
+
+
+def mend(obj: Object) -> None:
+    """Collapse edges of more than two faces, which the Skin modifier leaves."""
+    mesh = bmesh.new()
+    mesh.from_mesh(obj.data)
+    while crowded := [edge for edge in mesh.edges if len(edge.link_faces) > 2]:
+        bmesh.ops.collapse(mesh, edges=crowded)
+    mesh.to_mesh(obj.data)
+    mesh.free()
+
+
+def bulge(obj: Object) -> None:
+    """Sculpt on one side of an upright character: on an arm, and on the tip of an ear."""
+    mesh = obj.data
+    points, normals = np.empty((2, 3 * len(mesh.vertices)), np.float32)
+    mesh.vertices.foreach_get("co", points)
+    mesh.vertices.foreach_get("normal", normals)
+    points, normals = points.reshape(-1, 3), normals.reshape(-1, 3)
+    to_front = normals[:, 1] < -0.3
+    middle = points[np.argmin(np.abs(points[:, 0] - 0.45 * points[:, 0].max()) + 5 * ~to_front)]
+    points += 0.045 * np.exp(-((points - middle) ** 2).sum(axis=1) / 0.006)[:, None] * normals
+    height, start = points[:, 2], np.percentile(points[:, 2], 96)
+    ear = np.clip((height - start) / (height.max() - start), 0, 1) * (points[:, 0] < 0)
+    points[:, 2] += 0.12 * ear**2
+    mesh.vertices.foreach_set("co", points.ravel())
+    mesh.update()
+
+
+def begin(target: Object, *others: Object) -> Story:
+    """Select objects, the first as the active one, and look at them from the front, left of the sidebar."""
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj in (target, *others))
+    bpy.context.view_layer.objects.active = target
+    if len(bpy.context.window_manager.windows[0].screen.areas) > 1:
+        call(bpy.ops.screen.screen_full_area)
+        yield DRAWN
+    space = view().spaces.active
+    for name in ("floor", "axis_x", "axis_y", "cursor", "object_origins"):
+        setattr(space.overlay, f"show_{name}", False)
+    space.show_region_toolbar, space.show_region_ui = False, True
+    yield DRAWN  # a tab can be chosen once the sidebar was drawn
+    region("UI").active_panel_category = panels.ZOOMOUT_PT_match.bl_category
+    call(bpy.ops.view3d.view_all)
+    space.region_3d.view_perspective = "ORTHO"
+    space.region_3d.view_rotation = Vector((0.1, -1, 0.15)).to_track_quat("Z", "Y")
+    space.region_3d.view_distance *= 1.1
+    space.region_3d.view_location += Vector((0.4, 0, 0))
+    yield KNOWN
+
+
+def view() -> Area:
+    return next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
+
+
+def region(kind: str) -> Any:
+    return next(region for region in view().regions if region.type == kind)
+
+
+def call(operator: Callable[..., Any], *context: str, kind: str | None = None) -> None:
+    """Call an operator as if in the 3D view."""
+    options = {"kind": kind} if kind else {}
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=view(), region=region("WINDOW")):
+        operator(*context, **options)
+
+
+def scroll(operator: Callable[..., Any], times: int) -> None:
+    """Scroll the sidebar."""
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=view(), region=region("UI")):
+        for _ in range(times):
+            operator()
+
+
+def picture(name: str, seen: str = SEEN) -> None:
+    """Take a picture of what the window shows now."""
+    for each in view().regions:
+        each.tag_redraw()
+    bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=2)
+    told = ["-window", "root", "-crop", seen, "+repage", "+dither", "-colors", "256"]
+    subprocess.run(["import", *told, f"PNG8:{IMAGES / name}.png"], check=True)
+
+
+if __name__ == "__main__":
+    main()
