@@ -12,12 +12,14 @@ from bpy.types import Context, Operator, Window
 _under_way: list[tuple[Operator, Window]] = []
 
 
-def can_begin(window: Window) -> bool:
-    """Whether another operator can be added to those that receive the events of a window.
+def can_begin(window: Window | None) -> bool:
+    """Whether there is a window, and another operator can be added to those that receive its events.
 
-    Where the class of one that was running is unregistered, Blender keeps its empty place until the next event. Up to
-    4.3 it crashes when another one is added before, as by a script that disables and enables an extension.
+    Where the class of one that was running is unregistered, Blender keeps its empty place until the next event, and 4.3
+    crashes when another one is added before, as by a script that disables and enables an extension.
     """
+    if window is None:
+        return False
     # Even to ask an empty place for its attributes is an error.
     return all(bpy.types.bpy_struct.as_pointer(operator) for operator in window.modal_operators)
 

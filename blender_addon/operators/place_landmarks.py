@@ -44,7 +44,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Begin to follow the mouse."""
         if not modal.can_begin(context.window):
-            self.report({"ERROR"}, "The extension was enabled just now: move the mouse, and try again")
+            self.report({"ERROR"}, "Landmarks are placed with the mouse: move it over a 3D view, and try again")
             return {"CANCELLED"}
         self._objects = [obj.name for obj in _clickable(context)]
         self._dragged: tuple[int, str] | None = None

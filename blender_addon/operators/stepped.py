@@ -66,7 +66,7 @@ class SteppedOperator(Operator):
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Begin to work in slices, or run to the end where there is no window to watch, or none that lets it."""
-        if bpy.app.background or context.window is None or not modal.can_begin(context.window):
+        if bpy.app.background or not modal.can_begin(context.window):
             return self.execute(context)
         self._steps = self.steps(context)
         _show_progress(context, Progress(0.0, "Beginning"))

@@ -217,7 +217,7 @@ def test_none_are_placed_where_blender_keeps_the_place_of_an_operator_that_is_go
     handlers = placing.screen.handlers
     assert placing.invoke(placing.screen, None) == {"CANCELLED"}
     assert placing.screen.handlers == handlers
-    assert "move the mouse, and try again" in placing.reports[-1]
+    assert "move it over a 3D view, and try again" in placing.reports[-1]
 
 
 def test_a_dot_can_be_dragged_and_the_last_one_taken_back(source, target, placing):

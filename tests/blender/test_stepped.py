@@ -144,7 +144,7 @@ def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, mon
     assert run(Work(), window, [TICK]) == [{"RUNNING_MODAL"}] * 2
 
 
-def test_where_blender_keeps_the_place_of_an_operator_that_is_gone_the_work_runs_straight_through(window, monkeypatch):
+def test_where_no_window_takes_another_operator_the_work_runs_straight_through(window, monkeypatch):
     """To add another one would crash it: `modal_operators` then has an entry that points to nothing."""
     kept = SimpleNamespace(as_pointer=lambda operator: operator)
     monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(types=SimpleNamespace(bpy_struct=kept)))
@@ -152,7 +152,9 @@ def test_where_blender_keeps_the_place_of_an_operator_that_is_gone_the_work_runs
     work = Work()
     assert work.invoke(window, None) == {"FINISHED"}
     assert (work.written, window.handlers, window.timers) == (True, 0, [])
-    window.window.modal_operators = [1234]
+    window.window = None
+    assert Work().invoke(window, None) == {"FINISHED"}
+    window.window = SimpleNamespace(modal_operators=[1234])
     assert run(Work(count=0), window, [TICK]) == [{"RUNNING_MODAL"}, {"FINISHED"}]
 
 
