@@ -119,6 +119,18 @@ def test_all_turns_and_reflections_of_round_things_are_found(figure: Figure, ord
     assert all(np.linalg.norm(a - b) > 0.5 for i, (a, _) in enumerate(turns) for b, _ in turns[:i])
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_reflection_of_a_coarse_mesh_with_thin_limbs_is_known_to_lead_back(seed: int) -> None:
+    made = creature(2000, seed, bend=0.7)
+    found = zo.detect_symmetry(made.surface)[0]
+    error = zo.geodesic_error(
+        found.surface_map, made.surface, np.arange(len(made.directions)), mirrored_vertex(made, made)
+    )
+    assert error.mean() < 0.01
+    assert found.order == 2
+    assert found.has_sides
+
+
 def test_a_half_turn_alone_has_no_sides() -> None:
     found = zo.detect_symmetry(shape(S_SHAPE, 2000, seed=1).surface)
     assert not found[0].reverses_orientation
