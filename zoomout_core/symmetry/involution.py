@@ -16,7 +16,7 @@ NORMAL_WEIGHT = 0.1
 # Rounds of going half way towards the inverse.
 ROUNDS = 2
 # Symmetries of higher order are not looked for. What leads back to within this, at unit area, leads back, and so does
-# what comes as near as this part of the way that it goes at most: coarse meshes miss by more.
+# what comes as near as this part of how far it goes at first: coarse meshes miss by more.
 HIGHEST_ORDER, HOME, NEARLY_HOME = 12, 0.08, 0.25
 
 
@@ -49,12 +49,13 @@ def order_of(sample_map: Integers, shape: Shape) -> int:
         sample_map: (s,) for each search sample of the shape the number of the sample that it goes to.
         shape: the shape.
     """
-    at, away = np.arange(len(sample_map)), []
-    for _ in range(HIGHEST_ORDER):
+    at = sample_map
+    home = max(HOME, NEARLY_HOME * mean_distance(at, shape))
+    for order in range(1, HIGHEST_ORDER + 1):
+        if mean_distance(at, shape) < home:
+            return order
         at = sample_map[at]
-        away.append(mean_distance(at, shape))
-    home = np.flatnonzero(np.array(away) < max(HOME, NEARLY_HOME * max(away)))
-    return int(home[0]) + 1 if len(home) else 0
+    return 0
 
 
 def mean_distance(sample_map: Integers, shape: Shape) -> float:
