@@ -87,6 +87,18 @@ def transfer(data: Path, pairs: int | None, json_file: Path | None) -> None:
 
 
 @main.command()
+@common_options
+@click.option(
+    "--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the worst cases of each kind here."
+)
+def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """Whether bones, limbs and places arrive on game characters and dressed bodies, beside Blender's Data Transfer."""
+    from benchmarks import characters as character_tables  # it starts Blender
+
+    report(character_tables.run(data, pairs, pictures), data, json_file)
+
+
+@main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def load(json_file: Path | None) -> None:
     """How long a character's 60 groups, 3 UV maps, 50 shape keys and the rest take onto 100k vertices, by kind."""

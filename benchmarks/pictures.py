@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.surface import Surface
 from zoomout_core.triangles import triangle_normals
@@ -49,7 +49,7 @@ def draw(path: Path, pictures: list[Picture]) -> None:
         axes = figure.add_subplot(rows, COLUMNS, number)
         axes.set_title(picture.caption, fontsize=9)
         axes.set_axis_off()
-        colour = _by_position(picture.source.vertices)
+        colour = by_position(picture.source.vertices)
         _add(axes, picture.source, colour, 0)
         _add(axes, picture.target, picture.surface_map.interpolate(colour), 2)
         axes.set_xlim(-0.5, 3 * GAP + 0.5)
@@ -59,14 +59,14 @@ def draw(path: Path, pictures: list[Picture]) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _by_position(points: Floats) -> Floats:
+def by_position(points: Floats) -> Floats:
     """(n, 3) red, green and blue by the place in the bounding box."""
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
     return (points - low) / np.where(extent > 0, extent, 1)
 
 
 def _add(axes: Axes, surface: Surface, colour: Floats, place: int) -> None:
-    """Draw a surface at a place and, from behind, at the next, the far faces first (painter's algorithm).
+    """Draw a surface at a place and, from behind, at the next.
 
     It is seen along the axis of its least extent; of the others the first points to the right, the second up.
     """
@@ -76,12 +76,23 @@ def _add(axes: Axes, surface: Surface, colour: Floats, place: int) -> None:
     points = surface.vertices[:, [right, up, depth]] * [1, 1, towards]
     points = points - (points.max(axis=0) + points.min(axis=0)) / 2
     points /= max(float(np.ptp(points, axis=0).max()), 1e-300)
-    triangles = surface.triangles
-    face_colour = colour[triangles].mean(axis=1)
     for seen in (points, points * [-1, 1, -1]):
-        order = np.argsort(seen[triangles, 2].mean(axis=1))
-        shade = DARKEST + (1 - DARKEST) * np.abs(triangle_normals(seen, triangles)[:, 2])
-        shaded = (face_colour * shade[:, None])[order]
-        corners = (seen[:, :2] + [place * GAP, 0])[triangles[order]]
-        axes.add_collection(PolyCollection(list(corners), facecolors=shaded, edgecolors=shaded, linewidths=0.2))
+        add_seen(axes, seen, surface.triangles, colour, place * GAP)
         place += 1
+
+
+def add_seen(axes: Axes, points: Floats, triangles: Integers, colour: Floats, left: float) -> None:
+    """Draw triangles as they are seen, the far ones first (painter's algorithm).
+
+    Args:
+        axes: what to draw on.
+        points: (n, 3) vertices to the right, upwards and towards the viewer.
+        triangles: (m, 3) vertex numbers.
+        colour: (n, 3) red, green and blue of the vertices.
+        left: how far to the right of their place.
+    """
+    order = np.argsort(points[triangles, 2].mean(axis=1))
+    shade = DARKEST + (1 - DARKEST) * np.abs(triangle_normals(points, triangles)[:, 2])
+    shaded = (colour[triangles].mean(axis=1) * shade[:, None])[order]
+    corners = (points[:, :2] + [left, 0])[triangles[order]]
+    axes.add_collection(PolyCollection(list(corners), facecolors=shaded, edgecolors=shaded, linewidths=0.2))

@@ -1,0 +1,157 @@
+"""Pairs of characters whose correspondence is known: by the weights of their files, or exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+import numpy as np
+
+import zoomout_core as zo
+from benchmarks.characters.game import Body, Character, one_skin, read_character, shuffled
+from benchmarks.characters.truth import Bones, Rest, bones_of
+from zoomout_core.arrays import Booleans, Floats
+
+# The kinds of cases: the same character in a pose, as one skin in that pose; another one; a body and its outfits.
+POSE, SKIN, OTHER, OUTFITS = "pose", "skin", "other", "outfits"
+# So many characters of a pack are posed.
+OF_PACK = 3
+# A character of more loose parts than this is made into one skin.
+FEW_PARTS = 5
+# Packs of more characters than this have each pair in one pose only.
+SMALL_PACK = 4
+# Two skeletons go together when they share this part of the bones that move something in the smaller one.
+SHARED = 0.7
+# A character with more vertices that no bone moves is broken.
+UNMOVED = 0.01
+# `height` of an outfit over its unit, so that errors are in centimetres.
+CENTIMETRES = 170
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A pair to be matched.
+
+    Attributes:
+        kind: "pose", "skin", "other" or "outfits".
+        name: of the character or characters, and the pose.
+        source: the surface that the map lands on.
+        target: the surface that it starts from.
+        truth: what is known.
+    """
+
+    kind: str
+    name: str
+    source: zo.Surface
+    target: zo.Surface
+    truth: Bones | Rest
+
+
+T = TypeVar("T")
+Maker: TypeAlias = Callable[[], Case | None]
+
+
+def cases(folder: Path, most: int | None) -> Iterator[Case]:
+    """The cases of a folder of characters, or about `most` of each kind, evenly spread.
+
+    Args:
+        folder: with packs of characters under `game`, and outfits under `outfits`.
+        most: use so many of a kind; all if None.
+    """
+    packs = [sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))]
+    chosen = list(chain.from_iterable(_spread(pack, OF_PACK) for pack in packs))
+    kinds: list[list[Maker]] = [
+        [partial(_posed, path) for path in chosen],
+        [partial(_as_one_skin, path) for path in chosen],
+        [partial(_other, *pair) for pack in packs for pair in _cycle(pack)],
+        [partial(_outfit, path) for path in sorted((folder / "outfits").glob("*.npz"))],
+    ]
+    for makers in kinds:
+        for make in _spread(makers, most):
+            case = make()
+            if case is not None:
+                yield case
+
+
+def _spread(entries: list[T], most: int | None) -> list[T]:
+    if most is None or most >= len(entries):
+        return entries
+    return [entries[i] for i in np.linspace(0, len(entries) - 1, most).round().astype(int)]
+
+
+def _cycle(pack: list[Path]) -> Iterator[tuple[Path, Path, bool]]:
+    """Each character of a pack with the next, and whether the latter is posed."""
+    for i, path in enumerate(pack if len(pack) > 1 else []):
+        for posed in (False, True) if len(pack) <= SMALL_PACK else (bool(i % 2),):
+            yield path, pack[(i + 1) % len(pack)], posed
+
+
+# --- makers -------------------------------------------------------------------------------------------------
+
+
+def _posed(path: Path) -> Case | None:
+    character = read_character(path)
+    return None if _broken(character) else _case(POSE, character, character, character.thinned, character.pose)
+
+
+def _as_one_skin(path: Path) -> Case | None:
+    character = read_character(path)
+    if _broken(character) or surface_of(character.rest).components.max() < FEW_PARTS:
+        return None
+    return _case(SKIN, character, character, one_skin(character.posed), character.pose)
+
+
+def _other(source_path: Path, target_path: Path, posed: bool) -> Case | None:
+    source, target = read_character(source_path), read_character(target_path)
+    moving = [set(np.array(one.skeleton.names)[_moving(one.rest)]) for one in (source, target)]
+    if _broken(source) or _broken(target) or len(moving[0] & moving[1]) < SHARED * min(map(len, moving)):
+        return None
+    body, pose = (target.posed, target.pose) if posed else (target.rest, "rest")
+    return _case(OTHER, source, target, body, pose)
+
+
+def _outfit(path: Path) -> Case:
+    with np.load(path) as file:
+        arrays = dict(file)
+    source, target = (_polygons(arrays, side) for side in ("source", "target"))
+    names = tuple(arrays["source_part_names"].tolist())
+    rest = Rest(
+        arrays["source_rest"].astype(np.float64),
+        arrays["target_rest"].astype(np.float64),
+        float(arrays["height"]) / CENTIMETRES,
+        arrays["source_part"].astype(np.int64),
+        arrays["target_part"].astype(np.int64),
+        names,
+    )
+    return Case(OUTFITS, path.stem, source, target, rest)
+
+
+def _polygons(arrays: dict[str, Floats], side: str) -> zo.Surface:
+    start = np.concatenate([[0], np.cumsum(arrays[f"{side}_face_sizes"].astype(np.int64))])
+    return zo.Surface.from_corners(arrays[f"{side}_vertices"], arrays[f"{side}_face_vertices"], start)
+
+
+def _case(kind: str, source: Character, target: Character, body: Body, pose: str) -> Case:
+    """A case from the first character at rest to a body of the other."""
+    body = shuffled(body)
+    name = source.name if source is target else f"{source.name} to {target.name}"
+    truth = bones_of(source, target, body)
+    return Case(kind, f"{source.pack} {name}, {pose}", surface_of(source.rest), surface_of(body), truth)
+
+
+def surface_of(body: Body) -> zo.Surface:
+    """The surface of a body."""
+    return zo.Surface(body.vertices, body.triangles)
+
+
+def _broken(character: Character) -> bool:
+    return bool((character.rest.weights.sum(axis=1) < 0.5).mean() > UNMOVED)
+
+
+def _moving(body: Body) -> Booleans:
+    """(b,) which bones move something."""
+    return np.asarray((body.weights > 0).any(axis=0))

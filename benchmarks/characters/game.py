@@ -1,0 +1,252 @@
+"""Rigged characters of games, read by Blender's importer: at rest, in a frame of their animation, and made anew."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+from bpy.types import Action, Object
+from mathutils import Matrix
+
+import zoomout_core as zo
+from benchmarks.characters.skeleton import Skeleton
+from benchmarks.transfer.cast import rigid_motion
+from blender_addon import mesh_data
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.projection import closest_points
+from zoomout_core.triangles import triangle_areas
+
+# By this number the importer knows how much to say.
+ERRORS_ALONE = 2
+# So many frames of each action are looked at for the one that differs most from the rest.
+FRAMES = 5
+# A frame that swells the area by more is an animation that does not fit its character.
+SWOLLEN = 1.25
+# The target's faces over those of the source, and the distance at which its vertices are welded first, over the extent.
+THINNED, WELDED = 0.6, 1e-5
+# Width of a voxel of the one skin over the extent.
+VOXEL = 0.01
+# Characters without an action take a long step: bones by name, and degrees about the axes that point left and ahead.
+STRIDE = (
+    (re.compile(r"upper_?arm.?l$", re.IGNORECASE), (-35.0, 40.0)),
+    (re.compile(r"upper_?arm.?r$", re.IGNORECASE), (35.0, -40.0)),
+    (re.compile(r"lower_?arm.?l$", re.IGNORECASE), (-50.0, 0.0)),
+    (re.compile(r"lower_?arm.?r$", re.IGNORECASE), (-50.0, 0.0)),
+    (re.compile(r"upper_?leg.?l$", re.IGNORECASE), (35.0, 0.0)),
+    (re.compile(r"upper_?leg.?r$", re.IGNORECASE), (-50.0, 0.0)),
+    (re.compile(r"lower_?leg.?l$", re.IGNORECASE), (40.0, 0.0)),
+    (re.compile(r"lower_?leg.?r$", re.IGNORECASE), (50.0, 0.0)),
+)
+
+
+class Body(NamedTuple):
+    """A character in one pose, all its skinned objects as one mesh in world space.
+
+    Attributes:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        weights: (n, b) of the bones, single precision; rows sum to one.
+    """
+
+    vertices: Floats
+    triangles: Integers
+    weights: Floats
+
+
+class Character(NamedTuple):
+    """What a file holds.
+
+    Attributes:
+        pack: the folder that it is from.
+        name: of the character.
+        skeleton: its bones.
+        rest: as it was rigged.
+        posed: the same mesh in the frame of its actions that differs most from the rest.
+        thinned: the same pose on another mesh.
+        pose: the action and the frame.
+    """
+
+    pack: str
+    name: str
+    skeleton: Skeleton
+    rest: Body
+    posed: Body
+    thinned: Body
+    pose: str
+
+
+@lru_cache(maxsize=4)
+def read_character(path: Path) -> Character:
+    """A character from a glTF file; the scene that is open makes room for it."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    before, bpy.app.debug_value = bpy.app.debug_value, ERRORS_ALONE
+    bpy.ops.import_scene.gltf(filepath=str(path))
+    bpy.app.debug_value = before
+    armature = next(obj for obj in bpy.data.objects if obj.type == "ARMATURE")
+    parts = [obj for obj in bpy.data.objects if any(modifier.type == "ARMATURE" for modifier in obj.modifiers)]
+    parts.sort(key=lambda obj: obj.name)
+    skeleton = _skeleton(armature)
+    armature.data.pose_position = "REST"
+    rest = _body(parts, skeleton)
+    armature.data.pose_position = "POSE"
+    pose = _strike(armature, parts, rest)
+    posed = _body(parts, skeleton)
+    for part in parts:
+        weld, thin = part.modifiers.new("Weld", "WELD"), part.modifiers.new("Thin", "DECIMATE")
+        weld.merge_threshold = WELDED * _extent(rest)
+        thin.ratio = THINNED
+    return Character(
+        path.parent.name.removesuffix("_pack"),
+        path.stem.split("-")[0],
+        skeleton,
+        rest,
+        posed,
+        _body(parts, skeleton),
+        pose,
+    )
+
+
+def one_skin(body: Body) -> Body:
+    """A character rebuilt from voxels, so that its parts become one skin; weights from the closest points."""
+    mesh = bpy.data.meshes.new("Skin")
+    mesh.from_pydata(body.vertices, [], body.triangles)
+    obj = bpy.data.objects.new("Skin", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    remesh = obj.modifiers.new("Skin", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", VOXEL * _extent(body)
+    with mesh_data.evaluated_mesh(obj, bpy.context.evaluated_depsgraph_get()) as (_, evaluated):
+        vertices, triangles = _arrays(evaluated)
+    bpy.data.meshes.remove(mesh)
+    vertices, triangles = _largest_part(vertices, triangles)
+    triangle, barycentric = closest_points(vertices, body.vertices, body.triangles)
+    weights = np.einsum("nc,ncb->nb", barycentric, body.weights[body.triangles[triangle]])
+    return Body(vertices, triangles, weights.astype(np.float32))
+
+
+def _largest_part(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
+    """The part of the largest area, without the crumbs and caves that voxels leave."""
+    used = zo.Surface(vertices, triangles).components == 0
+    return vertices[used], (np.cumsum(used) - 1)[triangles[used[triangles[:, 0]]]]
+
+
+def shuffled(body: Body, seed: int = 0) -> Body:
+    """The same mesh, its vertices and triangles in another order."""
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(len(body.vertices))
+    place = np.argsort(order)
+    triangles = place[rng.permutation(body.triangles)]
+    return Body(body.vertices[order], triangles, body.weights[order])
+
+
+# --- arrays -------------------------------------------------------------------------------------------------
+
+
+def _skeleton(armature: Object) -> Skeleton:
+    bones = list(armature.data.bones)
+    number = {bone.name: i for i, bone in enumerate(bones)}
+    parent = np.array([-1 if bone.parent is None else number[bone.parent.name] for bone in bones])
+    head = np.array([armature.matrix_world @ bone.head_local for bone in bones])
+    return Skeleton(tuple(number), parent, head)
+
+
+def _body(parts: list[Object], skeleton: Skeleton) -> Body:
+    """The parts as their modifiers leave them."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    bodies, first = [], 0
+    for part in parts:
+        with mesh_data.evaluated_mesh(part, depsgraph) as (evaluated, mesh):
+            vertices, triangles = _arrays(mesh)
+            vertices = mesh_data.positions_in_world(evaluated, vertices)
+            bodies.append(Body(vertices, triangles + first, _weights(part, mesh, skeleton.names)))
+        first += len(vertices)
+    return Body(*(np.concatenate(arrays) for arrays in zip(*bodies, strict=True)))
+
+
+def _arrays(mesh: bpy.types.Mesh) -> tuple[Floats, Integers]:
+    mesh.calc_loop_triangles()
+    triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    return mesh_data.read_positions(mesh).astype(np.float64), triangles.reshape(-1, 3).astype(np.int64)
+
+
+def _weights(part: Object, mesh: bpy.types.Mesh, bones: tuple[str, ...]) -> Floats:
+    """(n, b) weights of the bones, which sum to one."""
+    groups = mesh_data.read_weights(part, mesh)
+    weights = np.zeros((len(mesh.vertices), len(bones)), np.float32)
+    known = [i for i, name in enumerate(groups.labels) if name in bones]
+    weights[:, [bones.index(groups.labels[i]) for i in known]] = groups.values.toarray()[:, known]
+    return weights / np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+
+
+def _extent(body: Body) -> float:
+    """The largest extent along an axis: the height of people."""
+    return float(np.ptp(body.vertices, axis=0).max())
+
+
+# --- poses --------------------------------------------------------------------------------------------------
+
+
+def _strike(armature: Object, parts: list[Object], rest: Body) -> str:
+    """Put the armature into the frame that differs most from the rest, and say which it is."""
+    if armature.animation_data is None or not bpy.data.actions:
+        _stride(armature)
+        return "stride"
+    for track in list(armature.animation_data.nla_tracks):
+        armature.animation_data.nla_tracks.remove(track)
+    best, bend = next(_frames()), 0.0
+    for frame in _frames():
+        _set_frame(armature, *frame)
+        points = _points(parts)
+        swelling = triangle_areas(points, rest.triangles).sum() / triangle_areas(rest.vertices, rest.triangles).sum()
+        if swelling < SWOLLEN and _bend(points, rest.vertices) > bend:
+            best, bend = frame, _bend(points, rest.vertices)
+    _set_frame(armature, *best)
+    return f"{best[0].name.split('|')[-1]} {best[1]}"
+
+
+def _frames() -> Iterator[tuple[Action, int]]:
+    for action in sorted(bpy.data.actions, key=lambda action: action.name):
+        first, last = action.frame_range
+        for frame in np.unique(np.linspace(first, last, FRAMES).round().astype(int)).tolist():
+            yield action, frame
+
+
+def _points(parts: list[Object]) -> Floats:
+    """(n, 3) the vertices of the parts in world space, as they stand."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    points = []
+    for part in parts:
+        with mesh_data.evaluated_mesh(part, depsgraph) as (evaluated, mesh):
+            points.append(mesh_data.positions_in_world(evaluated, mesh_data.read_positions(mesh).astype(np.float64)))
+    return np.concatenate(points)
+
+
+def _bend(points: Floats, rest: Floats) -> float:
+    """Mean distance between points (n, 3) and their rest (n, 3), after the rigid motion that leaves least of it."""
+    motion = rigid_motion(points, rest)
+    return float(np.linalg.norm(points @ motion[:3, :3].T + motion[:3, 3] - rest, axis=1).mean())
+
+
+def _set_frame(armature: Object, action: Action, frame: int) -> None:
+    for bone in armature.pose.bones:  # an action leaves the bones that it does not move as they are
+        bone.matrix_basis.identity()
+    armature.animation_data.action = action
+    if action.slots:
+        armature.animation_data.action_slot = action.slots[0]
+    bpy.context.scene.frame_set(frame)
+
+
+def _stride(armature: Object) -> None:
+    for pattern, (about_x, about_y) in STRIDE:
+        for bone in armature.pose.bones:
+            if pattern.search(bone.name):
+                turn = Matrix.Rotation(np.radians(about_x), 4, "X") @ Matrix.Rotation(np.radians(about_y), 4, "Y")
+                to_world = armature.matrix_world
+                joint = Matrix.Translation((to_world @ bone.matrix).translation)
+                bone.matrix = to_world.inverted() @ joint @ turn @ joint.inverted() @ to_world @ bone.matrix
+                bpy.context.view_layer.update()

@@ -1,0 +1,100 @@
+"""Rows of the table of characters, and what they amount to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any, TypeAlias
+
+import numpy as np
+
+import zoomout_core as zo
+from benchmarks.characters.cases import Case
+from benchmarks.characters.figures import Figures, figures, nearest_in_space
+from zoomout_core.correspondence.matching import SURE
+
+Row: TypeAlias = dict[str, Any]
+
+# Shares, and centimetres, that differ by less count as equal.
+EQUAL, EQUAL_ERRORS = 0.005, 0.1
+DIGITS = 3
+RIVAL = "DT "
+
+
+def measured(case: Case) -> tuple[Row, zo.MatchResult]:
+    """Match a case with nothing given: its row, and the result."""
+    zo.forget_shapes()
+    begin = perf_counter()
+    result = zo.match(case.source, case.target)
+    seconds = perf_counter() - begin
+    ours, rival = figures(case, result.surface_map), figures(case, nearest_in_space(case))
+    row: Row = {
+        "kind": case.kind,
+        "case": case.name,
+        "parts": f"{_parts(case.source)} {_parts(case.target)}",
+        "seconds": seconds,
+        "certainty": result.certainty,
+        "confidence": float(result.confidence.mean()),
+        **_named(ours),
+        **_named(rival, RIVAL),
+        "right": ours.right,
+        "behind": _behind(ours, rival),
+    }
+    return row, result
+
+
+def summary(rows: list[Row]) -> list[Row]:
+    """For each kind and all: how many cases are right, behind Data Transfer, and announced as right but wrong.
+
+    Also the worst and the median limb, strongest bone and error.
+    """
+    kinds = list(dict.fromkeys(row["kind"] for row in rows))
+    return [_summed(kind, [row for row in rows if kind in (row["kind"], "all")]) for kind in [*kinds, "all"]]
+
+
+def badness(row: Row) -> float:
+    """What the worst cases of a kind have most of."""
+    return float(row["cm"] if row["cm"] is not None else 1 - (row["limb"] or 0))
+
+
+def _summed(kind: str, rows: list[Row]) -> Row:
+    return {
+        "kind": kind,
+        "cases": len(rows),
+        "right": sum(row["right"] for row in rows),
+        "behind DT": sum(row["behind"] for row in rows),
+        "sure and wrong": sum(row["certainty"] >= SURE and not row["right"] for row in rows),
+        "sure": sum(row["certainty"] >= SURE for row in rows),
+        "worst limb": _over(min, rows, "limb"),
+        "median limb": _over(np.median, rows, "limb"),
+        "worst dom": _over(min, rows, "dom"),
+        "median dom": _over(np.median, rows, "dom"),
+        "worst cm": _over(max, rows, "cm"),
+        "median cm": _over(np.median, rows, "cm"),
+        "seconds": _over(np.median, rows, "seconds"),
+    }
+
+
+def _over(statistic: Callable[[list[float]], Any], rows: list[Row], column: str) -> float | None:
+    """A statistic of a column over the rows that have it."""
+    values = [row[column] for row in rows if row[column] is not None]
+    return float(statistic(values)) if values else None
+
+
+def _named(of_map: Figures, prefix: str = "") -> Row:
+    columns = ("dom", "limb", "side", "L1", "cm", "median cm")
+    return {
+        prefix + column: None if value is None else round(value, DIGITS)
+        for column, value in zip(columns, of_map, strict=True)
+    }
+
+
+def _behind(ours: Figures, rival: Figures) -> bool:
+    if ours.error is not None and rival.error is not None:
+        return ours.error > rival.error + EQUAL_ERRORS
+    return (ours.limb or 0) < (rival.limb or 0) - EQUAL
+
+
+def _parts(surface: zo.Surface) -> int:
+    """The number of loose parts, those that coincide at their borders taken together."""
+    return int(surface.components.max()) + 1
