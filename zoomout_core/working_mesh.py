@@ -35,6 +35,9 @@ class WorkingMesh:
         triangle_of: (m,) the surface's triangle that each triangle stems from.
         component: (n,) number of the connected component of each vertex, the largest area first.
         scale: square root of the surface's area, in the surface's units.
+        origin: (3,) the point of the surface, in its frame and unit, that is at zero here.
+        is_skin: whether it was drawn around the surface: then its triangles stem from none of the surface's, and
+            `vertex_of` tells the nearest vertex.
     """
 
     vertices: Floats
@@ -44,6 +47,8 @@ class WorkingMesh:
     triangle_of: Integers
     component: Integers
     scale: float
+    origin: Floats
+    is_skin: bool = False
 
     @cached_property
     def oriented_triangles(self) -> Integers:
@@ -86,16 +91,25 @@ class WorkingMesh:
         kept = inside[self.triangles[:, 0]]
         triangles = number[self.triangles[kept]]
         area = triangle_areas(self.vertices[vertices], triangles).sum()
-        points = self.vertices[vertices] - self.vertices[vertices].mean(axis=0)
+        centre = self.vertices[vertices].mean(axis=0)
         return WorkingMesh(
-            vertices=points / np.sqrt(area),
+            vertices=(self.vertices[vertices] - centre) / np.sqrt(area),
             triangles=triangles,
             flipped=self.flipped[kept],
             vertex_of=number[self.vertex_of],
             triangle_of=self.triangle_of[kept],
             component=np.zeros(len(vertices), dtype=int),
             scale=self.scale * float(np.sqrt(area)),
+            origin=self.origin + self.scale * centre,
         ), vertices
+
+    def from_surface(self, points: Floats) -> Floats:
+        """(q, 3) points given in the surface's frame and unit, in this mesh's."""
+        return np.asarray((points - self.origin) / self.scale)
+
+    def to_surface(self, points: Floats) -> Floats:
+        """(q, 3) points given in this mesh's frame, in the surface's frame and unit."""
+        return np.asarray(self.origin + self.scale * points)
 
 
 def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced: Integers) -> WorkingMesh:
@@ -121,8 +135,8 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     triangles = number[triangles]
 
     scale = float(np.sqrt(area))
-    points = vertices[used]
-    points = (points - points.mean(axis=0)) / scale
+    origin = vertices[used].mean(axis=0)
+    points = (vertices[used] - origin) / scale
     of_a_face = np.zeros(len(vertices), dtype=bool)
     of_a_face[referenced] = True
     return WorkingMesh(
@@ -133,6 +147,7 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
         triangle_of=np.flatnonzero(proper),
         component=_component(points, triangles),
         scale=scale,
+        origin=origin,
     )
 
 

@@ -18,7 +18,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors, coordinates
 from zoomout_core.correspondence.nearest import nearest
 from zoomout_core.correspondence.pair import Pair, landmarks_on_parts, positions_of_part
-from zoomout_core.correspondence.scores import Disagreement, correlation
+from zoomout_core.correspondence.scores import IN_SPACE, Disagreement, correlation
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.projection import closest_points
@@ -43,12 +43,15 @@ class Evidence:
         common_axes: (a, 3) directions in which both surfaces stand alike, such as the up axis, or none.
         regions: for each region of both, such as a vertex group, its source vertices and its target vertices.
         earlier: (s,) source shape vertex of each search sample of the target by an earlier map, or None.
+        standing: (s, 3) where the search samples of the target are, in the frame of the source's part, if the two lie
+            over each other, else None.
     """
 
     landmarks: Landmarks | None
     common_axes: Floats
     regions: list[tuple[Integers, Integers]]
-    earlier: Integers | None
+    earlier: Integers | None = None
+    standing: Floats | None = None
 
     def anchors(self, pair: Pair) -> Anchors | None:
         """Functions of the regions that hold a map in place."""
@@ -80,6 +83,9 @@ class Evidence:
             if self.earlier is not None:
                 first = source.nearest_distance_sample[sample_map]
                 disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
+            if self.standing is not None:
+                moved = np.linalg.norm(source.proxy.vertices[there] - self.standing, axis=1)
+                disagreements[IN_SPACE] = float(target.weights @ moved)
             if heights:
                 agreement = correlation(heights[0], heights[1][sample_map], target.weights)
                 disagreements["axes"] = 1 - agreement

@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import coordinates
+from zoomout_core.correspondence.attempt import Attempt, best_of
 from zoomout_core.correspondence.components.assembly import on_surfaces
-from zoomout_core.correspondence.components.main_parts import main_part_steps
+from zoomout_core.correspondence.components.bodies import bodies_steps
+from zoomout_core.correspondence.components.overlap import overlapping
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
 from zoomout_core.correspondence.evidence import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
@@ -34,7 +36,7 @@ from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import Progress, Steps, drain, scaled, spread
+from zoomout_core.progress import Progress, Steps, drain, scaled, spread, within
 from zoomout_core.surface import Surface
 from zoomout_core.threads import for_each, in_background, on_one_blas_thread, side_by_side
 from zoomout_core.working_mesh import WorkingMesh
@@ -49,8 +51,19 @@ SMALLEST_PROXY = 500
 PER_PROXY_VERTEX, PROXY_VERTICES = 8, (4000, 6000)
 # The way back is a witness of the way there, and need not be as fine.
 MOST_FUNCTIONS_BACK = 120
-# A map of less certainty than this comes with a note.
-SURE = 0.9
+# A map of less certainty than this comes with a note; of less than the second, with one that says that it is lost.
+SURE, LOST = 0.9, 0.1
+UNSURE = (
+    "This map is right with a probability of {:.0%} only: check that no sides are swapped, and try another candidate "
+    "or add landmarks if they are."
+)
+NOT_RECOGNISED = (
+    "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or lay one over the other in the "
+    "same pose and start from proximity."
+)
+# Of several bodies the next is tried where the map of one is less sure than this. When each begins, as a part of the
+# progress, and the part of its time that analysing the shapes takes.
+SURE_OF_BODY, START_OF_BODY, ANALYSING = 0.8, (0.04, 0.6, 0.75), 0.8
 # So comes a map that turns over a larger part of the surface.
 NOTABLE_FOLDS = 0.05
 # And one that leaves more than this part of either surface without a partner.
@@ -89,6 +102,7 @@ class MatchResult:
         chosen: the number of the candidate that this result is made from.
         notes: what a user should know, a sentence each.
         pair: what other candidates are made from.
+        placed: the part of the target's area, in [0, 1], for which there is something on the source.
     """
 
     surface_map: SurfaceMap
@@ -98,11 +112,15 @@ class MatchResult:
     chosen: int
     notes: tuple[str, ...]
     pair: Pair
+    placed: float
 
     @property
     def certainty(self) -> float:
-        """Probability that the map as a whole is right: no side swapped, nothing turned front to back."""
-        return self.candidates[self.chosen].certainty
+        """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
+
+        It speaks of all of the target, and falls with the part of it for which nothing was found.
+        """
+        return self.candidates[self.chosen].certainty * self.placed
 
     def outline(self, candidate: int) -> tuple[Integers, Integers]:
         """Where a candidate leads, roughly, before its full map is worked out.
@@ -216,28 +234,54 @@ def match_steps(
     axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
     yield Progress(0.0, "Reading the meshes")
     yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
-    source_part, target_part = yield from spread(
-        main_part_steps(source, target, seed), 0.01, 0.02, "Comparing the parts"
-    )
-    k = max(k_final, FEWEST_FUNCTIONS)
-    ahead = ANALYSES if initial in ("auto", "landmarks") else ()
-    prepared = (
-        prepared_steps(kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices)), ahead)
-        for part in (source_part, target_part)
-    )
-    source_shape, target_shape = yield from spread(side_by_side(*prepared), 0.02, 0.6, "Analysing the shapes")
-    exact = landmarks if exact_landmarks else None
-    pair = Pair(source, target, source_shape, target_shape, k_final, step, exact, paired)
-    yield Progress(0.6, "Guessing")
+    bodies = yield from spread(bodies_steps(source, target, seed), 0.01, 0.04, "Finding the bodies")
+    attempts: list[Attempt] = []
+    for number, each in enumerate(bodies):
+        start = START_OF_BODY[number]
+        k = max(k_final, FEWEST_FUNCTIONS)
+        ahead = ANALYSES if initial in ("auto", "landmarks") else ()
+        prepared = (
+            prepared_steps(kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices)), ahead)
+            for part in (each.source, each.target)
+        )
+        end = START_OF_BODY[number + 1]
+        shapes = yield from spread(
+            side_by_side(*prepared), start, start + ANALYSING * (end - start), "Analysing the shapes"
+        )
+        exact = landmarks if exact_landmarks else None
+        pair = Pair(source, target, *shapes, k_final, step, exact, paired)
+        known = Evidence(landmarks, axes, paired)
+        candidates = yield from within(
+            _candidates_steps(pair, initial, known, initial_map), start + ANALYSING * (end - start), end
+        )
+        attempts.append(Attempt(pair, candidates, each.coverage))
+        if candidates[0].certainty >= SURE_OF_BODY:
+            break
+    best = best_of(attempts)
+    return (yield from _result_steps(best.pair, tuple(best.candidates), 0, START_OF_BODY[-1]))
+
+
+def _candidates_steps(
+    pair: Pair, initial: Initial, evidence: Evidence, initial_map: SurfaceMap | ArrayLike | None
+) -> Steps[list[Candidate]]:
+    """Maps between two shapes, the most likely first."""
+    yield Progress(0.0, "Guessing")
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
-    evidence = Evidence(landmarks, axes, paired, _images(pair, earlier) if initial == "auto" else None)
+    if initial == "auto":
+        evidence = replace(evidence, earlier=_images(pair, earlier), standing=_standing(pair))
     disagreement = evidence.disagreement(pair)
     guessing = _hypotheses_steps(pair, initial, evidence, disagreement, earlier)
-    ahead_of_carrying = in_background(lambda: (target_shape.proxy.place, source_shape.neighbourhoods))
-    hypotheses, _ = yield from spread(side_by_side(guessing, ahead_of_carrying), 0.6, 0.62, "Guessing")
-    ranking = rank_steps(hypotheses, source_shape, target_shape, disagreement)
-    candidates = yield from spread(ranking, 0.62, 0.75, "Comparing candidates")
-    return (yield from _result_steps(pair, tuple(candidates), 0, 0.75))
+    ahead_of_carrying = in_background(lambda: _prepare_carrying(pair))
+    hypotheses, _ = yield from spread(side_by_side(guessing, ahead_of_carrying), 0.0, 0.15, "Guessing")
+    ranking = rank_steps(hypotheses, pair.source_shape, pair.target_shape, disagreement)
+    return (yield from spread(ranking, 0.15, 1.0, "Comparing candidates"))
+
+
+def _prepare_carrying(pair: Pair) -> None:
+    """Have what carrying the map over to all vertices needs worked out."""
+    if not pair.target_shape.proxy.full.is_skin:
+        _ = pair.target_shape.proxy.place
+    _ = pair.source_shape.neighbourhoods
 
 
 def prepared_steps(
@@ -306,21 +350,20 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     there = fit.surface_map
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
     carrying = in_background(lambda: on_surfaces(pair, fit, confidence))
-    surface_map, confidence, notes = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
-    notes = (*_notes_on_rest(there, back, source, target), *notes)
+    whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
+    notes = (*_notes_on_rest(there, back, source, target), *whole.notes)
     if over > NOTABLE_FOLDS:
         notes = (
             f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "
             "confidence is low there.",
             *notes,
         )
-    if candidate.certainty < SURE:
-        notes = (
-            f"This map is right with a probability of {candidate.certainty:.0%} only: check that no sides are swapped, "
-            "and try another candidate or add landmarks if they are.",
-            *notes,
-        )
-    return MatchResult(surface_map, confidence, functional_map, candidates, chosen, notes, pair)
+    certainty = candidate.certainty * whole.placed
+    if certainty < SURE:
+        notes = ((UNSURE if certainty >= LOST else NOT_RECOGNISED).format(certainty), *notes)
+    return MatchResult(
+        whole.surface_map, whole.confidence, functional_map, candidates, chosen, notes, pair, whole.placed
+    )
 
 
 def fitted_steps(
@@ -358,6 +401,8 @@ def _hypotheses_steps(
     if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
+    if evidence.standing is not None:
+        hypotheses.insert(0, proximity_hypothesis(pair))
     if earlier is not None:
         hypotheses.insert(0, earlier)
     anchors = evidence.anchors(pair)
@@ -379,3 +424,9 @@ def _images(pair: Pair, earlier: Hypothesis | None) -> Integers | None:
         return None
     source, target = pair.source_shape, pair.target_shape
     return nearest(*coordinates(target.search.rows, source.basis.eigenvectors, earlier.functional_map, None))
+
+
+def _standing(pair: Pair) -> Floats | None:
+    """(s, 3) where the target's search samples are, in the frame of the source's part; None if that tells nothing."""
+    places = None if pair.source is pair.target else overlapping(pair)
+    return None if places is None else places[pair.target_shape.search.samples]

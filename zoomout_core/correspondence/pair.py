@@ -60,18 +60,19 @@ class Pair:
 
 def positions_of_part(surface: Surface, shape: Shape) -> Floats:
     """(n, 3) the vertices of a shape's part in the surface's own frame and unit."""
-    vertex_of = shape.proxy.full.vertex_of
-    used = np.flatnonzero(vertex_of >= 0)
-    positions = np.empty_like(shape.proxy.full.vertices)
-    positions[vertex_of[used]] = surface.vertices[used]
+    part = shape.proxy.full
+    positions = part.to_surface(part.vertices)
+    if part.is_skin:
+        return positions
+    # As the surface has them, to the last bit: surfaces that lie in each other are to do so here.
+    used = np.flatnonzero(part.vertex_of >= 0)
+    positions[part.vertex_of[used]] = surface.vertices[used]
     return positions
 
 
 def standing(pair: Pair) -> Floats:
     """(n, 3) the vertices of the target's part as the two surfaces stand, in the frame of the source's part."""
-    part, scale = pair.source_shape.proxy.full.vertices, pair.source_shape.proxy.full.scale
-    origin = (positions_of_part(pair.source, pair.source_shape) - scale * part).mean(axis=0)
-    return (positions_of_part(pair.target, pair.target_shape) - origin) / scale
+    return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
 
 
 def surface_vertices(shape: Shape, vertices: Integers) -> Integers:

@@ -13,6 +13,8 @@ from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.initial.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.correspondence.laying import sides_are_known
 from zoomout_core.correspondence.scores import (
+    EVIDENCE,
+    IN_SPACE,
     Disagreement,
     fit_in_space,
     nothing_known,
@@ -167,10 +169,15 @@ def _certainty(candidate: Candidate, candidates: list[Candidate], source: Shape)
             continue
         apart = source.distances[images, source.search.samples[other.sample_map]].mean()
         if apart > ANOTHER_MAP:
-            lead = other.scores["total"] - candidate.scores["total"]
+            lead = _of_shape(other) - _of_shape(candidate)
             rivals += np.exp(-RIVALRY * np.clip(lead, -LARGEST_LEAD, LARGEST_LEAD))
     doubt = np.exp(MISFIT + MISFIT_RATE * np.log(max(candidate.scores["place"], 1e-9)))
     return float(1 / (1 + rivals) / (1 + doubt))
+
+
+def _of_shape(candidate: Candidate) -> float:
+    """The total score without where the two surfaces stand, which makes a map likely, but not sure: balls may turn."""
+    return candidate.scores["total"] - EVIDENCE[IN_SPACE] * candidate.scores.get(IN_SPACE, 0.0)
 
 
 def _laid(candidate: Candidate, source: Shape, target: Shape) -> Candidate:

@@ -24,11 +24,14 @@ SMOOTH_SIZE = 30
 LAYING_WIDTH = 0.08
 # Evenly spread triangles that tell whether a map keeps the orientation.
 ORIENTATION_SAMPLES = 2000
+# A mean distance between samples and their images, of surfaces that lie over each other: these are likely to correspond
+# as they lie. Of a person turned about in one pose, whose hands lie on the wrong ones, the own shape tells more.
+IN_SPACE = "place in space"
 # What the user knows of the map, by what it disagrees with: a map flips for two to four of the total score. Distances
 # are at unit area, those of landmarks summed, other disagreements from 0 to 1. Regions hold every map in place as
 # well, which suffices to set flips right; a larger weight lets names that are swapped by mistake flip maps that are
 # clear.
-EVIDENCE = {"landmarks": 20.0, "earlier map": 10.0, "axes": 2.0, "regions": 2.0}
+EVIDENCE = {"landmarks": 20.0, "earlier map": 10.0, IN_SPACE: 3.0, "axes": 2.0, "regions": 2.0}
 
 # How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
 # the target, and what holds it in place, at all vertices.

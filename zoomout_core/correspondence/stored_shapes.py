@@ -24,12 +24,12 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.working_mesh import WorkingMesh
 
 # To be raised when the same mesh is prepared differently, or stored differently.
-FORMAT = 1
+FORMAT = 2
 MOST_BYTES = 1 << 30
 # Seconds after which a file that was begun and not finished is one that a process left behind.
 ABANDONED = 3600
 
-MESH_ARRAYS = "vertices", "triangles", "flipped", "vertex_of", "triangle_of", "component"
+MESH_ARRAYS = "vertices", "triangles", "flipped", "vertex_of", "triangle_of", "component", "origin"
 SPARSE_ARRAYS = "data", "indices", "indptr"
 
 _log = logging.getLogger(__name__)

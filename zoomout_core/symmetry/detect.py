@@ -176,7 +176,7 @@ def _finished(
     confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, reverses)
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
-    surface_map, confidence, notes = on_surfaces(pair, fit, confidence)
+    surface_map, confidence, placed, notes = on_surfaces(pair, fit, confidence)
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:
@@ -194,7 +194,7 @@ def _finished(
         prepared=shape,
         functional_map=functional_map,
         order=order,
-        certainty=candidate.certainty,
+        certainty=candidate.certainty * placed,
         scores=candidate.scores | energies(functional_map, shape.basis.eigenvalues),
         return_error=return_error(surface_map, order, surface),
         origin=candidate.origin,

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.components.main_parts import main_part_steps
+from zoomout_core.correspondence.components.bodies import bodies_steps
 from zoomout_core.correspondence.kept_shapes import kept_shape_steps
 from zoomout_core.correspondence.matching import ANALYSES, FEWEST_FUNCTIONS, prepared_steps, proxy_size
 from zoomout_core.correspondence.shape import Shape
@@ -81,7 +81,8 @@ def main_shape_steps(
     """
     yield Progress(0.0, "Reading the mesh")
     yield from spread(in_background(lambda: surface.working), 0.0, 0.02, "Reading the mesh")
-    part, _ = yield from spread(main_part_steps(surface, surface, seed), 0.02, 0.04, "Comparing the parts")
+    (body, *_) = yield from spread(bodies_steps(surface, surface, seed), 0.02, 0.04, "Finding the body")
+    part = body.source
     k = max(k_final, FEWEST_FUNCTIONS)
     preparing = kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices))
     return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.04, 1.0, "Analysing the shape"))

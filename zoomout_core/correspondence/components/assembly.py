@@ -2,32 +2,54 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.correspondence.components.loose import LooseParts, map_parts
 from zoomout_core.correspondence.components.parts import MOST_PARTS
+from zoomout_core.correspondence.components.shells import LaidShells, map_shells
 from zoomout_core.correspondence.fitting.fit import Fit, lifted_fit
 from zoomout_core.correspondence.pair import Pair, standing
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.projection import closest_points
 from zoomout_core.surface import Surface
+from zoomout_core.triangles import triangle_areas
 
+# A larger part of the target without anything on the source comes with a note.
+NOTABLE_SHARE = 0.03
 TOO_MANY = f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."
 
 
-def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SurfaceMap, Floats, tuple[str, ...]]:
+class Assembled(NamedTuple):
+    """The map between two surfaces.
+
+    Attributes:
+        surface_map: from the target to the source.
+        confidence: (n_t,) in it.
+        placed: the part of the target's area, in [0, 1], for which there is something on the source.
+        notes: what a user should know about parts, a sentence each.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    placed: float
+    notes: tuple[str, ...]
+
+
+def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> Assembled:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
 
     Args:
         pair: the surfaces and their shapes.
         fit: of the target shape to the source shape.
         confidence: (n,) of the target shape's vertices.
-
-    Returns:
-        The map, (n_t,) confidence, and what a user should know about loose parts.
     """
+    if pair.target_shape.proxy.full.is_skin:
+        return _from_shells(pair, map_shells(pair, fit, confidence))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     between_parts = lifted_fit(fit, source, target, standing(pair))
     loose = map_parts(pair, between_parts, confidence)
@@ -46,7 +68,42 @@ def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SurfaceMap, F
     triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[number[placed]]]
     barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.trust[number[placed]]
     whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
-    return _with_the_rest(pair, whole, on_body, on_body | placed), trust, _notes(pair, loose)
+    areas = triangle_areas(pair.target.vertices, pair.target.triangles)
+    share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
+    return Assembled(_with_the_rest(pair, whole, on_body, on_body | placed), trust, share, _notes(pair, loose))
+
+
+def _from_shells(pair: Pair, laid: LaidShells) -> Assembled:
+    """The map of shells in the surfaces' own numbers; vertices that no face uses take the nearest one's image."""
+    of = pair.target.working.vertex_of
+    used = np.flatnonzero(of >= 0)
+    rest = np.flatnonzero((of < 0) & np.isfinite(pair.target.vertices).all(axis=1))
+    near = np.zeros(len(of), dtype=np.int64)
+    near[used] = of[used]
+    if len(rest):
+        near[rest] = of[used[cKDTree(pair.target.vertices[used]).query(pair.target.vertices[rest])[1]]]
+    confidence = np.where(of >= 0, laid.confidence[near], 0)
+    triangle = pair.source.working.triangle_of[laid.surface_map.triangle[near]]
+    whole = SurfaceMap(triangle, laid.surface_map.barycentric[near], pair.source.triangles)
+    return Assembled(whole, confidence, 1 - laid.alone, _notes_on_shells(pair, laid))
+
+
+def _notes_on_shells(pair: Pair, laid: LaidShells) -> tuple[str, ...]:
+    count = int(pair.target.working.component.max()) + 1
+    notes = []
+    if laid.in_place:
+        notes.append("The two lie over each other as they stand: each place was mapped to what lies there.")
+    if laid.paired:
+        notes.append(
+            f"{laid.paired} of {count} parts laid on their like by place, size and shape; the others lie on what is "
+            "nearest."
+        )
+    if laid.alone > NOTABLE_SHARE:
+        notes.append(
+            f"About {laid.alone:.0%} of the target lies where the source has nothing: it takes the nearest place, with "
+            "low confidence."
+        )
+    return tuple(notes)
 
 
 def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Booleans) -> SurfaceMap:

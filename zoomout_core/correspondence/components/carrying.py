@@ -62,12 +62,22 @@ class Moments:
         U, singular, Vt = self.singular
         return -1.0 if (np.linalg.det(U @ Vt) * singular[:, 2]).sum() < 0 else 1.0
 
-    def affine(self, handedness: float) -> Floats:
-        """(m, 12) the similarities of the patches: linear part, row by row, and shift."""
+    def scale(self, handedness: float) -> Floats:
+        """(m,) by how much the patches grow."""
+        return np.asarray((self.singular[1] * self._signs(handedness)).sum(axis=1) / self.spread)
+
+    def _signs(self, handedness: float) -> Floats:
+        """(m, 3) of the singular values, for patches that turn, or are mirrored."""
         U, singular, Vt = self.singular
         signs = np.ones_like(singular)
         signs[:, 2] = np.linalg.det(U @ Vt) * handedness
-        scale = (singular * signs).sum(axis=1) / self.spread
+        return signs
+
+    def affine(self, handedness: float) -> Floats:
+        """(m, 12) the similarities of the patches: linear part, row by row, and shift."""
+        U, _, Vt = self.singular
+        signs = self._signs(handedness)
+        scale = self.scale(handedness)
         typical = np.median(scale)
         scale = np.clip(scale, typical / MOST_SCALE, typical * MOST_SCALE)
         linear = scale[:, None, None] * ((U * signs[:, None]) @ Vt)
@@ -105,6 +115,12 @@ class Motion:
     def handedness(self) -> float:
         """-1 where the body goes to its mirror image, else 1."""
         return self._moments[0].handedness
+
+    @cached_property
+    def scale(self) -> float:
+        """By how much it grows in most places."""
+        moments = self._moments[-1]
+        return float(np.median(moments.scale(self.handedness)))
 
     @cached_property
     def _moments(self) -> list[Moments]:

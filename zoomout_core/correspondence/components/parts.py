@@ -113,7 +113,7 @@ class Side:
         mesh: its working copy.
         points: (n, 3) the mesh's vertices in a frame in which the body's area is one.
         areas: (n,) of the vertices, positive.
-        body_vertices: (b,) the mesh's vertex for each of the body's.
+        body_vertices: (b,) the mesh's vertex for each of the body's; none where the body is a skin around all parts.
     """
 
     mesh: WorkingMesh
@@ -123,19 +123,23 @@ class Side:
 
     @classmethod
     def of(cls, surface: Surface, body: WorkingMesh) -> Side:
-        """A surface and the part of it that is the body."""
-        mesh, used = surface.working, body.vertex_of >= 0
-        body_vertices = np.empty(len(body.vertices), dtype=np.int64)
-        body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]
+        """A surface and its body: one of its parts, or the skin around it, whose frame is taken then."""
+        mesh = surface.working
         area = triangle_areas(mesh.vertices, mesh.triangles)
         areas = np.bincount(mesh.triangles.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
-        points = mesh.vertices * (mesh.scale / body.scale)
-        return cls(mesh, points, np.maximum(areas, 1e-9 * areas.mean()), body_vertices)
+        areas = np.maximum(areas, 1e-9 * areas.mean())
+        if body.is_skin:
+            points = body.from_surface(mesh.to_surface(mesh.vertices))
+            return cls(mesh, points, areas, np.zeros(0, dtype=np.int64))
+        used = body.vertex_of >= 0
+        body_vertices = np.empty(len(body.vertices), dtype=np.int64)
+        body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]
+        return cls(mesh, mesh.vertices * (mesh.scale / body.scale), areas, body_vertices)
 
     @property
     def body(self) -> int:
-        """The number of the component that is the body."""
-        return int(self.mesh.component[self.body_vertices[0]])
+        """The number of the component that is the body, or -1 where none is."""
+        return int(self.mesh.component[self.body_vertices[0]]) if len(self.body_vertices) else -1
 
     @cached_property
     def loose(self) -> Booleans:
@@ -160,7 +164,7 @@ class Side:
             vertices = np.unique(self.mesh.vertex_of[region])
             component = self.mesh.component[vertices[vertices >= 0]]
             inside[:, number] = np.bincount(component, minlength=len(count)) > count / 2
-        return np.delete(inside, self.body, axis=0)
+        return inside if self.body < 0 else np.delete(inside, self.body, axis=0)
 
 
 def paired(
@@ -179,7 +183,7 @@ def paired(
     """
     place, size = _apart(target, source)
     rough = np.minimum(place, 2 * TOLERANCE) + size
-    relation = _relation(of_target, of_source)
+    relation = relation_of(of_target, of_source)
     misfit = np.where(np.isinf(relation), np.inf, 10 * TOLERANCE)
     possible = (rough <= 2 * TOLERANCE) & np.isfinite(relation)
     possible &= rough <= np.sort(rough, axis=1)[:, :RIVALS][:, -1:]
@@ -203,7 +207,7 @@ def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floa
     return distance / (np.maximum(sizes[0][:, None], sizes[1]) + MAP_ERROR), ratio
 
 
-def _relation(of_target: Booleans, of_source: Booleans) -> Floats:
+def relation_of(of_target: Booleans, of_source: Booleans) -> Floats:
     """(p, q) what regions make of a misfit: less where they are shared, infinite where none is but both are in some."""
     common = of_target.astype(float) @ of_source.T
     union = of_target.sum(axis=1)[:, None] + of_source.sum(axis=1) - common

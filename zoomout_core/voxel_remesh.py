@@ -1,0 +1,191 @@
+"""One closed skin around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
+
+Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose
+in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using volumetric techniques,
+2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The skin is drawn by surface
+nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed distance.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, gaussian_filter, label
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+
+# Voxels along the longest extent of the mesh.
+RESOLUTION = 128
+# Empty voxels around the mesh.
+PADDING = 4
+# Triangles are rasterised by points at this part of the size of a voxel.
+SAMPLING = 0.5
+# So many points are rasterised at once, which bounds the memory.
+POINTS = 1 << 20
+# A voxel is inside if a wall is met in so many of the 26 directions to its neighbours: holes let some of them out.
+LEAST_DIRECTIONS = 22
+# Gaps that are wider than this part of the longest extent are not bridged.
+WIDEST_GAP = 0.06
+# Width of the Gaussian that smooths distances, in voxels.
+SMOOTHING = 0.7
+# A cell of the grid: its corners, and the pairs of these that an edge connects.
+CORNERS = np.array(list(product((0, 1), repeat=3)))
+EDGES = [(a, b) for a, b in combinations(range(8), 2) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1]
+
+
+def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int = RESOLUTION) -> tuple[Floats, Integers]:
+    """The outer skin of a mesh, as one closed surface if its pieces lie close together.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers, in any orientation.
+        resolution: voxels along the longest extent.
+
+    Returns:
+        (n', 3) positions and (m', 3) triangles wound outwards; the largest piece, where several are too far apart.
+    """
+    low = vertices[triangles].min(axis=(0, 1))
+    extent = vertices[triangles].max(axis=(0, 1)) - low
+    voxel = float(extent.max()) / resolution
+    shape = np.ceil(extent / voxel).astype(int) + 1 + 2 * PADDING
+    wall = _rasterised((vertices - low) / voxel + PADDING, triangles, shape)
+    solid = _bridged(_filled(wall), WIDEST_GAP * resolution)
+    distance = distance_transform_edt(solid) - distance_transform_edt(~solid)
+    points, faces = surface_nets(gaussian_filter(distance, SMOOTHING))
+    return low + (points - PADDING) * voxel, faces
+
+
+def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Booleans:
+    """The voxels of a grid that triangles pass through; voxel (i, j, k) is centred at these coordinates."""
+    wall = np.zeros(shape, dtype=bool)
+    corners = points[triangles]
+    longest = np.sqrt(((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1))
+    pieces = np.maximum(np.ceil(longest / SAMPLING).astype(int), 1)
+    for count in np.unique(pieces):
+        i, j = (index.ravel() for index in np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij"))
+        inside = i + j <= count
+        weights = np.stack([i, j, count - i - j], axis=1)[inside] / count
+        some = corners[pieces == count]
+        for chunk in np.array_split(some, 1 + len(some) * len(weights) // POINTS):
+            voxels = np.rint(np.einsum("wc,mcx->mwx", weights, chunk)).astype(np.int64).reshape(-1, 3)
+            wall[tuple(voxels.T)] = True
+    return wall
+
+
+def _filled(wall: Booleans) -> Booleans:
+    """The voxels of walls and of what they enclose."""
+    empty, _ = label(~wall)
+    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= LEAST_DIRECTIONS))
+
+
+def _walls_around(wall: Booleans) -> Integers:
+    """In how many of the 26 directions to the neighbours of each voxel there is a wall."""
+    count = np.zeros(wall.shape, dtype=np.int8)
+    for direction in product((-1, 0, 1), repeat=3):
+        if any(direction):
+            count += _wall_behind(wall, direction)
+    return count
+
+
+def _wall_behind(wall: Booleans, direction: tuple[int, ...]) -> Booleans:
+    """The voxels from which a wall is met by going the other way of a direction."""
+    axis = next(i for i in range(3) if direction[i])
+    order = range(wall.shape[axis]) if direction[axis] > 0 else range(wall.shape[axis] - 1, -1, -1)
+    layers = np.moveaxis(wall, axis, 0)
+    across = [direction[i] for i in range(3) if i != axis]
+    met = np.zeros(layers.shape, dtype=bool)
+    previous = np.zeros(layers.shape[1:], dtype=bool)
+    for i in order:
+        shifted = previous
+        for side, step in enumerate(across):
+            if step:
+                shifted = np.roll(shifted, step, axis=side)
+        met[i] = shifted  # what is rolled around the padding is empty
+        previous = shifted | layers[i]
+    return np.moveaxis(met, 0, axis)
+
+
+def _bridged(solid: Booleans, widest: float) -> Booleans:
+    """Pieces joined by tubes where they are nearest; the largest of what is joined then.
+
+    Args:
+        solid: voxels.
+        widest: gaps that are wider than this, in voxels, stay.
+    """
+    piece, count = label(solid, np.ones((3, 3, 3)))
+    if count == 1:
+        return solid
+    away, nearest = distance_transform_edt(~solid, return_indices=True)
+    region = piece[tuple(nearest)]
+    gaps, ends = [], []
+    for axis in range(3):
+        here = tuple(slice(None, -1) if i == axis else slice(None) for i in range(3))
+        there = tuple(slice(1, None) if i == axis else slice(None) for i in range(3))
+        border = (region[here] != region[there]) & (away[here] + away[there] <= widest)
+        both = [nearest[(slice(None), *side)][:, border].T for side in (here, there)]
+        gaps.append(np.linalg.norm(both[0] - both[1], axis=1))
+        ends.append(np.stack(both, axis=1))
+    gap, end = np.concatenate(gaps), np.concatenate(ends)
+    between = piece[tuple(np.moveaxis(end, -1, 0))] - 1
+    between.sort(axis=1)
+    order = np.argsort(gap, kind="stable")
+    _, first = np.unique(between[order] @ [count, 1], return_index=True)
+    shortest = order[first]
+    graph = coo_array((gap[shortest], between[shortest].T), shape=(count, count)).tocsr()
+    tree = minimum_spanning_tree(graph).tocoo()
+    joined = solid.copy()
+    which = {tuple(pair): i for pair, i in zip(between[shortest].tolist(), shortest, strict=True)}
+    for pair in zip(tree.row.tolist(), tree.col.tolist(), strict=True):
+        a, b = end[which[pair]]
+        steps = np.linspace(0, 1, 2 * int(np.abs(a - b).max()) + 1)[:, None]
+        line = np.rint(a + steps * (b - a)).astype(np.int64)
+        for offset in CORNERS:
+            joined[tuple((line + offset).T)] = True
+    piece, count = label(joined, np.ones((3, 3, 3)))
+    if count > 1:
+        joined = piece == 1 + np.argmax(np.bincount(piece.ravel())[1:])
+    return joined
+
+
+def surface_nets(field: Floats) -> tuple[Floats, Integers]:
+    """The surface on which a field on a grid (x, y, z) is zero: one vertex in each cell that it passes through.
+
+    Returns:
+        (n, 3) positions in units of the grid, and (m, 3) triangles, wound away from where the field is positive.
+    """
+    inside = field > 0
+    cells = tuple(size - 1 for size in field.shape)
+    number_inside = sum(inside[_cell_corner(corner, cells)].astype(np.int8) for corner in CORNERS)
+    cell = np.flatnonzero((number_inside > 0) & (number_inside < 8))
+    place = np.stack(np.unravel_index(cell, cells), axis=1)
+    values = field[tuple((place[:, None] + CORNERS).transpose(2, 0, 1))]
+    total, crossings = np.zeros((len(cell), 3)), np.zeros((len(cell), 1))
+    for a, b in EDGES:
+        crossed = (values[:, a] > 0) != (values[:, b] > 0)
+        at = np.where(crossed, values[:, a] / np.where(crossed, values[:, a] - values[:, b], 1), 0)[:, None]
+        total += crossed[:, None] * ((1 - at) * CORNERS[a] + at * CORNERS[b])
+        crossings += crossed[:, None]
+    number = np.full(cells, -1)
+    number.ravel()[cell] = np.arange(len(cell))
+    quads = []
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        here, there = inside, np.roll(inside, -1, axis=axis)
+        edge = here != there
+        edge[tuple(slice(-1, None) if i == axis else slice(None) for i in range(3))] = False
+        start = np.stack(np.nonzero(edge), axis=1)
+        outwards = here[tuple(start.T)]
+        ring = np.zeros((4, 3), dtype=int)
+        ring[[1, 2], u] = -1
+        ring[[2, 3], v] = -1
+        quad = number[tuple((start[:, None] + ring).transpose(2, 0, 1))]
+        quads.append(np.where(outwards[:, None], quad, quad[:, ::-1]))
+    quad = np.concatenate(quads)
+    return place + total / crossings, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+
+
+def _cell_corner(corner: Integers, cells: tuple[int, ...]) -> tuple[slice, ...]:
+    return tuple(slice(step, step + size) for step, size in zip(corner.tolist(), cells, strict=True))
