@@ -6,7 +6,6 @@ match with the one source that most of it lies on, as if the two had been matche
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +21,7 @@ from zoomout_core.projection import closest_points
 from zoomout_core.threads import for_each
 
 from . import mesh_data, stored_match
+from .common_words import paired_by_name
 from .pair import (
     READING,
     Look,
@@ -37,8 +37,6 @@ from .targets import Write
 
 # Part of the progress that matching takes.
 MATCHING = 0.95
-# What Blender appends to a name that is taken.
-COPY = re.compile(r"\.\d{3,}$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +106,7 @@ def worked_out_collections_steps(
     targets = yield from _read_steps(context, target, look_at_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
-    arguments = DETAIL[detail] | {"regions": _same_names(sources, targets)} | options
+    arguments = DETAIL[detail] | {"regions": _called_alike(sources, targets)} | options
     result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
     pairing = for_each(lambda number: _alone(result, sources, targets, number), range(len(targets.looks)))
     matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
@@ -157,14 +155,11 @@ def _read_steps(
     return Parts.of(looks, surfaces)
 
 
-def _same_names(sources: Parts, targets: Parts) -> list[tuple[Integers, Integers]]:
-    """Vertices of the joined surfaces for each two objects of the same name but for the number that Blender appends."""
-    by_name = {COPY.sub("", name): i for i, name in enumerate(sources.names)}
+def _called_alike(sources: Parts, targets: Parts) -> list[tuple[Integers, Integers]]:
+    """Vertices of the joined surfaces for each two objects that are clearly called alike."""
     return [
         (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2]))
-        for i, name in enumerate(targets.names)
-        for j in [by_name.get(COPY.sub("", name))]
-        if j is not None
+        for j, i in paired_by_name(sources.names, targets.names)
     ]
 
 
