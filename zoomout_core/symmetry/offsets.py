@@ -13,11 +13,12 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.components.carrying import Moments, products
 from zoomout_core.correspondence.proxy import Proxy
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import closest_points
 from zoomout_core.surface import MeshError
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Domain
-from zoomout_core.triangles import vertex_normals
 
 # Diffusion lengths, at unit area, of the surroundings that say how a displacement turns, and of those against which
 # the shape is asymmetric.
@@ -106,16 +107,20 @@ def shape_asymmetry(symmetry: SelfMap) -> Floats:
     moments = Moments.of(shape.basis.smoothed(products(places, images), COMPARING**2))
     turns = _orthogonal(moments.cross, -1.0 if symmetry.reverses_orientation else 1.0)
     laid = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
-    normals = vertex_normals(laid, shape.mesh.oriented_triangles)
+    normals = np.einsum("nij,nj->ni", turns, shape.mesh.vertex_normals)
     apart = np.abs(np.einsum("ni,ni->n", images - laid, normals)) * shape.proxy.full.scale
     return _on_surface(shape.proxy.place.interpolate(apart), symmetry)
 
 
 def _places_and_images(symmetry: SelfMap) -> tuple[Floats, Floats]:
-    """(n, 3) the vertices of the shape's mesh, and their images, at unit area of the part."""
+    """(n, 3) the places of the shape's mesh on the surface, and their images, at unit area of the part."""
     surface, proxy = symmetry.surface, symmetry.shape.proxy
-    nodes = _surface_vertices(proxy)[proxy.full_vertex]
     images = symmetry.surface_map.interpolate(surface.vertices)
+    if proxy.full.is_skin:
+        points = proxy.full.to_surface(proxy.vertices)
+        on = SurfaceMap(*closest_points(points, surface.vertices, surface.triangles), surface.triangles)
+        return on.interpolate(surface.vertices) / proxy.full.scale, on.interpolate(images) / proxy.full.scale
+    nodes = _surface_vertices(proxy)[proxy.full_vertex]
     return surface.vertices[nodes] / proxy.full.scale, images[nodes] / proxy.full.scale
 
 
@@ -128,7 +133,7 @@ def _surface_vertices(proxy: Proxy) -> Integers:
 
 
 def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
-    """Values (n_part, ...) of the main part's vertices at all of the surface's: loose parts have the nearest ones."""
+    """Values (n_part, ...) of the main part's vertices, or the skin's, at all of the surface's: of the nearest ones."""
     surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
     body = np.flatnonzero(vertex_of >= 0)
     rest = np.flatnonzero((vertex_of < 0) & np.isfinite(surface.vertices).all(axis=1))

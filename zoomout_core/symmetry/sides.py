@@ -25,6 +25,8 @@ REACH, SMOOTHING = 0.1, 0.02
 MOST_CONTRADICTION = 0.2
 # Images that lie to the left by less than this part of the distances between places and images do not tell left.
 CLEARLY_LEFT = 0.2
+# A shell lies on one side where what it has more of there than on the other one is a larger part of its area than this.
+ONE_SIDED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +101,15 @@ def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: Shape, sur
     Args:
         on_mesh: (n_mesh,) signed distance at the vertices of the shape's mesh, at unit area.
         surface_map: the symmetry of the surface.
-        shape: the surface's main part.
+        shape: the surface's main part, or the skin around it.
         surface: the surface.
     """
     full = shape.proxy.full
     inside = full.vertex_of >= 0
     distance = np.zeros(len(surface.vertices))
     distance[inside] = full.scale * shape.proxy.place.interpolate(on_mesh)[full.vertex_of[inside]]
+    if full.is_skin:
+        return _of_shells(distance, surface_map, surface)
     loose = np.flatnonzero(~inside & (surface.components > 0))
     if len(loose):
         body = np.flatnonzero(inside)
@@ -122,6 +126,24 @@ def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: Shape, sur
     return distance
 
 
+def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Floats:
+    """(n,) signed distances of the vertices of shells, as those of the skin around them (n,), but opposite at images.
+
+    A shell that goes to others, and lies on one side for the most part, lies there as a whole.
+    """
+    distance = (around - surface_map.interpolate(around)) / 2
+    component, mass = surface.components, _vertex_areas(surface)
+    used = component >= 0
+    elsewhere = component[surface_map.vertex] != component
+    area, gone, lean = (
+        np.bincount(component[used], (mass * share)[used]) for share in (1.0, elsewhere, np.sign(distance))
+    )
+    whole = (gone > area / 2) & (np.abs(lean) > ONE_SIDED * area)
+    moved = used & whole[component]
+    distance[moved] = np.sign(lean)[component[moved]] * np.abs(distance[moved])
+    return distance
+
+
 def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
     """How far places on the positive side lie to the left of their images: 1 throughout, -1 to the right throughout.
 
@@ -131,16 +153,21 @@ def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: 
         surface: the surface.
         left: (3,) unit vector.
     """
-    triangles = surface.triangles
-    mass = np.bincount(
-        triangles.ravel(),
-        np.repeat(triangle_areas(surface.vertices, triangles), 3),
-        minlength=len(surface.vertices),
-    )
+    mass = _vertex_areas(surface)
     used = mass > 0
     offset = (surface.vertices - surface_map.interpolate(surface.vertices))[used]
     share = mass[used] * np.sign(distance[used])
     return float(share @ (offset @ left) / max(mass[used] @ np.linalg.norm(offset, axis=1), 1e-300))
+
+
+def _vertex_areas(surface: Surface) -> Floats:
+    """(n,) three times the part of the area that each vertex stands for."""
+    triangles = surface.triangles
+    return np.bincount(
+        triangles.ravel(),
+        np.repeat(triangle_areas(surface.vertices, triangles), 3),
+        minlength=len(surface.vertices),
+    )
 
 
 def zero_line(values: Floats, surface: Surface) -> Line:
