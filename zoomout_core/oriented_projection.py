@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.projection import barycentric_of_closest
 from zoomout_core.triangles import area_normals, triangle_areas, unit_vectors
 
@@ -51,13 +51,19 @@ class OrientedSurface:
 
     Args:
         vertices: (n, 3) positions.
-        triangles: (m, 3) vertex numbers, wound outwards.
+        triangles: (m, 3) vertex numbers.
+        flipped: (m,) which of them wind inwards.
         normal_weight: the distance that counts as much as normals that differ by a unit vector.
         group: (m,) whole numbers from 0, if closest points are to be sought within a group of triangles only.
     """
 
     def __init__(
-        self, vertices: Floats, triangles: Integers, normal_weight: float, group: Integers | None = None
+        self,
+        vertices: Floats,
+        triangles: Integers,
+        flipped: Booleans,
+        normal_weight: float,
+        group: Integers | None = None,
     ) -> None:
         self._vertices, self._triangles, self._weight = vertices, triangles, normal_weight
         of_group = np.zeros(len(triangles), dtype=np.int64) if group is None else group
@@ -71,6 +77,7 @@ class OrientedSurface:
                 on.append(chosen[at])
         self._on = np.concatenate(on)
         normals = unit_vectors(area_normals(vertices, triangles[self._on]))
+        normals = normals * np.where(flipped[self._on], -1, 1)[:, None]
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
         rows = self._rows(np.concatenate(points), normals, of_group[self._on])
         self._tree = cKDTree(rows, balanced_tree=False, compact_nodes=False)

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.correspondence.components.skins import turned_outwards
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.surface import Surface
 from zoomout_core.triangles import edge_graph, triangle_areas
@@ -130,7 +131,7 @@ class Side:
         areas = np.maximum(areas, 1e-9 * areas.mean())
         if body.is_skin:
             points = body.from_surface(mesh.to_surface(mesh.vertices))
-            return cls(mesh, points, areas, np.zeros(0, dtype=np.int64))
+            return cls(turned_outwards(mesh, body), points, areas, np.zeros(0, dtype=np.int64))
         used = body.vertex_of >= 0
         body_vertices = np.empty(len(body.vertices), dtype=np.int64)
         body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]

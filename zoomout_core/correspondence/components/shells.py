@@ -100,7 +100,8 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
     if partners:
         shells = OrientedSurface(
             source.points,
-            source.mesh.oriented_triangles,
+            source.mesh.triangles,
+            source.mesh.flipped,
             NORMAL_WEIGHT,
             source.mesh.component[source.mesh.triangles[:, 0]],
         )
@@ -154,7 +155,7 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
         of_source: (n_s,) which vertices of the source are on the outside.
         of_target: (n,) which of the target.
     """
-    triangles = source.mesh.oriented_triangles
+    triangles = source.mesh.triangles
     outer = of_source[triangles].any(axis=1)
     number, weights, distance = (
         np.zeros(len(points), dtype=np.int64),
@@ -166,7 +167,7 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
         """Have vertices lie on some triangles; returns those that are farther off than the reach."""
         if not len(vertices) or not len(among):
             return vertices
-        surface = OrientedSurface(source.points, triangles[among], NORMAL_WEIGHT)
+        surface = OrientedSurface(source.points, triangles[among], source.mesh.flipped[among], NORMAL_WEIGHT)
         found, barycentric, apart = surface.closest(points[vertices], normals[vertices])
         near = apart <= reach
         chosen = vertices[near]

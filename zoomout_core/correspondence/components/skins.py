@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats
 from zoomout_core.oriented_projection import surface_samples
 from zoomout_core.surface import Surface
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.triangles import area_normals, triangle_areas
 from zoomout_core.voxel_remesh import voxel_remesh
 from zoomout_core.working_mesh import WorkingMesh
 
@@ -19,6 +19,8 @@ from zoomout_core.working_mesh import WorkingMesh
 BELOW = 0.05
 # Points of the skin that are looked at, and of the main part.
 SKIN_POINTS, MAIN_POINTS = 2000, 20_000
+# The mean normal of a closed component is shorter than this.
+CLOSED = 1e-6
 
 
 def skin_of(surface: Surface) -> WorkingMesh:
@@ -49,6 +51,18 @@ def covered_by_main_part(surface: Surface, skin: WorkingMesh) -> float:
     on_skin, _ = surface_samples(skin.vertices, skin.triangles, SKIN_POINTS)
     distance = cKDTree(skin.from_surface(mesh.to_surface(below))).query(on_skin)[0]
     return float(np.mean(distance < BELOW))
+
+
+def turned_outwards(mesh: WorkingMesh, skin: WorkingMesh) -> WorkingMesh:
+    """A surface's working mesh with its open components wound as the skin around them is: nothing else tells."""
+    triangles = mesh.oriented_triangles
+    near = cKDTree(skin.vertices).query(skin.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
+    normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]
+    agreement = np.bincount(component, np.einsum("mx,mx->m", normals, skin.vertex_normals[near]))
+    mean = np.stack([np.bincount(component, normals[:, axis]) for axis in range(3)], axis=1)
+    area = np.bincount(component, np.linalg.norm(normals, axis=1))
+    inward = (np.linalg.norm(mean, axis=1) > CLOSED * area) & (agreement < 0)
+    return replace(mesh, flipped=mesh.flipped ^ inward[component])
 
 
 def _principal_axes(mesh: WorkingMesh) -> Floats:
