@@ -1,7 +1,7 @@
 """Characters of several objects: body, eyes, teeth, clothes, each with its counterpart in another collection.
 
 All objects of a collection are matched as one surface, of which the core pairs the parts; then each target keeps the
-match with the one source that most of it lies on, as if the two had been matched alone.
+match with the source that it lies on, as if the two had been matched alone, or with several that it lies on.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ import numpy as np
 from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.detail import DETAIL
 from zoomout_core.progress import Steps, drain, spread, within
 from zoomout_core.projection import closest_points
 from zoomout_core.threads import for_each
+from zoomout_core.triangles import triangle_areas
 
 from . import mesh_data, stored_match
 from .common_words import paired_by_name
@@ -32,11 +33,17 @@ from .pair import (
     look_at_source,
     look_at_target,
 )
-from .stored_match import StoredMatch
+from .stored_match import LOW_CONFIDENCE, StoredMatch
 from .targets import Write
 
 # Part of the progress that matching takes.
 MATCHING = 0.95
+# A target of which this part lies on one source receives from that alone, but for loose parts that lie on others.
+NEARLY_ALL = 0.95
+# Where less does, it receives from all that this part of it lies on.
+SMALLEST_SHARE = 0.005
+# What a vertex without confidence counts for.
+LEAST_CONFIDENCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +89,7 @@ def match_collections(
         options: `detail`, one of `DETAIL`, and those of `zoomout_core.match`.
 
     Returns:
-        For the name of each target that of its source, and the match.
+        For the name of each target that of its source, and the match, which names the others that it lies on.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
@@ -108,18 +115,14 @@ def worked_out_collections_steps(
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
     arguments = DETAIL[detail] | {"regions": _called_alike(sources, targets)} | options
     result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
-    pairing = for_each(lambda number: _alone(result, sources, targets, number), range(len(targets.looks)))
+    pairing = for_each(lambda number: _match_of_own(result, sources, targets, number), range(len(targets.looks)))
     matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
-    pairs = [
-        ObjectPair(sources.surfaces[j], targets.surfaces[i], sources.looks[j], targets.looks[i])
-        for i, (j, _) in enumerate(matches)
-    ]
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
-        meshes = [_unedited(context, pair) for pair in pairs]
-        for mesh, pair, (_, match) in zip(meshes, pairs, matches, strict=True):
+        meshes = [_unedited(context, pair) for pair, _ in matches]
+        for mesh, (pair, match) in zip(meshes, matches, strict=True):
             stored_match.write(mesh, match, pair, options | {"detail": detail})
-        return {pair.target_name: (pair.source_name, match) for pair, (_, match) in zip(pairs, matches, strict=True)}
+        return {pair.target_name: (pair.source_name, match) for pair, match in matches}
 
     return write
 
@@ -163,23 +166,86 @@ def _called_alike(sources: Parts, targets: Parts) -> list[tuple[Integers, Intege
     ]
 
 
-def _alone(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> tuple[int, StoredMatch]:
-    """Number of the source that most of a target lies on, by how far that is trusted, and the match with that alone."""
-    own = slice(*targets.first_vertex[number : number + 2])
-    triangle, barycentric = result.surface_map.triangle[own].copy(), result.surface_map.barycentric[own].copy()
-    confidence = result.confidence[own].copy()
-    owner = np.searchsorted(sources.first_triangle, triangle, side="right") - 1
-    chosen = int(np.argmax(np.bincount(owner, confidence + 1e-6, minlength=len(sources.names))))
-    surface, elsewhere = sources.surfaces[chosen], np.flatnonzero(owner != chosen)
-    triangle -= sources.first_triangle[chosen]
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """Where the vertices of one of the targets lie.
+
+    Attributes:
+        surface_map: on the joined source.
+        confidence: (n,) of each.
+        owner: (n,) the number of the source that each lies on.
+        part: (n,) the loose part that each belongs to, -1 for none.
+        weight: (n,) its part of the area.
+    """
+
+    surface_map: zo.SurfaceMap
+    confidence: Floats
+    owner: Integers
+    part: Integers
+    weight: Floats
+
+    def givers(self, sources: int) -> list[int]:
+        """Numbers of the sources that the target is to receive from, the one that most of it lies on first."""
+        share = np.bincount(self.owner, self.weight * (self.confidence + LEAST_CONFIDENCE), minlength=sources)
+        share /= share.sum()
+        largest = int(np.argmax(share))
+        wanted = {largest, *self._holders(sources)}
+        if share[largest] < NEARLY_ALL:
+            wanted |= set(np.flatnonzero(share >= SMALLEST_SHARE).tolist())
+        return sorted(wanted, key=lambda number: -share[number])
+
+    def _holders(self, sources: int) -> list[int]:
+        """Of a number of sources those that most of a loose part surely lies on."""
+        used = self.part >= 0
+        place = self.part[used] * sources + self.owner[used]
+        count = (self.part.max() + 1) * sources
+        area, held = (
+            np.bincount(place, weight[used], minlength=count).reshape(-1, sources)
+            for weight in (self.weight, self.weight * self.confidence)
+        )
+        sure = held.sum(axis=1) > LOW_CONFIDENCE * area.sum(axis=1)
+        return np.unique(np.argmax(held[sure], axis=1)).tolist()
+
+
+def _match_of_own(
+    result: zo.MatchResult, sources: Parts, targets: Parts, number: int
+) -> tuple[ObjectPair, StoredMatch]:
+    """One of the targets with the sources that it lies on, and the match with these."""
+    own = _own(result, sources, targets, number)
+    givers = own.givers(len(sources.names))
+    surfaces, looks = tuple(sources.surfaces[i] for i in givers), tuple(sources.looks[i] for i in givers)
+    pair = ObjectPair(surfaces, targets.surfaces[number], looks, targets.looks[number])
+    moved = np.full(len(sources.names), -1)  # to what a source's triangles are shifted
+    moved[givers] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
+    triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + moved[own.owner]
+    barycentric, confidence = own.surface_map.barycentric.copy(), own.confidence.copy()
+    elsewhere = np.flatnonzero(moved[own.owner] < 0)
+    names = ", ".join(f"'{name}'" for name in pair.source_names)
     notes = list(result.notes)
+    if len(givers) > 1:
+        notes.append(f"'{pair.target_name}' lies on several objects, and receives from all of them: {names}.")
     if len(elsewhere):
-        images = result.surface_map.interpolate(sources.joined.vertices)[own][elsewhere]
-        triangle[elsewhere], barycentric[elsewhere] = closest_points(images, surface.vertices, surface.triangles)
+        images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
+        triangle[elsewhere], barycentric[elsewhere] = closest_points(
+            images, pair.source.vertices, pair.source.triangles
+        )
         confidence[elsewhere] = 0
         notes.append(
-            f"{len(elsewhere)} vertices lie on other objects than '{sources.names[chosen]}': its nearest point, "
-            "with no confidence."
+            f"{len(elsewhere)} vertices lie on other objects than {names}: the nearest point there, with no confidence."
         )
-    surface_map = zo.SurfaceMap(triangle, barycentric, surface.triangles)
-    return chosen, StoredMatch(surface_map, confidence, tuple(notes))
+    surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
+    return pair, StoredMatch(surface_map, confidence, tuple(notes), others=pair.source_names[1:])
+
+
+def _own(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> _Own:
+    """Where the vertices of one of the targets lie."""
+    own = slice(*targets.first_vertex[number : number + 2])
+    whole, surface = result.surface_map, targets.surfaces[number]
+    weight = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
+    return _Own(
+        zo.SurfaceMap(whole.triangle[own], whole.barycentric[own], whole.source_triangles),
+        result.confidence[own],
+        np.searchsorted(sources.first_triangle, whole.triangle[own], side="right") - 1,
+        targets.joined.components[own],
+        np.bincount(surface.triangles.ravel(), weight, minlength=len(surface.vertices)) / surface.area / 3,
+    )

@@ -1,5 +1,8 @@
 """The two objects of a match: choosing them, reading them, and recognising them when time has passed.
 
+A target that is a piece of a character may lie on several objects of another one: then these are the source, one after
+another, as if they were joined.
+
 An object of another name, or a mesh with other attributes, is still the same surface. What a match depends on
 is how elements are numbered and what was modelled, so that is what a fingerprint is taken of: topology and
 the positions in the meshes themselves. Posing a character leaves it the same.
@@ -7,9 +10,10 @@ the positions in the meshes themselves. Posing a character leaves it the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from bpy.types import Context, Mesh, Object
@@ -44,24 +48,34 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class ObjectPair:
-    """The surfaces of two objects.
+    """The surfaces of two objects, or of several sources and a target.
 
     Attributes:
-        source: as its modifiers leave it; it has the data.
+        sources: as their modifiers leave them; they have the data. The first one gives most.
         target: its own mesh, where modifiers move it; it receives them.
-        source_look: of the source, when it was read.
+        source_looks: at the sources, when they were read.
         target_look: of the target.
     """
 
-    source: zo.Surface
+    sources: tuple[zo.Surface, ...]
     target: zo.Surface
-    source_look: Look
+    source_looks: tuple[Look, ...]
     target_look: Look
+
+    @cached_property
+    def source(self) -> zo.Surface:
+        """All sources as one surface."""
+        return self.sources[0] if len(self.sources) == 1 else zo.Surface.joined(self.sources)
+
+    @property
+    def source_names(self) -> tuple[str, ...]:
+        """Of the sources' objects."""
+        return tuple(look.name for look in self.source_looks)
 
     @property
     def source_name(self) -> str:
-        """Of the source's object."""
-        return self.source_look.name
+        """Of the first source's object."""
+        return self.source_looks[0].name
 
     @property
     def target_name(self) -> str:
@@ -162,30 +176,39 @@ def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPai
     return drain(read_pair_steps(context, source_name, target_name))
 
 
-def read_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
+def read_pair_steps(
+    context: Context, source_name: str, target_name: str, others: Sequence[str] = ()
+) -> Steps[ObjectPair]:
     """`read_pair` as a generator, which holds no Blender data while it is suspended.
 
-    What tells an edit is read before the first yield, so that all edits from then on are noticed.
+    What tells an edit is read before the first yield, so that all edits from then on are noticed. There may be others
+    that the target receives from besides the source.
     """
-    check_distinct(find_mesh(context, source_name), find_mesh(context, target_name))
-    looks = look_at_source(context, source_name), look_at_target(context, target_name)
+    names = source_name, *others
+    for name in names:
+        check_distinct(find_mesh(context, name), find_mesh(context, target_name))
+    looks = tuple(look_at_source(context, name) for name in names)
+    target_look = look_at_target(context, target_name)
     yield READING
-    source = mesh_data.read_source_surface(find_mesh(context, source_name), context.evaluated_depsgraph_get())
-    yield READING
+    sources = []
+    for name in names:
+        sources.append(mesh_data.read_source_surface(find_mesh(context, name), context.evaluated_depsgraph_get()))
+        yield READING
     target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
-    pair = ObjectPair(source, target, *looks)
+    pair = ObjectPair(tuple(sources), target, looks, target_look)
     yield READING
     check_unedited(context, pair)
     return pair
 
 
 def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
-    """The source and the target, which are still what they were when the pair was read.
+    """The first source and the target; all are still what they were when the pair was read.
 
     Raises:
         MeshError: one of them was removed or edited since.
     """
-    check_same(pair.source_look, look_at_source(context, pair.source_name))
+    for look in pair.source_looks:
+        check_same(look, look_at_source(context, look.name))
     check_same(pair.target_look, look_at_target(context, pair.target_name))
     return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
 
@@ -203,15 +226,26 @@ def edited(name: str) -> zo.MeshError:
 
 @contextmanager
 def source_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
-    """The evaluated source of a pair and its mesh as the modifiers leave it, for what it carries.
+    """The first of the evaluated sources and its mesh, see `source_pieces`."""
+    with source_pieces(context, pair) as (first, *_):
+        yield first.evaluated, first.mesh
+
+
+@contextmanager
+def source_pieces(context: Context, pair: ObjectPair) -> Iterator[list[mesh_data.Piece]]:
+    """The sources of a pair, as they are and as the modifiers leave them, for what they carry.
 
     Raises:
-        MeshError: it was removed, or its mesh has other elements since the pair was read.
+        MeshError: one was removed, or its mesh has other elements since the pair was read.
     """
-    source = find_mesh(context, pair.source_name)
-    with mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()) as (evaluated, mesh):
-        check_elements(pair.source_name, pair.source, mesh)
-        yield evaluated, mesh
+    with ExitStack() as stack:
+        pieces = []
+        for name, surface in zip(pair.source_names, pair.sources, strict=True):
+            source = find_mesh(context, name)
+            seen = stack.enter_context(mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()))
+            pieces.append(mesh_data.Piece(source, *seen))
+            check_elements(name, surface, pieces[-1].mesh)
+        yield pieces
 
 
 @contextmanager

@@ -6,8 +6,8 @@ in `mesh_facts`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 from bpy.types import Context, Mesh, Object
 
@@ -94,19 +94,28 @@ def stale(context: Context, target: Object) -> str:
     kept = stored_match.description(target.data)
     if kept is None:
         return ""
-    source = context.scene.objects.get(kept["source"])
-    if source is None or source.type != "MESH":
-        return f"Its source '{kept['source']}' is not in the scene: choose the source, then match again."
-    for obj, role in ((source, "source"), (target, "target")):
-        mesh = seen_mesh(context, obj) if role == "source" else target.data
-        known = facts(obj)
-        if (
-            (mesh is not None and [len(mesh.vertices), len(mesh.polygons)] != kept["size"][role])
-            or obj.matrix_world.is_negative != kept["mirrored"][role]
-            or (known is not None and known.content != kept["content"][role])
-        ):
-            return f"The {role} '{obj.name}' was edited since: match again."
+    looks = {
+        role: {what: kept[what][role] for what in ("size", "mirrored", "content")} for role in ("source", "target")
+    }
+    for then in ({"name": kept["source"], **looks["source"]}, *stored_match.others(kept)):
+        source = context.scene.objects.get(then["name"])
+        if source is None or source.type != "MESH":
+            return f"Its source '{then['name']}' is not in the scene: choose the source, then match again."
+        if _edited(source, seen_mesh(context, source), then):
+            return f"The source '{source.name}' was edited since: match again."
+    if _edited(target, target.data, looks["target"]):
+        return f"The target '{target.name}' was edited since: match again."
     return ""
+
+
+def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
+    """Whether an object, whose mesh is now this one, was other when it was matched."""
+    known = facts(obj)
+    return (
+        (mesh is not None and [len(mesh.vertices), len(mesh.polygons)] != then["size"])
+        or obj.matrix_world.is_negative != then["mirrored"]
+        or (known is not None and known.content != then["content"])
+    )
 
 
 def outdated(context: Context, target: Object) -> list[str]:

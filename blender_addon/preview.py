@@ -24,10 +24,10 @@ from zoomout_core.transfer import drape, transfer_steps
 from . import overlay, stored_match, stored_symmetry
 from .candidates import Listing
 from .colors import asymmetry_colors, blended_colors, confidence_colors, pair_colors, place_colors, side_colors
-from .mesh_data import MATCH_ATTRIBUTES, content_hash, read_active_uv_map, read_layer, read_positions
+from .mesh_data import MATCH_ATTRIBUTES, content_hash, read_joined_active_uv_map, read_layer, read_positions
 from .mesh_data.arrays import hash_of
 from .overlay import Coat
-from .pair import ObjectPair, find_mesh, source_mesh
+from .pair import ObjectPair, find_mesh, source_pieces
 from .stored_match import Match
 
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
@@ -149,14 +149,14 @@ def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
         on_source = place_colors(pair.source.vertices, pair.source.vertices)
         on_target = match.surface_map.interpolate(on_source)
     else:
-        with source_mesh(context, pair) as (evaluated, mesh):
-            uv = read_active_uv_map(evaluated, mesh)
+        with source_pieces(context, pair) as pieces:
+            uv = read_joined_active_uv_map(pieces)
         carrying = transfer_steps(uv, drape(match, pair.source, pair.target))
         on_source, on_target = uv.values, (yield from spread(carrying, 0.1, 1, "Laying the checker")).values
     target = find_mesh(context, pair.target_name)
     coats = [Coat(target.session_uid, on_target, pair.target_look.content)]
     if on_source is not None:
-        coats.append(Coat(find_mesh(context, pair.source_name).session_uid, on_source, pair.source_look.content))
+        coats.extend(_coats_of_sources(context, pair, on_source))
     kept = hash_of("", match.surface_map.triangle.astype(np.int32))
     return Preview(kind, target.session_uid, OF_MATCH[kind].legend, tuple(coats), kept)
 
@@ -183,6 +183,16 @@ def foreseen(obj: Object, listing: Listing, place: int) -> Iterator[None]:
     except BaseException:
         show(before)
         raise
+
+
+def _coats_of_sources(context: Context, pair: ObjectPair, values: Floats) -> list[Coat]:
+    """Colours (n, 3) of vertices, or UVs (c, 2) of corners, of all sources of a match, for each of them."""
+    elements = "vertices" if values.shape[1] == 3 else "corner_vertex"
+    ends = np.cumsum([len(getattr(source, elements)) for source in pair.sources])[:-1]
+    return [
+        Coat(find_mesh(context, look.name).session_uid, own, look.content)
+        for look, own in zip(pair.source_looks, np.split(values, ends), strict=True)
+    ]
 
 
 def following_steps(context: Context, pair: ObjectPair, match: Match) -> Steps[Preview | None]:

@@ -2,15 +2,16 @@
 
 Triangles are numbered like Blender's `loop_triangles` of the source, its own where the modifiers keep its faces,
 else those that they leave, and barycentric coordinates follow their corners; those of a mirrored object count in
-the opposite order, see `mesh_data`. Where the modifiers make faces of their own, and a later pose folds one of
-these so that Blender divides it another way, points move within that face.
+the opposite order, see `mesh_data`. Where a target lies on several objects, their triangles follow each other.
+Where the modifiers make faces of their own, and a later pose folds one of these so that Blender divides it another
+way, points move within that face.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,7 +23,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 from . import candidates
 from .mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
-from .pair import ObjectPair, choose_source, find_mesh, read_pair_steps
+from .pair import ObjectPair, choose_source, find_mesh, look_at_source, read_pair_steps
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
@@ -37,16 +38,18 @@ class StoredMatch:
     """What transfer needs of a match.
 
     Attributes:
-        surface_map: for each vertex of the target a point on the source.
+        surface_map: for each vertex of the target a point on the source, or on several, one after another.
         confidence: (n_t,) how far to trust it, in [0, 1].
         notes: sentences for the user.
         settings: what it was made with, by the names of the arguments of `match_objects`, as far as known.
+        others: names of the objects that the target lies on besides its source.
     """
 
     surface_map: zo.SurfaceMap
     confidence: np.ndarray
     notes: tuple[str, ...]
     settings: dict[str, Any] = field(default_factory=dict)
+    others: tuple[str, ...] = ()
 
 
 Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
@@ -61,7 +64,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
         pair: its two objects.
         settings: what it was made with; of these, those that are a number or a word are kept.
     """
-    surface_map, source, target = match.surface_map, pair.source_look, pair.target_look
+    surface_map, (source, *further), target = match.surface_map, pair.source_looks, pair.target_look
     for name, kind, data_type, values in (
         (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
         (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", surface_map.barycentric),
@@ -77,6 +80,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "content": {"source": source.content, "target": target.content},
             "size": {"source": source.size, "target": target.size},
             "mirrored": {"source": source.mirrored, "target": target.mirrored},
+            "others": [asdict(look) for look in further],
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "notes": match.notes,
@@ -99,10 +103,14 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     kept = description(mesh)
     if kept is None:
         return None
-    if kept["source_fingerprint"] != pair.source_look.fingerprint:
-        if kept["source"] != pair.source_name:
-            return None
-        raise zo.MeshError(f"The source '{pair.source_name}' was edited since it was matched: match again.")
+    fingerprints = [kept["source_fingerprint"], *(other["fingerprint"] for other in others(kept))]
+    if len(fingerprints) != len(pair.source_looks):
+        return None
+    for fingerprint, look in zip(fingerprints, pair.source_looks, strict=True):
+        if fingerprint != look.fingerprint:
+            if kept["source"] != pair.source_name:
+                return None
+            raise zo.MeshError(f"The source '{look.name}' was edited since it was matched: match again.")
     if kept["target_fingerprint"] != pair.target_look.fingerprint:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
@@ -113,7 +121,22 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         confidence.astype(np.float64),
         tuple(kept["notes"]),
         kept.get("settings", {}),
+        pair.source_names[1:],
     )
+
+
+def kept_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
+    """`read_pair_steps` with the others that the target lies on by the match with the source that is kept on it.
+
+    Raises:
+        MeshError: one of them cannot be used, or the target cannot be written to.
+    """
+    kept = description(find_mesh(context, target_name).data)
+    names = [other["name"] for other in others(kept)] if kept else []
+    if kept and names and kept["source"] != source_name:
+        renamed = look_at_source(context, source_name).fingerprint == kept["source_fingerprint"]
+        names = names if renamed else []
+    return (yield from read_pair_steps(context, source_name, target_name, names))
 
 
 def read_kept_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:
@@ -128,7 +151,7 @@ def read_kept_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPai
         raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
     renamed = kept["source"] not in context.scene.objects
     source_name = choose_source(context, target).name if renamed else kept["source"]
-    pair = yield from read_pair_steps(context, source_name, target_name)
+    pair = yield from kept_pair_steps(context, source_name, target_name)
     match = read(find_mesh(context, target_name).data, pair)
     if match is None:
         raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")
@@ -140,6 +163,11 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     if PROPERTY not in mesh or any(name not in mesh.attributes for name in MATCH_ATTRIBUTES):
         return None
     return json.loads(mesh[PROPERTY])
+
+
+def others(kept: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What is known, as of a `Look`, of the objects that a target lies on besides its source."""
+    return kept.get("others", [])
 
 
 def low_confidence(confidence: np.ndarray) -> int:

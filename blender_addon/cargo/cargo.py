@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Protocol
 
+import numpy as np
 from bpy.types import Mesh, Object
 
+from zoomout_core.arrays import Booleans
 from zoomout_core.progress import Steps, spread
 from zoomout_core.surface import Surface
 from zoomout_core.transfer import Attribute, Blend, blend, drape, transfer_steps
 from zoomout_core.transfer.draped import Draped
 
+from ..mesh_data import Piece
 from ..pair import ObjectPair
 from ..stored_match import Match
 from .settings import Settings
@@ -30,6 +34,7 @@ class Origin:
         data: which kinds of it were asked for, see `DATA`.
         settings: how it is transferred.
         blend: how it is blended with what the target has.
+        others: objects that have data besides the source, where the target lies on several.
     """
 
     source: Object
@@ -39,6 +44,12 @@ class Origin:
     data: Collection[str]
     settings: Settings
     blend: Blend
+    others: Sequence[Piece] = ()
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """All objects that have data, the source first."""
+        return Piece(self.source, self.evaluated, self.mesh), *self.others
 
 
 @dataclass
@@ -112,11 +123,29 @@ class Way:
             self._draped[source, target] = replace(own, source=source or own.source, target=target or own.target)
         return self._draped[source, target]
 
-    def blended(self, carried: Attribute, present: Attribute | None, sharing: Collection[str] = ()) -> Attribute:
-        """An attribute that was carried, blended with the one that the target has, see `blend`."""
-        if self.blend.replaces:
-            return carried
-        return blend(carried, present, self.pair.target, self.blend, sharing)
+    def blended(
+        self,
+        carried: Attribute,
+        present: Attribute | None,
+        sharing: Collection[str] = (),
+        lacking: Collection[int] = (),
+    ) -> Attribute:
+        """An attribute that was carried, blended with the one that the target has, see `blend`.
+
+        What lies on sources that lack it, given by their numbers, keeps what it has.
+        """
+        how, outside = self.blend, self._lies_on(lacking)
+        if outside.any():
+            how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~outside)
+            names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
+            lie = f"{outside.sum()} vertices lie on objects without it ({names})"
+            self.remarks.add([f"{carried.name}: {lie}, and keep what they have."])
+        return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
+
+    def _lies_on(self, sources: Collection[int]) -> Booleans:
+        """(n_t,) whether each vertex of the target lies on one of some sources, given by their numbers."""
+        first = np.cumsum([len(source.triangles) for source in self.pair.sources])
+        return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
 
     def note_replaced(self, what: str) -> None:
         """Say that data of the target is replaced, where others are blended."""

@@ -74,8 +74,10 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     if "edges" not in origin.data:
         return []
     present = {marks.name: marks for marks in mesh_data.read_marks(origin.target.data)}
-    found: list[Cargo] = [MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_marks(origin.mesh)]
-    active = mesh_data.read_active_layers(origin.mesh).uv
+    found: list[Cargo] = [
+        MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_joined_marks(origin.pieces)
+    ]
+    active = mesh_data.read_joined_active_layers(origin.pieces).uv
     if "uv_maps" not in origin.data or active is None:
         return found
     return [

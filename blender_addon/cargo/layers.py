@@ -24,12 +24,14 @@ class LayerCargo:
         layer: its values, and how Blender keeps them.
         active: what the source shows and renders, of this layer.
         present: what the target has already under its name, if that can be blended with it.
+        lacking: numbers of the sources that do not have it.
         at_rest: the source's and the target's own mesh, for what turns from one to the other.
     """
 
     layer: Layer
     active: ActiveLayers
     present: Attribute | None
+    lacking: tuple[int, ...]
     at_rest: tuple[zo.Surface, zo.Surface] | None = None
 
     @property
@@ -47,7 +49,7 @@ class LayerCargo:
             if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
                 options["turned"] = True
         attribute = yield from way.carry(attribute, f"'{attribute.name}'", **options)
-        self.layer = replace(self.layer, attribute=way.blended(attribute, self.present))
+        self.layer = replace(self.layer, attribute=way.blended(attribute, self.present, lacking=self.lacking))
         if self.layer.role is Role.UV_MAP:
             way.uv_maps[attribute.name] = self.layer.attribute
 
@@ -62,36 +64,40 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     Raises:
         MeshError: the target has no room for them.
     """
-    found, skipped = mesh_data.read_layers(origin.mesh, origin.settings.turning)
-    remarks.skipped |= mesh_data.data_without_a_way(origin.source, origin.mesh)
+    found, skipped = mesh_data.read_joined_layers(origin.pieces, origin.settings.turning)
+    for piece in origin.pieces:
+        remarks.skipped |= mesh_data.data_without_a_way(piece.source, piece.mesh)
     if Role.GENERIC.value in origin.data:
         remarks.skipped |= skipped
-        _note_unturned(found, origin, remarks)
-    layers = [layer for layer in found if layer.role.value in origin.data]
+        _note_unturned([layer for layer, _ in found], origin, remarks)
+    chosen = [joined for joined in found if joined.layer.role.value in origin.data]
+    layers = [layer for layer, _ in chosen]
     _check_uv_maps(layers, origin.target)
     _check_names(layers, origin.target, remarks)
-    active = mesh_data.read_active_layers(origin.mesh)
+    active = mesh_data.read_joined_active_layers(origin.pieces)
     at_rest = None
     if any(layer.turning for layer in layers):
-        at_rest = (
-            mesh_data.read_surface_at_rest(origin.source, origin.mesh),
-            mesh_data.read_surface_at_rest(origin.target),
-        )
+        at_rest = mesh_data.read_joined_at_rest(origin.pieces), mesh_data.read_surface_at_rest(origin.target)
     return [
         LayerCargo(
             layer,
             active.among({layer.attribute.name}),
-            _present(layer, origin),
+            _present(layer, origin, bool(lacking)),
+            lacking,
             at_rest if layer.turning else None,
         )
-        for layer in layers
+        for layer, lacking in chosen
     ]
 
 
-def _present(layer: Layer, origin: Origin) -> Attribute | None:
-    """The attribute of the target that a layer is blended with."""
+def _present(layer: Layer, origin: Origin, kept: bool) -> Attribute | None:
+    """The attribute of the target that a layer is blended with, or that is kept in places."""
     mesh, name = origin.target.data, layer.attribute.name
-    if origin.blend.replaces or name not in mesh.attributes or not mesh_data.fits(mesh.attributes[name], layer):
+    if (
+        (origin.blend.replaces and not kept)
+        or name not in mesh.attributes
+        or not mesh_data.fits(mesh.attributes[name], layer)
+    ):
         return None
     return mesh_data.read_layer(mesh, name, layer.role, layer.turning).attribute
 

@@ -43,5 +43,5 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     """The source's custom normals, if it has any and they are asked for."""
     if "custom_normals" not in origin.data:
         return []
-    normals = mesh_data.read_custom_normals(origin.evaluated, origin.mesh)
+    normals = mesh_data.read_joined_normals(origin.pieces)
     return [] if normals is None else [NormalCargo(normals, mesh_data.read_surface_at_rest(origin.target))]

@@ -17,7 +17,7 @@ from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
-from ..mesh_data import ShapeKey
+from ..mesh_data import ShapeKey, ShapeKeys
 from .cargo import Cargo, Origin, Remarks, Way
 
 
@@ -28,14 +28,14 @@ class ShapeKeyCargo:
     Keys move a mesh before it is posed, so they are carried between the two at rest, along the match of what is seen.
 
     Attributes:
-        source_name: the object that has them, for their drivers.
+        owners: the objects that have them, for their drivers, and the names of those that each has before others.
         keys: what they are.
         offsets: how far they move each vertex, in world space.
         source_rest: (n_s, 3) where they start from, in world space.
         target_rest: (n_t, 3) where they start from on the target, in world space.
     """
 
-    source_name: str
+    owners: Sequence[tuple[str, Sequence[str]]]
     keys: Sequence[ShapeKey]
     offsets: Attribute
     source_rest: Floats
@@ -54,8 +54,9 @@ class ShapeKeyCargo:
 
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
-        source = bpy.context.scene.objects[self.source_name]
-        mesh_data.write_animation(source.data.shape_keys, target.data.shape_keys, self.names)
+        for name, keys in self.owners:
+            source = bpy.context.scene.objects[name]
+            mesh_data.write_animation(source.data.shape_keys, target.data.shape_keys, keys)
 
 
 @dataclass
@@ -109,27 +110,55 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
 
 
 def _packed_keys(origin: Origin, remarks: Remarks) -> list[Cargo]:
-    source, target = origin.source, origin.target
+    target = origin.target
+    if all(_absent(piece.source) for piece in origin.pieces):
+        return []
+    bare = [_without_keys(piece) for piece in origin.pieces]  # before copies are evaluated, see `PACK`
+    faces = [mesh_data.read_faces(piece.mesh) for piece in origin.pieces]
+    sources = [piece.source for piece in origin.pieces]
+    found = [_keys_of(source, each, remarks) for source, each in zip(sources, faces, strict=True)]
+    joined, own = mesh_data.joined_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
+    if not joined.keys:
+        return []
+    _check_target(target, joined.offsets.labels)
+    _note_masks(joined.keys, origin, remarks)
+    owners = [(source.name, names) for source, names in zip(sources, own, strict=True) if names]
+    for name, _ in owners:
+        _note_animation(bpy.context.scene.objects[name], target, remarks)
+    target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
+    return [ShapeKeyCargo(owners, joined.keys, joined.offsets, joined.rest, target_rest)]
+
+
+def _absent(source: Object) -> bool:
     present = source.data.shape_keys
-    if present is None or len(present.key_blocks) < 2:
-        return []
-    if not present.use_relative:
-        remarks.skipped["shape keys"] = "they are absolute: turn on Relative in the source's shape keys"
-        return []
-    found = mesh_data.read_shape_keys(source, origin.mesh)
+    return present is None or len(present.key_blocks) < 2
+
+
+def _without_keys(piece: mesh_data.Piece) -> ShapeKeys:
+    """An object at rest, in world space, without the keys that it may have."""
+    own = piece.source.data
+    grown = mesh_data.read_faces(piece.mesh) != mesh_data.read_faces(own)
+    rest = mesh_data.read_positions(piece.mesh) if grown else mesh_data.read_rest_positions(own)
+    rest = mesh_data.positions_in_world(piece.source, rest)
+    return ShapeKeys((), mesh_data.offsets_of((), np.empty((len(rest), 0, 3))), rest)
+
+
+def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeKeys | None:
+    """The keys of an object, in world space; None if there are none that can be transferred."""
+    if _absent(source):
+        return None
+    if not source.data.shape_keys.use_relative:
+        remarks.skipped["shape keys"] = f"those of '{source.name}' are absolute: turn on Relative in its shape keys"
+        return None
+    found = mesh_data.read_shape_keys(source, faces)
     if found is None:
         remarks.skipped["shape keys"] = (
-            "modifiers of the source make other faces when a key is played alone: disable those that add or remove "
-            "vertices"
+            f"modifiers of '{source.name}' make other faces when a key is played alone: disable those that add or "
+            "remove vertices"
         )
-        return []
-    _check_target(target, found.offsets.labels)
-    _note_masks(found.keys, origin, remarks)
-    _note_animation(origin, remarks)
+        return None
     offsets = replace(found.offsets, values=mesh_data.directions_in_world(source, found.offsets.values))
-    rest = mesh_data.positions_in_world(source, found.rest)
-    target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
-    return [ShapeKeyCargo(source.name, found.keys, offsets, rest, target_rest)]
+    return ShapeKeys(found.keys, offsets, mesh_data.positions_in_world(source, found.rest))
 
 
 def _check_target(target: Object, names: Sequence[str]) -> None:
@@ -150,7 +179,7 @@ def _check_target(target: Object, names: Sequence[str]) -> None:
 def _note_masks(keys: Sequence[ShapeKey], origin: Origin, remarks: Remarks) -> None:
     masks = {key.settings["vertex_group"] for key in keys} - {"", *origin.target.vertex_groups.keys()}
     if "vertex_groups" in origin.data:
-        masks -= set(origin.source.vertex_groups.keys())
+        masks -= {group.name for piece in origin.pieces for group in piece.source.vertex_groups}
     if masks:
         remarks.notes.append(
             f"Shape keys are limited to vertex groups that '{origin.target.name}' lacks ({', '.join(sorted(masks))}): "
@@ -158,12 +187,12 @@ def _note_masks(keys: Sequence[ShapeKey], origin: Origin, remarks: Remarks) -> N
         )
 
 
-def _note_animation(origin: Origin, remarks: Remarks) -> None:
-    played = origin.source.data.shape_keys.animation_data
-    own = origin.target.data.shape_keys and origin.target.data.shape_keys.animation_data
+def _note_animation(source: Object, target: Object, remarks: Remarks) -> None:
+    played = source.data.shape_keys.animation_data
+    own = target.data.shape_keys and target.data.shape_keys.animation_data
     if played is None:
         return
     if played.action and own and own.action:
-        remarks.notes.append(f"The shape keys of '{origin.target.name}' keep the action that they have.")
+        remarks.add([f"The shape keys of '{target.name}' keep the action that they have."])
     if played.nla_tracks:
         remarks.skipped["NLA tracks of shape keys"] = "they are not transferred: their keys' drivers and action are"

@@ -74,6 +74,7 @@ def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
     """What is reported of a match."""
     return {
         "source": source,
+        "others": list(match.others) if isinstance(match, stored_match.StoredMatch) else [],
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "mean_confidence": float(match.confidence.mean()),

@@ -12,7 +12,6 @@ import numpy as np
 from bpy.types import Mesh, Object
 from numpy.typing import DTypeLike
 
-import zoomout_core as zo
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -220,22 +219,6 @@ def _read_values(attribute: bpy.types.Attribute) -> np.ndarray:
 def _transposed(matrices: np.ndarray) -> np.ndarray:
     """Matrices (count, 16), column by column, row by row; or the other way round."""
     return matrices.reshape(-1, 4, 4).transpose(0, 2, 1).reshape(-1, 16)
-
-
-def read_active_uv_map(obj: Object, mesh: Mesh) -> Attribute:
-    """The UV map that is shown.
-
-    Args:
-        obj: the object, for its name.
-        mesh: its mesh, original or evaluated.
-
-    Raises:
-        MeshError: there is none.
-    """
-    name = read_active_layers(mesh).uv
-    if name is None:
-        raise zo.MeshError(f"'{obj.name}' has no UV map: unwrap it, or choose another source.")
-    return read_layer(mesh, name, Role.UV_MAP).attribute
 
 
 def fits(attribute: bpy.types.Attribute, layer: Layer) -> bool:

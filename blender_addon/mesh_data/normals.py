@@ -16,8 +16,11 @@ ENCODED = "INT16_2D"
 
 def read_custom_normals(obj: Object, mesh: Mesh) -> Attribute | None:
     """The normals of a mesh's corners in world space, if it has custom ones."""
-    if not mesh.has_custom_normals:
-        return None
+    return read_normals(obj, mesh) if mesh.has_custom_normals else None
+
+
+def read_normals(obj: Object, mesh: Mesh) -> Attribute:
+    """The normals of a mesh's corners in world space, as they are seen."""
     normals = read_array(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)
     # Normals stand on tangents, so they go the other way; they keep pointing out of what is mirrored.
     normals = normals @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])

@@ -6,9 +6,9 @@ its modifiers: an armature poses what the keys have moved.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -58,6 +58,11 @@ class ShapeKeys:
     rest: Floats
 
 
+def offsets_of(names: tuple[str, ...], values: Floats) -> Attribute:
+    """Offsets (n, keys, 3) of shape keys of some names."""
+    return Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, names)
+
+
 def read_rest_positions(mesh: Mesh) -> Floats:
     """(n, 3) positions of the vertices that shape keys start from, or of the mesh if it has none."""
     if mesh.shape_keys is None:
@@ -78,17 +83,16 @@ def move_vertices(mesh: Mesh, offsets: Floats) -> None:
         block.points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
 
 
-def read_shape_keys(obj: Object, mesh: Mesh) -> ShapeKeys | None:
+def read_shape_keys(obj: Object, faces: Faces) -> ShapeKeys | None:
     """The shape keys of an object that has some, on the vertices that its modifiers leave.
 
     Args:
         obj: the object as it is in the file.
-        mesh: its mesh as the modifiers leave it.
+        faces: of its mesh as the modifiers leave it.
 
     Returns:
         The keys, or None where other modifiers than those that deform make a difference to the mesh's faces.
     """
-    faces = read_faces(mesh)
     if faces == read_faces(obj.data):
         return read_own_shape_keys(obj.data)
     keys = _keys(obj.data.shape_keys)
@@ -103,6 +107,41 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
     shapes = {key.name: read_key_positions(mesh, key.name) for key in keys}
     bases = [rest if key.base < 0 else shapes[keys[key.base].name] for key in keys]
     return _shape_keys(keys, rest, [shapes[key.name] - base for key, base in zip(keys, bases, strict=True)])
+
+
+def joined_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[str]]]:
+    """The shape keys of several objects as of one: keys of a name are one, and do not move what lacks them.
+
+    How a key is set, and what it is relative to, is as on the first object that has it: where it is relative to another
+    one, its offsets are of no use, and it does not move that object.
+
+    Args:
+        of_each: of each object, in one space.
+
+    Returns:
+        The keys, and for each object the names of those that it has before the others.
+    """
+    if len(of_each) == 1:
+        return of_each[0], [list(of_each[0].offsets.labels)]
+    columns = {
+        name: i for i, name in enumerate(dict.fromkeys(name for each in of_each for name in each.offsets.labels))
+    }
+    joined, own, offsets = dict[str, ShapeKey](), [], []
+    for each in of_each:
+        new = {key.name: _renumbered(key, each.keys, columns) for key in each.keys if key.name not in joined}
+        joined |= new
+        own.append(list(new))
+        offsets.append(np.zeros((len(each.rest), len(columns), 3)))
+        for number, key in enumerate(each.keys):
+            if joined[key.name].relative_to == key.relative_to:
+                offsets[-1][:, columns[key.name]] = each.offsets.values[:, number]
+    rest = np.concatenate([each.rest for each in of_each])
+    return ShapeKeys(tuple(joined.values()), offsets_of(tuple(columns), np.concatenate(offsets)), rest), own
+
+
+def _renumbered(key: ShapeKey, keys: Sequence[ShapeKey], columns: Mapping[str, int]) -> ShapeKey:
+    """A key among others, whose base is numbered as in `columns`."""
+    return replace(key, base=-1 if key.base < 0 else columns[keys[key.base].name])
 
 
 def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> None:
@@ -191,8 +230,7 @@ def _following(key: Key, names: Collection[str]) -> dict[str, str]:
 
 
 def _shape_keys(keys: tuple[ShapeKey, ...], rest: Floats, offsets: list[Floats]) -> ShapeKeys:
-    labels, values = tuple(key.name for key in keys), np.stack(offsets, axis=1)
-    return ShapeKeys(keys, Attribute("shape keys", Domain.POINT, Kind.OFFSET, values, labels), rest)
+    return ShapeKeys(keys, offsets_of(tuple(key.name for key in keys), np.stack(offsets, axis=1)), rest)
 
 
 def _keys(key: Key) -> tuple[ShapeKey, ...]:

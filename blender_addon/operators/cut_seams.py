@@ -15,8 +15,8 @@ from zoomout_core.transfer import drape
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
 from .. import preview, stored_match
-from ..mesh_data import divided_steps, read_active_uv_map, write_divided
-from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, look_at_target, read_pair_steps, source_mesh
+from ..mesh_data import divided_steps, read_joined_active_uv_map, write_divided
+from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, look_at_target, source_pieces
 from ..properties.settings import SourceName
 from .stepped import SteppedOperator
 
@@ -59,12 +59,12 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
 
 def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Steps[str]:
     """`cut_seams` as a generator, which holds no Blender data while it is suspended."""
-    pair = yield from read_pair_steps(context, source_name, target_name)
+    pair = yield from stored_match.kept_pair_steps(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     if kept is None:
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
-    with source_mesh(context, pair) as (evaluated, mesh):
-        uv = read_active_uv_map(evaluated, mesh)
+    with source_pieces(context, pair) as pieces:
+        uv = read_joined_active_uv_map(pieces)
     draped = drape(kept, pair.source, pair.target)
     cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, DIVIDING, "Following the seams")
     _, target = check_unedited(context, pair)

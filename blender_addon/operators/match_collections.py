@@ -10,6 +10,7 @@ from .. import stored_match
 from ..collection_match import match_collections_steps
 from . import stepped
 from .stepped import SteppedOperator
+from .transfer import and_others
 
 
 class ZOOMOUT_OT_match_collections(SteppedOperator):
@@ -39,7 +40,9 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
         settings = context.scene.zoomout
         names = settings.source_collection.name, settings.target_collection.name
         matches = yield from match_collections_steps(context, *names, detail=settings.detail.lower())
-        pairs = ", ".join(f"'{target}' with '{source}'" for target, (source, _) in matches.items())
+        pairs = ", ".join(
+            f"'{target}' with '{source}'{and_others(match.others)}" for target, (source, match) in matches.items()
+        )
         doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
         vertices = sum(len(match.confidence) for _, match in matches.values())
         return f"Matched {pairs}; {doubtful} of {vertices} vertices are of low confidence"

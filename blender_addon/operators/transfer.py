@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from bpy.types import Context, Object
@@ -20,8 +20,7 @@ from ..pair import (
     check_unedited,
     choose_source,
     find_mesh,
-    read_pair_steps,
-    source_mesh,
+    source_pieces,
     target_mesh,
     users_of_mesh,
 )
@@ -128,7 +127,7 @@ def worked_out_transfer_steps(
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
     """The same without the end: it returns what writes the data to the target."""
-    pair = yield from read_pair_steps(context, source_name, target_name)
+    pair = yield from stored_match.kept_pair_steps(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
     cargo, remarks, blend = yield from _packed_steps(context, pair, data, settings)
     match: stored_match.Match
@@ -173,9 +172,8 @@ def _packed_steps(
         blend = settings.blend(target)
     for pack in PACK:
         yield READING
-        source = find_mesh(context, pair.source_name)
-        with source_mesh(context, pair) as (evaluated, mesh), target_mesh(context, pair) as (target, _):
-            cargo += pack(Origin(source, evaluated, mesh, target, data, settings, blend), remarks)
+        with source_pieces(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
+            cargo += pack(Origin(*first, target, data, settings, blend, others), remarks)
     if not cargo:
         raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")
     return cargo, remarks, blend
@@ -189,6 +187,7 @@ def _write_report(target: Object, cargo: list[Cargo], way: Way, users: int) -> d
     shared = f"The mesh '{target.data.name}' is shared by {users} objects, which all received the data."
     report = {
         "source": pair.source_name,
+        "others": list(pair.source_names[1:]),
         "target": pair.target_name,
         "written": written,
         "skipped": remarks.skipped,
@@ -205,9 +204,15 @@ def summary(report: dict[str, Any]) -> str:
     written = ", ".join(_count(len(names), NOUNS[kind]) for kind, names in report["written"].items() if names)
     skipped = f"; {len(report['skipped'])} skipped" if report["skipped"] else ""
     return (
-        f"Transferred {written} from '{report['source']}' to '{report['target']}'{skipped}; "
+        f"Transferred {written} from '{report['source']}'{and_others(report['others'])} to '{report['target']}'"
+        f"{skipped}; "
         f"{report['low_confidence']} of {report['vertices']} vertices are of low confidence"
     )
+
+
+def and_others(names: Sequence[str]) -> str:
+    """What follows the name of a source where the target lies on others, too."""
+    return f" and {_count(len(names), 'other')}" if names else ""
 
 
 def _count(number: int, noun: str) -> str:

@@ -40,7 +40,9 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             sentences(context, box, [reason], "ERROR")
         else:
             doubtful = kept["low_confidence"] / kept["vertices"]
-            text = f"Matched with '{kept['source']}', {doubtful:.0%} in doubt"
+            others = (look["name"] for look in stored_match.others(kept))
+            names = ", ".join(f"'{name}'" for name in (kept["source"], *others))
+            text = f"Matched with {names}, {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)

@@ -74,7 +74,7 @@ def test_each_part_is_matched_with_its_counterpart(hero, scan):
     np.testing.assert_allclose(weight_array(left, "eye_bone.L"), 1)
 
 
-def test_what_lies_on_another_object_is_not_trusted(hero):
+def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
     scan = gather("Scan", [decimated("Whole")])
     whole = scan.objects[0]
     editable = bmesh.new()
@@ -82,11 +82,16 @@ def test_what_lies_on_another_object_is_not_trusted(hero):
     bmesh.ops.create_icosphere(editable, subdivisions=2, radius=SIZE, matrix=Matrix.Translation(EYES["Eye.L"]))
     editable.to_mesh(whole.data)
     editable.free()
+    body = bpy.data.objects["Body"]
+    set_weights(body, "spine", np.ones(len(body.data.vertices)))
     ((source, match),) = match_collections(bpy.context, hero, scan).values()
-    assert source == "Body"
+    assert (source, match.others) == ("Body", ("Eye.L",))
+    assert any("'Whole' lies on several objects" in note and "'Body', 'Eye.L'" in note for note in match.notes)
+    report = transfer_objects(bpy.context, body, whole, ["vertex_groups"])
     eye = np.linalg.norm(positions(whole.data) - EYES["Eye.L"], axis=1) < 1.01 * SIZE
-    assert match.confidence[eye].max() == 0
-    assert any("lie on other objects than 'Body'" in note for note in match.notes)
+    assert report["others"] == ["Eye.L"]
+    np.testing.assert_allclose(weight_array(whole, "eye_bone.L"), eye, atol=1e-3)
+    np.testing.assert_allclose(weight_array(whole, "spine"), ~eye, atol=1e-3)
 
 
 @pytest.mark.parametrize(("fault", "sentence"), [("empty", "no mesh in"), ("shared", "is in both collections")])

@@ -1,0 +1,184 @@
+"""Several objects read as one: their elements follow each other, and what has the same name is one layer.
+
+What an object lacks is nothing there: no weight, no mark, no offset, a value of zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import astuple, replace
+from typing import NamedTuple
+
+import numpy as np
+from bpy.types import Mesh, Object
+from scipy.sparse import csr_array, vstack
+
+import zoomout_core as zo
+from zoomout_core.transfer import Attribute, Domain
+from zoomout_core.transfer.attribute import nothing
+
+from .layers import ActiveLayers, Layer, Role, read_active_layers, read_layer, read_layers
+from .marks import read_marks
+from .materials import read_materials
+from .normals import read_normals
+from .surfaces import read_surface_at_rest
+from .vertex_groups import read_weights
+
+ELEMENTS = {Domain.POINT: "vertices", Domain.EDGE: "edges", Domain.FACE: "polygons", Domain.CORNER: "loops"}
+
+
+class Piece(NamedTuple):
+    """An object that has data.
+
+    Attributes:
+        source: as it is in the file.
+        evaluated: the same as its modifiers leave it.
+        mesh: the mesh that these leave.
+    """
+
+    source: Object
+    evaluated: Object
+    mesh: Mesh
+
+
+class JoinedLayer(NamedTuple):
+    """A layer of some of several objects.
+
+    Attributes:
+        layer: of all of their elements.
+        lacking: numbers of the objects that do not have it.
+    """
+
+    layer: Layer
+    lacking: tuple[int, ...]
+
+
+def read_joined_layers(
+    pieces: Sequence[Piece], turning: Collection[str] = ()
+) -> tuple[list[JoinedLayer], dict[str, str]]:
+    """`read_layers` of several objects; what they show as their UV maps is one, under the first one's name."""
+    shown, skipped = read_joined_active_layers(pieces).uv, dict[str, str]()
+    found: list[dict[str, Layer]] = []
+    for piece in pieces:
+        layers, reasons = read_layers(piece.mesh, turning)
+        found.append(_with_shown_as(shown, piece.mesh, {layer.attribute.name: layer for layer in layers}))
+        skipped = reasons | skipped
+    joined = []
+    for name in dict.fromkeys(name for layers in found for name in layers):
+        first = next(layers[name] for layers in found if name in layers)
+        parts = [layers.get(name) for layers in found]
+        for piece, part in zip(pieces, parts, strict=True):
+            if part is not None and not _alike(part, first):
+                skipped[f"{name} of '{piece.source.name}'"] = "it is of another type than on other objects"
+        of_one_type = [part if part is not None and _alike(part, first) else None for part in parts]
+        joined.append(
+            JoinedLayer(
+                replace(first, attribute=_joined([part and part.attribute for part in of_one_type], pieces)),
+                tuple(number for number, part in enumerate(of_one_type) if part is None),
+            )
+        )
+    return joined, skipped
+
+
+def read_joined_active_layers(pieces: Sequence[Piece]) -> ActiveLayers:
+    """What is shown and rendered of the first object that has such layers."""
+    of_each = [astuple(read_active_layers(piece.mesh)) for piece in pieces]
+    return ActiveLayers(*(next(filter(None, names), None) for names in zip(*of_each, strict=True)))
+
+
+def read_joined_active_uv_map(pieces: Sequence[Piece]) -> Attribute:
+    """The UV maps that the objects show.
+
+    Raises:
+        MeshError: none has one.
+    """
+    name = read_joined_active_layers(pieces).uv
+    if name is None:
+        raise zo.MeshError(f"'{pieces[0].source.name}' has no UV map: unwrap it, or choose another source.")
+    parts = []
+    for piece in pieces:
+        own = name if name in piece.mesh.uv_layers else read_active_layers(piece.mesh).uv
+        parts.append(own and replace(read_layer(piece.mesh, own, Role.UV_MAP).attribute, name=name))
+    return _joined([part or None for part in parts], pieces)
+
+
+def read_joined_marks(pieces: Sequence[Piece]) -> list[Attribute]:
+    """`read_marks` of several objects."""
+    found = [{marks.name: marks for marks in read_marks(piece.mesh)} for piece in pieces]
+    names = dict.fromkeys(name for marks in found for name in marks)
+    return [_joined([marks.get(name) for marks in found], pieces) for name in names]
+
+
+def read_joined_materials(pieces: Sequence[Piece]) -> tuple[list[str | None], Attribute, tuple[int, ...]]:
+    """The names of the materials of several objects, each face's place in that list, and which objects have none.
+
+    Faces of objects without materials have places of no meaning.
+    """
+    found = [read_materials(piece.evaluated, piece.mesh) for piece in pieces]
+    first = np.cumsum([0, *(len(names) for names, _ in found)])
+    slots = np.concatenate([slots.values + start for (_, slots), start in zip(found, first, strict=False)])
+    lacking = tuple(number for number, (names, _) in enumerate(found) if not names)
+    every = [name for names, _ in found for name in names]
+    known = list(dict.fromkeys(every))
+    place = np.array([known.index(name) for name in every] or [0])
+    return known, replace(found[0][1], values=place[np.minimum(slots, len(place) - 1)]), lacking
+
+
+def read_joined_weights(pieces: Sequence[Piece]) -> tuple[Attribute, tuple[int, ...]]:
+    """The weights of the groups of several objects, by name, and which objects have none."""
+    found = [read_weights(piece.evaluated, piece.mesh) for piece in pieces]
+    lacking = tuple(number for number, weights in enumerate(found) if weights.values.nnz == 0)
+    if len(found) == 1:
+        return found[0], ()
+    labels = tuple(dict.fromkeys(label for weights in found for label in weights.labels))
+    number = {label: column for column, label in enumerate(labels)}
+    widened = []
+    for weights in found:
+        values = csr_array(weights.values)
+        column = np.array([number[label] for label in weights.labels], dtype=np.int64)
+        shape = values.shape[0], len(labels)
+        widened.append(csr_array((values.data, column[values.indices], values.indptr), shape=shape))
+    return replace(found[0], values=csr_array(vstack(widened, format="csr")), labels=labels), lacking
+
+
+def read_joined_normals(pieces: Sequence[Piece]) -> Attribute | None:
+    """The normals of the corners of several objects in world space, if any of these has custom ones."""
+    if not any(piece.mesh.has_custom_normals for piece in pieces):
+        return None
+    return _joined([read_normals(piece.evaluated, piece.mesh) for piece in pieces], pieces)
+
+
+def read_joined_at_rest(pieces: Sequence[Piece]) -> zo.Surface:
+    """`read_surface_at_rest` of several objects, each in its mesh's own space."""
+    surfaces = [read_surface_at_rest(piece.source, piece.mesh) for piece in pieces]
+    return surfaces[0] if len(surfaces) == 1 else zo.Surface.joined(surfaces)
+
+
+def _with_shown_as(name: str | None, mesh: Mesh, layers: dict[str, Layer]) -> dict[str, Layer]:
+    """Layers of a mesh, the UV map that is shown under a name, unless another layer has that."""
+    own = read_active_layers(mesh).uv
+    if name is None or name in layers or own not in layers:
+        return layers
+    renamed = replace(layers[own], attribute=replace(layers[own].attribute, name=name))
+    return {name: renamed} | {other: layer for other, layer in layers.items() if other != own}
+
+
+def _alike(layer: Layer, other: Layer) -> bool:
+    """Whether two layers can be one."""
+    return (layer.role, layer.data_type, layer.attribute.domain) == (
+        other.role,
+        other.data_type,
+        other.attribute.domain,
+    )
+
+
+def _joined(parts: Sequence[Attribute | None], pieces: Sequence[Piece]) -> Attribute:
+    """One attribute of several objects, some of which may lack it."""
+    known = next(part for part in parts if part is not None)
+    if len(parts) == 1:
+        return known
+    values = [
+        nothing(known.values, len(getattr(piece.mesh, ELEMENTS[known.domain]))) if part is None else part.values
+        for part, piece in zip(parts, pieces, strict=True)
+    ]
+    return replace(known, values=np.concatenate(values))
