@@ -63,10 +63,12 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
 
     `weights`: see `benchmarks.mirroring`.
 
+    `characters`: see `benchmarks.characters.mirrored`.
+
     Args:
         data: the folder of the sets.
         shapes: use so many shapes of each set, evenly spread over its list.
-        with_things: make the last two tables, for which Blender has to be there as a module.
+        with_things: make the last three tables, for which Blender has to be there as a module.
         figure: where to draw the vase's symmetries.
     """
     records: list[Record] = []
@@ -89,6 +91,12 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     tables = {"rows": _rows(records), "criteria": _shares(criteria)}
     if with_things:
         tables |= {"objects": object_rows(), "weights": weight_rows()}
+        if (data / "characters").is_dir():
+            from benchmarks.characters.mirrored import symmetry_records, symmetry_rows  # it starts Blender
+
+            of_characters = symmetry_records(data / "characters", shapes)
+            tables["characters"] = symmetry_rows(of_characters)
+            records += of_characters
     if figure is not None:
         _, vase, count = next(things())
         draw_symmetries(figure, vase, count)

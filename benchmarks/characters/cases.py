@@ -63,21 +63,21 @@ def cases(folder: Path, most: int | None) -> Iterator[Case]:
         most: use so many of a kind; all if None.
     """
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))]
-    chosen = list(chain.from_iterable(_spread(pack, OF_PACK) for pack in packs))
+    chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))
     kinds: list[list[Maker]] = [
         [partial(_posed, path) for path in chosen],
         [partial(_as_one_skin, path) for path in chosen],
         [partial(_other, *pair) for pack in packs for pair in _cycle(pack)],
-        [partial(_outfit, path) for path in sorted((folder / "outfits").glob("*.npz"))],
+        [partial(outfit, path) for path in sorted((folder / "outfits").glob("*.npz"))],
     ]
     for makers in kinds:
-        for make in _spread(makers, most):
+        for make in spread(makers, most):
             case = make()
             if case is not None:
                 yield case
 
 
-def _spread(entries: list[T], most: int | None) -> list[T]:
+def spread(entries: list[T], most: int | None) -> list[T]:
     if most is None or most >= len(entries):
         return entries
     return [entries[i] for i in np.linspace(0, len(entries) - 1, most).round().astype(int)]
@@ -95,12 +95,12 @@ def _cycle(pack: list[Path]) -> Iterator[tuple[Path, Path, bool]]:
 
 def _posed(path: Path) -> Case | None:
     character = read_character(path)
-    return None if _broken(character) else _case(POSE, character, character, character.thinned, character.pose)
+    return None if broken(character) else _case(POSE, character, character, character.thinned, character.pose)
 
 
 def _as_one_skin(path: Path) -> Case | None:
     character = read_character(path)
-    if _broken(character) or surface_of(character.rest).components.max() < FEW_PARTS:
+    if broken(character) or surface_of(character.rest).components.max() < FEW_PARTS:
         return None
     return _case(SKIN, character, character, one_skin(character.posed), character.pose)
 
@@ -108,13 +108,13 @@ def _as_one_skin(path: Path) -> Case | None:
 def _other(source_path: Path, target_path: Path, posed: bool) -> Case | None:
     source, target = read_character(source_path), read_character(target_path)
     moving = [set(np.array(one.skeleton.names)[_moving(one.rest)]) for one in (source, target)]
-    if _broken(source) or _broken(target) or len(moving[0] & moving[1]) < SHARED * min(map(len, moving)):
+    if broken(source) or broken(target) or len(moving[0] & moving[1]) < SHARED * min(map(len, moving)):
         return None
     body, pose = (target.posed, target.pose) if posed else (target.rest, "rest")
     return _case(OTHER, source, target, body, pose)
 
 
-def _outfit(path: Path) -> Case:
+def outfit(path: Path) -> Case:
     with np.load(path) as file:
         arrays = dict(file)
     source, target = (_polygons(arrays, side) for side in ("source", "target"))
@@ -148,7 +148,7 @@ def surface_of(body: Body) -> zo.Surface:
     return zo.Surface(body.vertices, body.triangles)
 
 
-def _broken(character: Character) -> bool:
+def broken(character: Character) -> bool:
     return bool((character.rest.weights.sum(axis=1) < 0.5).mean() > UNMOVED)
 
 

@@ -65,17 +65,17 @@ def _summed(kind: str, rows: list[Row]) -> Row:
         "behind DT": sum(row["behind"] for row in rows),
         "sure and wrong": sum(row["certainty"] >= SURE and not row["right"] for row in rows),
         "sure": sum(row["certainty"] >= SURE for row in rows),
-        "worst limb": _over(min, rows, "limb"),
-        "median limb": _over(np.median, rows, "limb"),
-        "worst dom": _over(min, rows, "dom"),
-        "median dom": _over(np.median, rows, "dom"),
-        "worst cm": _over(max, rows, "cm"),
-        "median cm": _over(np.median, rows, "cm"),
-        "seconds": _over(np.median, rows, "seconds"),
+        "worst limb": over(min, rows, "limb"),
+        "median limb": over(np.median, rows, "limb"),
+        "worst dom": over(min, rows, "dom"),
+        "median dom": over(np.median, rows, "dom"),
+        "worst cm": over(max, rows, "cm"),
+        "median cm": over(np.median, rows, "cm"),
+        "seconds": over(np.median, rows, "seconds"),
     }
 
 
-def _over(statistic: Callable[[list[float]], Any], rows: list[Row], column: str) -> float | None:
+def over(statistic: Callable[[list[float]], Any], rows: list[Row], column: str) -> float | None:
     """A statistic of a column over the rows that have it."""
     values = [row[column] for row in rows if row[column] is not None]
     return float(statistic(values)) if values else None
