@@ -7,8 +7,8 @@ match with the source that it lies on, as if the two had been matched alone, or 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from bpy.types import Collection, Context, Depsgraph, Mesh, Object
@@ -42,8 +42,13 @@ MATCHING = 0.95
 NEARLY_ALL = 0.95
 # Where less does, it receives from all that this part of it lies on.
 SMALLEST_SHARE = 0.005
+# What lies on the like of another target is moved onto its own target's, over this part of the area's square root.
+NEAR = 0.02
 # What a vertex without confidence counts for.
 LEAST_CONFIDENCE = 1e-6
+
+# Numbers of sources and targets that are called alike.
+Pairs: TypeAlias = Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +118,10 @@ def worked_out_collections_steps(
     targets = yield from _read_steps(context, target, look_at_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
-    arguments = DETAIL[detail] | {"regions": _called_alike(sources, targets)} | options
+    alike = paired_by_name(sources.names, targets.names)
+    arguments = DETAIL[detail] | {"regions": _regions(sources, targets, alike)} | options
     result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
-    pairing = for_each(lambda number: _match_of_own(result, sources, targets, number), range(len(targets.looks)))
+    pairing = for_each(lambda i: _match_of_own(result, sources, targets, i, alike), range(len(targets.looks)))
     matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
@@ -158,11 +164,10 @@ def _read_steps(
     return Parts.of(looks, surfaces)
 
 
-def _called_alike(sources: Parts, targets: Parts) -> list[tuple[Integers, Integers]]:
-    """Vertices of the joined surfaces for each two objects that are clearly called alike."""
+def _regions(sources: Parts, targets: Parts, alike: Pairs) -> list[tuple[Integers, Integers]]:
+    """Vertices of the joined surfaces for each two objects that are called alike."""
     return [
-        (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2]))
-        for j, i in paired_by_name(sources.names, targets.names)
+        (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2])) for j, i in alike
     ]
 
 
@@ -208,10 +213,10 @@ class _Own:
 
 
 def _match_of_own(
-    result: zo.MatchResult, sources: Parts, targets: Parts, number: int
+    result: zo.MatchResult, sources: Parts, targets: Parts, number: int, alike: Pairs
 ) -> tuple[ObjectPair, StoredMatch]:
     """One of the targets with the sources that it lies on, and the match with these."""
-    own = _own(result, sources, targets, number)
+    own = _on_its_like(_own(result, sources, targets, number), sources, number, alike)
     givers = own.givers(len(sources.names))
     surfaces, looks = tuple(sources.surfaces[i] for i in givers), tuple(sources.looks[i] for i in givers)
     pair = ObjectPair(surfaces, targets.surfaces[number], looks, targets.looks[number])
@@ -249,3 +254,24 @@ def _own(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) ->
         targets.joined.components[own],
         np.bincount(surface.triangles.ravel(), weight, minlength=len(surface.vertices)) / surface.area / 3,
     )
+
+
+def _on_its_like(own: _Own, sources: Parts, number: int, alike: Pairs) -> _Own:
+    """The same, moved onto the source that is called like the target where that is near.
+
+    Only what lies on the like of another target is moved, as boots that have come to lie on trousers.
+    """
+    like = next((j for j, i in alike if i == number), None)
+    astray = np.flatnonzero(np.isin(own.owner, [j for j, i in alike if i != number]))
+    if like is None or not len(astray):
+        return own
+    surface, mapped = sources.surfaces[like], own.surface_map
+    images = mapped.interpolate(sources.joined.vertices)[astray]
+    found, weights = closest_points(images, surface.vertices, surface.triangles)
+    apart = zo.SurfaceMap(found, weights, surface.triangles).interpolate(surface.vertices) - images
+    near = np.linalg.norm(apart, axis=1) < NEAR * np.sqrt(sources.joined.area)
+    triangle, barycentric, owner = mapped.triangle.copy(), mapped.barycentric.copy(), own.owner.copy()
+    moved = astray[near]
+    triangle[moved], barycentric[moved] = found[near] + sources.first_triangle[like], weights[near]
+    owner[moved] = like
+    return replace(own, surface_map=zo.SurfaceMap(triangle, barycentric, mapped.source_triangles), owner=owner)

@@ -6,6 +6,7 @@ in `mesh_facts`.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -76,7 +77,7 @@ def findings(context: Context, otherwise: str = "") -> list[Finding]:
     except zo.MeshError as error:
         return [Finding(str(error), True)]
     blocking = [Finding(text, True) for text in _blocking(context, source, target)]
-    doubtful = [*_left_out(context, source, target), *_doubtful(context, source, target)]
+    doubtful = [*_left_out(context, source, target), *_pieces(context, source), *_doubtful(context, source, target)]
     return blocking or [Finding(text, False) for text in doubtful]
 
 
@@ -148,6 +149,16 @@ def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]
     for other in chosen_targets(context, source):
         if other != target and (reason := _reason(context, source, other)):
             yield f"{reason} Until then '{other.name}' is left out."
+
+
+def _pieces(context: Context, source: Object) -> Iterator[str]:
+    """Which targets are pieces of one character, though each is matched alone."""
+    if context.scene.zoomout.initial != "AUTO":
+        return
+    characters = Counter(obj.find_armature() or obj.parent for obj in chosen_targets(context, source))
+    for character, number in characters.items():
+        if character is not None and number > 1:
+            yield f"{number} targets are pieces of '{character.name}': these match better together, see Collections."
 
 
 def _reason(context: Context, source: Object, target: Object) -> str:

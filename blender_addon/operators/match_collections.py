@@ -17,8 +17,8 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
     bl_idname = "zoomout.match_collections"
     bl_label = "Match Collections"
     bl_description = (
-        "Find for each mesh of the target's collection, as body, eyes and clothes, its counterpart in the source's, "
-        "and match the two; names that are alike help"
+        "Match the meshes of both collections as one body: each mesh of the target's, as body, eyes and clothes, with "
+        "those of the source's that it lies on; names that are alike help"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -91,7 +91,7 @@ MESSAGES = {
     # Matching
     "Find where on the source each vertex of the active mesh, and of the other selected ones, belongs, whatever their poses and topologies. The source is the mesh chosen in the sidebar; if none is chosen, the one selected besides the active mesh": "Herausfinden, wohin auf der Quelle jeder Vertex des aktiven Meshes und der anderen ausgewählten gehört, welche Posen und Topologien sie auch haben. Quelle ist das in der Seitenleiste gewählte Mesh; wenn keines gewählt ist, das neben dem aktiven ausgewählte",
     "Match Collections": "Sammlungen zuordnen",
-    "Find for each mesh of the target's collection, as body, eyes and clothes, its counterpart in the source's, and match the two; names that are alike help": "Zu jedem Mesh der Ziel-Sammlung, wie Körper, Augen und Kleidung, sein Gegenstück in der Quell-Sammlung finden und beide zuordnen; ähnliche Namen helfen dabei",
+    "Match the meshes of both collections as one body: each mesh of the target's, as body, eyes and clothes, with those of the source's that it lies on; names that are alike help": "Die Meshes beider Sammlungen als einen Körper zuordnen: jedes Mesh der Ziel-Sammlung, wie Körper, Augen und Kleidung, denen der Quell-Sammlung, auf denen es liegt; ähnliche Namen helfen dabei",
     "Start": "Start",
     "What the match starts from": "Womit die Zuordnung beginnt",
     "Automatic": "Automatisch",

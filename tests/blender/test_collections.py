@@ -1,17 +1,30 @@
 """Characters of several objects."""
 
+from types import SimpleNamespace
+
 import bmesh
 import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from scenes import activate, decimated, ellipsoid, from_pydata, positions, set_weights, snapshot_file, weight_array
+from scenes import (
+    activate,
+    decimated,
+    ellipsoid,
+    from_pydata,
+    linked,
+    positions,
+    set_weights,
+    snapshot_file,
+    weight_array,
+)
 
 import zoomout_core as zo
 from blender_addon import stored_match
 from blender_addon.collection_match import match_collections
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
+from zoomout_core.projection import closest_points
 
 # Where the eyes are on the bodies, and how large they are.
 EYES = {"Eye.L": (0.8, 0.25, 0.3), "Eye.R": (0.8, -0.25, 0.3)}
@@ -118,3 +131,38 @@ def test_a_transfer_can_take_each_target_from_its_own_source(hero, scan):
     activate(left, stranger)
     with pytest.raises(RuntimeError, match="'Stranger' was not matched yet: match it first"):
         bpy.ops.zoomout.transfer(own_sources=True)
+
+
+def slab(name, height, width):
+    """A box around the z axis, from 0 to a height, of many faces."""
+    mesh = bpy.data.meshes.new(name)
+    working = bmesh.new()
+    matrix = Matrix.Translation((0, 0, height / 2)) @ Matrix.Diagonal((width, width, height, 1))
+    bmesh.ops.create_cube(working, size=1, matrix=matrix)
+    bmesh.ops.subdivide_edges(working, edges=working.edges[:], cuts=4, use_grid_fill=True)
+    working.to_mesh(mesh)
+    working.free()
+    return linked(name, mesh)
+
+
+def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
+    hero = gather("Hero", [slab("King_Legs", 1.0, 0.31), slab("King_Boots", 0.4, 0.3)])
+    scan = gather("Scan", [slab("Casual_Legs", 1.0, 0.31), slab("Casual_Boots", 0.5, 0.3)])
+
+    def all_on_trousers(source, target, regions, **_):
+        trousers, _ = regions[0]
+        triangles = np.flatnonzero(np.isin(source.triangles, trousers).all(axis=1))
+        found, barycentric = closest_points(target.vertices, source.vertices, source.triangles[triangles])
+        yield zo.Progress(1.0, "Matching")
+        surface_map = zo.SurfaceMap(triangles[found], barycentric, source.triangles)
+        return SimpleNamespace(surface_map=surface_map, confidence=np.ones(len(found)), notes=())
+
+    monkeypatch.setattr(zo, "match_steps", all_on_trousers)
+    found = match_collections(bpy.context, hero, scan)
+    assert found["Casual_Legs"][0] == "King_Legs"
+    boots, match = found["Casual_Boots"]
+    assert (boots, match.others) == ("King_Boots", ("King_Legs",))  # their tops are too far from the boots
+    on_boots = match.surface_map.triangle < len(hero.objects["King_Boots"].data.loop_triangles)
+    height = positions(scan.objects["Casual_Boots"].data)[:, 2]
+    assert on_boots[height <= 0.4].all()
+    assert not on_boots[height == height.max()].any()

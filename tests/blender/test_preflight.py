@@ -88,6 +88,20 @@ def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):
     assert not bpy.ops.zoomout.match.poll()
 
 
+def test_pieces_of_one_character_are_better_matched_together(source, target):
+    rig = bpy.data.objects.new("Rig", None)
+    bpy.context.scene.collection.objects.link(rig)
+    other = ellipsoid("Other", 5)
+    bpy.context.scene.zoomout.source = source
+    activate(target, other)
+    assert found() == ([], [])
+    for obj in (target, other):
+        obj.parent = rig
+    assert found() == ([], ["2 targets are pieces of 'Rig': these match better together, see Collections."])
+    bpy.context.scene.zoomout.initial = "NEAREST"
+    assert found() == ([], [])
+
+
 @pytest.mark.parametrize("defect", ["parts", "crowded", "mirrored", "few", "shared"])
 def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect):
     if defect == "parts":
