@@ -79,9 +79,9 @@ def surface_vertices(shape: Shape, vertices: Integers) -> Integers:
     """(m,) the vertices of the surface that are nearest to vertices (m,) of a shape's mesh."""
     full = shape.proxy.full
     used = np.flatnonzero(full.vertex_of >= 0)
-    surface_vertex = np.empty(len(full.vertices), dtype=np.int64)
-    surface_vertex[full.vertex_of[used]] = used
-    return surface_vertex[shape.proxy.full_vertex[vertices]]
+    number, first = np.unique(full.vertex_of[used], return_index=True)
+    near = cKDTree(full.vertices[number]).query(shape.proxy.vertices[vertices])[1]
+    return used[first[near]]
 
 
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:

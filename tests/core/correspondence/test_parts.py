@@ -163,7 +163,6 @@ def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
     truth = true_vertex(source, body)
     assert zo.geodesic_error(result.surface_map, source.surface, np.arange(len(truth)), truth).mean() < 0.05
     assert (result.confidence[len(truth) :] < 0.05).all()
-    assert any(note.startswith("The main part of the target is not its largest") for note in result.notes)
 
 
 def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None:

@@ -89,15 +89,14 @@ def _from_shells(pair: Pair, laid: LaidShells) -> Assembled:
 
 
 def _notes_on_shells(pair: Pair, laid: LaidShells) -> tuple[str, ...]:
+    """What a user should know about how shells were mapped, a sentence each."""
     count = int(pair.target.working.component.max()) + 1
     notes = []
     if laid.in_place:
         notes.append("The two lie over each other as they stand: each place was mapped to what lies there.")
     if laid.paired:
-        notes.append(
-            f"{laid.paired} of {count} parts laid on their like by place, size and shape; the others lie on what is "
-            "nearest."
-        )
+        others = "; the others lie on what is nearest" if laid.paired < count else ""
+        notes.append(f"{laid.paired} of {count} parts laid on their like by place, size and shape{others}.")
     if laid.alone > NOTABLE_SHARE:
         notes.append(
             f"About {laid.alone:.0%} of the target lies where the source has nothing: it takes the nearest place, with "

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.pair import Pair, standing
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import closest_points
 
 # Places are over each other that are nearer than this part of the longest extent; surfaces are if no more than so large
 # a part of either lies elsewhere: on pairs in one pose it was 0.05 at most, and 0.18 at least on all others.
@@ -24,9 +25,10 @@ def overlapping(pair: Pair) -> Floats | None:
     source, target = pair.source_shape, pair.target_shape
     here, there = standing(pair)[target.proxy.full_vertex], source.proxy.vertices
     near = OVER * max(float(np.ptp(places, axis=0).max()) for places in (here, there))
-    for places, others, areas in ((here, there, target.basis.areas), (there, here, source.basis.areas)):
-        elsewhere = cKDTree(others).query(places)[0] > near
-        if areas[elsewhere].sum() > MOST_ELSEWHERE * areas.sum():
+    for shape, places, other, others in ((target, here, source, there), (source, there, target, here)):
+        found = SurfaceMap(*closest_points(places, others, other.mesh.triangles, near), other.mesh.triangles)
+        elsewhere = np.linalg.norm(found.interpolate(others) - places, axis=1) > near
+        if shape.basis.areas[elsewhere].sum() > MOST_ELSEWHERE * shape.basis.areas.sum():
             return None
     return here
 
