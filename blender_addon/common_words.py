@@ -49,7 +49,7 @@ def paired_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple
     """Pairs of objects, each in one pair at most, that are clearly called alike.
 
     Equal names bind, whatever number Blender appended, unless several objects of one character have the same. Left
-    and right are never confused.
+    and right are never confused. A character of a single object is all of the other one, whatever it is called.
 
     Args:
         sources: names of the one character's objects.
@@ -58,6 +58,8 @@ def paired_by_name(sources: Sequence[str], targets: Sequence[str]) -> list[tuple
     Returns:
         Numbers of a source and a target for each pair, by target.
     """
+    if min(len(sources), len(targets)) < 2:
+        return []
     similarity = _similarities([Words.of(name) for name in sources], [Words.of(name) for name in targets])
     for i, j in _equal(sources, targets):
         similarity[i], similarity[:, j] = 0, 0

@@ -55,8 +55,8 @@ def test_a_name_without_a_side_is_of_neither():
     [
         (["Jacket_Fur", "Jacket_Leather"], ["Jacket", "Trousers"]),  # either
         (["Cube", "Cube.001"], ["Cube.002", "Cube.003"]),
-        (["Cube", "Cube.001"], ["Cube.002"]),
-        (["King"], ["Casual_Body", "Casual_Head"]),
+        (["Cube", "Cube.001"], ["Cube.002", "Cube.003", "Cube.004"]),
+        (["King_Body"], ["Casual_Body", "Casual_Head"]),  # the one is all of the other
         (["Hero_Visor", "Hero_Belt"], ["Hero_Cape", "Hero_Shoe"]),  # the character alone
         (["Arm upper", "Leg upper", "Head"], ["Arm lower", "Leg lower", "Head band"]),
     ],
