@@ -345,7 +345,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     # The way back ends first: there is time to prepare what carrying over needs.
     backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
     (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
-    if pair.exact_landmarks is not None:
+    if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
         fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
     there = fit.surface_map
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)

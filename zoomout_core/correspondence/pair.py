@@ -84,6 +84,16 @@ def surface_vertices(shape: Shape, vertices: Integers) -> Integers:
     return used[first[near]]
 
 
+def landmark_points(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
+    """(m, 3) and (m, 3) places of the source and of the target, in their own frames and units, that are paired."""
+    arrays = (np.atleast_1d(np.asarray(given)) for given in landmarks)
+    source, target = (
+        surface.vertices[array] if array.ndim == 1 else array.astype(float)
+        for surface, array in zip((pair.source, pair.target), arrays, strict=True)
+    )
+    return source, target
+
+
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
     """Paired places of the surfaces as vertices of the shapes' meshes.
 

@@ -15,7 +15,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import Anchors
 from zoomout_core.correspondence.functional_map import commutativity_error, frequency_error
-from zoomout_core.correspondence.laying import lay_and_match
+from zoomout_core.correspondence.laying import Laid, lay_and_match
 from zoomout_core.correspondence.shape import Shape
 
 # Size of the functional maps that orientation and fit in space are judged by.
@@ -109,6 +109,22 @@ def fit_in_space(
         place: mean distance from the source (0 for a perfect fit);
         facing: mean of one minus the cosine between normals (0).
     """
+    vertex, laid = laid_over(sample_map, anchors, mirrored, source, target)
+    off = np.linalg.norm(laid.positions - source.mesh.vertices[vertex], axis=1)
+    facing = np.einsum("ij,ij->i", laid.normals, source.mesh.vertex_normals[vertex])
+    return {"place": float(target.weights @ off), "facing": float(target.weights @ (1 - facing))}
+
+
+def laid_over(
+    sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: Shape, target: Shape
+) -> tuple[Integers, Laid]:
+    """A map after the target was laid over the source by it, which turns limbs back that it mirrors on their own.
+
+    Args as for `fit_in_space`.
+
+    Returns:
+        (s_t,) the source vertex of each search sample of the target, and these samples as they are laid.
+    """
     samples = target.search.samples
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])
     vertex = source.search.samples[sample_map]
@@ -116,9 +132,7 @@ def fit_in_space(
     how = target.search, at_samples, k, LAYING_WIDTH, mirrored
     for among in (source.sampled.samples, slice(None)):
         vertex, laid = lay_and_match(vertex, source, target, *how, among)
-    off = np.linalg.norm(laid.positions - source.mesh.vertices[vertex], axis=1)
-    facing = np.einsum("ij,ij->i", laid.normals, source.mesh.vertex_normals[vertex])
-    return {"place": float(target.weights @ off), "facing": float(target.weights @ (1 - facing))}
+    return vertex, laid
 
 
 def total_score(scores: dict[str, float]) -> float:

@@ -148,6 +148,21 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
+def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Mannequin, stepping: Mannequin) -> None:
+    places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
+    result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]), exact_landmarks=True)
+    images = result.surface_map.interpolate(at_rest.surface.vertices)[places[1]]
+    assert np.abs(images - at_rest.surface.vertices[places[0]]).max() < 1e-6
+    assert right_parts(result, at_rest, stepping) > 0.95
+
+
+def test_an_earlier_map_of_shells_is_taken_up(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    again = zo.match(at_rest.surface, stepping.surface, initial="given", initial_map=stepped.surface_map)
+    assert right_parts(again, at_rest, stepping) > 0.99
+    by_place = zo.match(at_rest.surface, stepping.surface, initial="proximity")
+    assert len(by_place.candidates) == 1
+
+
 def test_two_runs_agree_to_the_bit(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     again = zo.match(at_rest.surface, stepping.surface)
     assert (again.surface_map.triangle == stepped.surface_map.triangle).all()

@@ -18,11 +18,13 @@ from zoomout_core.correspondence.components.carrying import Motion
 from zoomout_core.correspondence.components.overlap import leaves_in_place, overlapping
 from zoomout_core.correspondence.components.parts import MOST_PARTS, Part, Side, relation_of
 from zoomout_core.correspondence.components.registration import Shells, Similarities, registered
+from zoomout_core.correspondence.evidence import PINNING
 from zoomout_core.correspondence.fitting.fit import Fit
-from zoomout_core.correspondence.pair import Pair
+from zoomout_core.correspondence.pair import Pair, landmark_points
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.oriented_projection import OrientedSurface
+from zoomout_core.projection import closest_points
 from zoomout_core.triangles import unique_edges
 
 # Points that are moved along at once, which bounds the memory.
@@ -42,6 +44,8 @@ NORMAL_WEIGHT = 0.02
 OUTSIDE, INNER_REACH = 0.02, 0.05
 # Half of the trust in the skins' map is left where the source is as far from where that leads as this, at unit area.
 HALF_DISTANCE = 0.045
+# What a landmark moves by less than this part of its own move stays.
+FADED = 0.01
 # Trust in a pair whose edges keep their lengths, and the mean change of length that leaves half of it.
 FULL_TRUST, HALF_STRETCH = 0.9, 0.5
 
@@ -111,13 +115,44 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
         image.triangle[part.vertices], image.barycentric[part.vertices] = laid.triangle, laid.barycentric
         image.distance[part.vertices] = laid.distance
         trust[part.vertices] = FULL_TRUST / (1 + (stretch / HALF_STRETCH) ** 2)
+    surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
+    if pair.exact_landmarks is not None:
+        surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
     return LaidShells(
-        SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles),
+        surface_map,
         trust,
         len(partners),
         float(target.areas[image.distance > HALF_DISTANCE].sum() / target.areas.sum()),
         in_place,
     )
+
+
+def _pinned(
+    between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair
+) -> SurfaceMap:
+    """A map between working meshes, bent so that each landmark lands on its partner.
+
+    The displacements that this takes fade with a Gaussian of the distance on the target.
+
+    Args:
+        between: the map.
+        landmarks: (m, 3) places of the source and (m, 3) of the target, in the surfaces' frames and units.
+        source: with its shells.
+        target: with its shells.
+        pair: the surfaces, and the skins' shapes.
+    """
+    goals = pair.source_shape.proxy.full.from_surface(landmarks[0])
+    vertex = np.asarray(cKDTree(target.points).query(pair.target_shape.proxy.full.from_surface(landmarks[1]))[1])
+    images = between.interpolate(source.points)
+    distance = np.linalg.norm(target.points[:, None] - target.points[vertex], axis=2)
+    kernel = np.exp(-((distance / PINNING) ** 2))
+    moves = np.linalg.lstsq(kernel[vertex], goals - images[vertex], rcond=None)[0]
+    bent = np.flatnonzero(kernel.max(axis=1) > FADED)
+    triangle, barycentric = between.triangle.copy(), between.barycentric.copy()
+    triangle[bent], barycentric[bent] = closest_points(
+        images[bent] + kernel[bent] @ moves, source.points, source.mesh.triangles
+    )
+    return SurfaceMap(triangle, barycentric, source.mesh.triangles)
 
 
 def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[Motion, bool]:

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.correspondence.initial.hypothesis import Hypothesis
-from zoomout_core.correspondence.pair import Pair, positions_of_part
+from zoomout_core.correspondence.pair import Pair, positions_of_part, surface_vertices
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.correspondence.zoomout import checked_start
 from zoomout_core.projection import closest_points
@@ -39,11 +39,8 @@ def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothe
         ValueError: it does not fit the surfaces.
     """
     vertex = _given_vertices(pair, initial_map)
-    # Of the target's vertices that were welded into one, any will do.
-    of_part = np.empty(len(pair.target_shape.proxy.full.vertices), dtype=np.int64)
-    inside = pair.target_shape.proxy.full.vertex_of >= 0
-    of_part[pair.target_shape.proxy.full.vertex_of[inside]] = vertex[inside]
-    image = of_part[pair.target_shape.proxy.full_vertex]
+    target = pair.target_shape
+    image = vertex[surface_vertices(target, np.arange(len(target.mesh.vertices)))]
     # Images off the source's main part move to the nearest vertex of it.
     on_part = pair.source_shape.proxy.full.vertex_of[image]
     off = on_part < 0
