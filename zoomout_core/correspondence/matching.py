@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, pairwise
 from numbers import Integral
 from operator import attrgetter
 from typing import Literal, TypeAlias, TypeVar
@@ -16,7 +16,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import coordinates
 from zoomout_core.correspondence.attempt import Attempt, best_of
 from zoomout_core.correspondence.components.assembly import on_surfaces
-from zoomout_core.correspondence.components.bodies import bodies_steps
+from zoomout_core.correspondence.components.bodies import Bodies, bodies_steps
 from zoomout_core.correspondence.components.overlap import overlapping
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
@@ -31,7 +31,7 @@ from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
 from zoomout_core.correspondence.initial.signs import sign_hypotheses
 from zoomout_core.correspondence.kept_shapes import kept_shape_steps, kept_working_mesh
 from zoomout_core.correspondence.nearest import nearest
-from zoomout_core.correspondence.pair import Pair, landmarks_on_parts, surface_vertices
+from zoomout_core.correspondence.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.scores import Disagreement
 from zoomout_core.correspondence.shape import Shape
@@ -61,9 +61,11 @@ NOT_RECOGNISED = (
     "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or lay one over the other in the "
     "same pose and start from proximity."
 )
-# Of several bodies the next is tried where the map of one is less sure than this. When each begins, as a part of the
-# progress, and the part of its time that analysing the shapes takes.
-SURE_OF_BODY, START_OF_BODY, ANALYSING = 0.8, (0.04, 0.6, 0.75), 0.8
+# Of several bodies the next is tried where the map of one is less sure than this.
+SURE_OF_BODY = 0.8
+# When the first body is begun, and the second, and when they are done, as parts of the progress; and the part of each
+# that analysing the shapes takes.
+PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.6, 0.75), 0.8
 # So comes a map that turns over a larger part of the surface.
 NOTABLE_FOLDS = 0.05
 # And one that leaves more than this part of either surface without a partner.
@@ -235,30 +237,33 @@ def match_steps(
     yield Progress(0.0, "Reading the meshes")
     yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
     bodies = yield from spread(bodies_steps(source, target, seed), 0.01, 0.04, "Finding the bodies")
-    attempts: list[Attempt] = []
-    for number, each in enumerate(bodies):
-        start = START_OF_BODY[number]
-        k = max(k_final, FEWEST_FUNCTIONS)
-        ahead = ANALYSES if initial in ("auto", "landmarks") else ()
-        prepared = (
-            prepared_steps(kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices)), ahead)
-            for part in (each.source, each.target)
+    known, exact = Evidence(landmarks, axes, paired), landmarks if exact_landmarks else None
+    ahead = ANALYSES if initial in ("auto", "landmarks") else ()
+
+    def attempt_steps(body: Bodies) -> Steps[Attempt]:
+        analysing = (
+            prepared_steps(
+                kept_shape_steps(part, max(k_final, FEWEST_FUNCTIONS), samples, seed, proxy_size(part, proxy_vertices)),
+                ahead,
+            )
+            for part in (body.source, body.target)
         )
-        end = START_OF_BODY[number + 1]
-        shapes = yield from spread(
-            side_by_side(*prepared), start, start + ANALYSING * (end - start), "Analysing the shapes"
-        )
-        exact = landmarks if exact_landmarks else None
+        shapes = yield from spread(side_by_side(*analysing), 0.0, ANALYSING, "Analysing the shapes")
         pair = Pair(source, target, *shapes, k_final, step, exact, paired)
-        known = Evidence(landmarks, axes, paired)
-        candidates = yield from within(
-            _candidates_steps(pair, initial, known, initial_map), start + ANALYSING * (end - start), end
-        )
-        attempts.append(Attempt(pair, candidates, each.coverage))
-        if candidates[0].certainty >= SURE_OF_BODY:
+        candidates = yield from within(_candidates_steps(pair, initial, known, initial_map), ANALYSING, 1.0)
+        return Attempt(pair, candidates, body.coverage)
+
+    attempts: list[Attempt] = []
+    for body, (start, end) in zip(bodies, pairwise(PARTS_OF_PROGRESS), strict=False):
+        try:
+            attempts.append((yield from within(attempt_steps(body), start, end)))
+        except LandmarkError:  # on a part that another body has, and this one has not
+            if not attempts:
+                raise
+        if attempts[-1].candidates[0].certainty >= SURE_OF_BODY:
             break
     best = best_of(attempts)
-    return (yield from _result_steps(best.pair, tuple(best.candidates), 0, START_OF_BODY[-1]))
+    return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
 
 
 def _candidates_steps(

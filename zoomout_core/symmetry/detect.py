@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats
+from zoomout_core.correspondence.attempt import Attempt
 from zoomout_core.correspondence.components.assembly import on_surfaces
 from zoomout_core.correspondence.confidence import confidence_of
 from zoomout_core.correspondence.dense import ONTO_ITSELF, dense_steps
 from zoomout_core.correspondence.fitting.fit import Fit
 from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
-from zoomout_core.correspondence.matching import check_sizes, fitted_steps
+from zoomout_core.correspondence.matching import ANALYSING, SURE_OF_BODY, check_sizes, fitted_steps
 from zoomout_core.correspondence.pair import Pair
 from zoomout_core.correspondence.ranking import Candidate, rank_steps
 from zoomout_core.correspondence.shape import Shape
@@ -31,7 +32,7 @@ from zoomout_core.surface import Surface
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import SURE, in_order, is_no_part_of_identity
-from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, main_shape_steps
+from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of_steps, body_shape_steps
 from zoomout_core.symmetry.sides import CLEARLY_LEFT, leftward, on_whole_surface, signed_distance
 from zoomout_core.threads import alone, for_each, for_each_stepped, in_background, on_one_blas_thread, side_by_side
 from zoomout_core.triangles import triangle_areas
@@ -40,6 +41,8 @@ from zoomout_core.triangles import triangle_areas
 LEFT = (1.0, 0.0, 0.0)
 # How many maps that keep the orientation are compared, at least and at most, and how many that reverse it.
 QUOTAS = (1, 16), (3, 20)
+# When the analysis of the first body begins, as a part of the progress, that of a second one, and what follows.
+START_OF_BODY = 0.02, 0.55, 0.7
 # What is less likely than this is not shown, but for the most likely one.
 LEAST_CERTAINTY = 0.05
 # Leading block of the functional map whose energies are reported beside those of all of it.
@@ -121,13 +124,25 @@ def detect_symmetry_steps(
     if most < 1:
         raise ValueError(f"most is {most}: ask for one symmetry or more.")
     to_the_left = _unit_vector(left)
-    preparing = main_shape_steps(surface, k_final, samples, seed, proxy_vertices)
-    shape = yield from within(preparing, 0.0, 0.5)
-    pair = Pair(surface, surface, shape, shape, k_final, step)
-    candidates = yield from spread(candidate_steps(shape), 0.5, 0.7, "Comparing candidates")
-    chosen = [entry for i, entry in enumerate(candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
-    refining = for_each_stepped(lambda candidate: _symmetry_steps(pair, candidate, to_the_left), chosen)
-    found = yield from spread(refining, 0.7, 1.0, "Refining")
+    bodies = yield from within(bodies_of_steps(surface, seed), 0.0, START_OF_BODY[0])
+    attempts: list[Attempt] = []
+    for body, start, end in zip(bodies, START_OF_BODY, START_OF_BODY[1:], strict=False):
+        compared = start + ANALYSING * (end - start)
+        preparing = body_shape_steps(body.source, k_final, samples, seed, proxy_vertices)
+        shape = yield from within(preparing, start, compared)
+        pair = Pair(surface, surface, shape, shape, k_final, step)
+        candidates = yield from spread(candidate_steps(shape), compared, end, "Comparing candidates")
+        if candidates:
+            attempts.append(Attempt(pair, candidates, body.coverage))
+        if candidates and candidates[0].certainty >= SURE_OF_BODY:
+            break
+    if not attempts:
+        return ()
+    # Maps that agree in most places may still differ by an arm, so that none is a witness for another one.
+    best = max(attempts, key=lambda attempt: attempt.worth)
+    chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
+    refining = for_each_stepped(lambda candidate: _symmetry_steps(best.pair, candidate, to_the_left), chosen)
+    found = yield from spread(refining, START_OF_BODY[-1], 1.0, "Refining")
     return tuple(sorted(found, key=_place))
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Integers
 from zoomout_core.correspondence.ranking import ANOTHER_MAP, Candidate
 from zoomout_core.correspondence.scores import correlation, laid_over
 from zoomout_core.correspondence.shape import Shape

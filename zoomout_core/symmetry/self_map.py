@@ -9,15 +9,16 @@ from typing import Literal
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.components.bodies import bodies_steps
+from zoomout_core.correspondence.components.bodies import Bodies, bodies_steps
 from zoomout_core.correspondence.kept_shapes import kept_shape_steps
 from zoomout_core.correspondence.matching import ANALYSES, FEWEST_FUNCTIONS, prepared_steps, proxy_size
 from zoomout_core.correspondence.shape import Shape
 from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import Progress, Steps, drain, spread
+from zoomout_core.progress import Progress, Steps, drain, spread, within
 from zoomout_core.surface import Surface
 from zoomout_core.symmetry.sides import Line, zero_line
 from zoomout_core.threads import alone, in_background, on_one_blas_thread
+from zoomout_core.working_mesh import WorkingMesh
 
 # Size of the final functional maps, and how many samples they are refined on.
 K_FINAL, SAMPLES = 120, 1000
@@ -79,10 +80,21 @@ def main_shape_steps(
     Raises:
         MeshError: a mesh that cannot be analysed; the message says what to do.
     """
+    (body, *_) = yield from within(bodies_of_steps(surface, seed), 0.0, 0.04)
+    return (yield from within(body_shape_steps(body.source, k_final, samples, seed, proxy_vertices), 0.04, 1.0))
+
+
+def bodies_of_steps(surface: Surface, seed: int) -> Steps[list[Bodies]]:
+    """What of a surface may stand for it, the most promising first."""
     yield Progress(0.0, "Reading the mesh")
-    yield from spread(in_background(lambda: surface.working), 0.0, 0.02, "Reading the mesh")
-    (body, *_) = yield from spread(bodies_steps(surface, surface, seed), 0.02, 0.04, "Finding the body")
-    part = body.source
+    yield from spread(in_background(lambda: surface.working), 0.0, 0.5, "Reading the mesh")
+    return (yield from spread(bodies_steps(surface, surface, seed), 0.5, 1.0, "Finding the body"))
+
+
+def body_shape_steps(
+    body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
+) -> Steps[Shape]:
+    """A surface's body, ready to have its symmetries found; arguments as for `detect_symmetry`."""
     k = max(k_final, FEWEST_FUNCTIONS)
-    preparing = kept_shape_steps(part, k, samples, seed, proxy_size(part, proxy_vertices))
-    return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.04, 1.0, "Analysing the shape"))
+    preparing = kept_shape_steps(body, k, samples, seed, proxy_size(body, proxy_vertices))
+    return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.0, 1.0, "Analysing the shape"))

@@ -148,6 +148,15 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
+def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(monkeypatch, at_rest, stepping: Mannequin) -> None:
+    # So that the torsos are tried as well, on which there is no foot.
+    monkeypatch.setattr("zoomout_core.correspondence.components.bodies.MUCH_OF_BODY", 0.0)
+    monkeypatch.setattr("zoomout_core.correspondence.matching.SURE_OF_BODY", 2.0)
+    foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
+    result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
+    assert right_parts(result, at_rest, stepping) > 0.98
+
+
 def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Mannequin, stepping: Mannequin) -> None:
     places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
     result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]), exact_landmarks=True)
