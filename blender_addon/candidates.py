@@ -100,7 +100,7 @@ def listing_of(result: zo.MatchResult, pair: ObjectPair) -> Listing:
         tuple(
             Listed(
                 number,
-                result.candidates[number].certainty,
+                result.candidates[number].certainty * result.placed,
                 result.candidates[number].reverses_orientation,
                 colors[number],
             )
