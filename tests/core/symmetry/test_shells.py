@@ -89,10 +89,10 @@ def posed(points: np.ndarray, side: int, name: str, moves: tuple[Move, ...]) -> 
 
 def heap() -> zo.Surface:
     """Ellipsoids thrown together, with no symmetry."""
-    random = np.random.default_rng(3)
+    random = np.random.default_rng(1)
     ball = trimesh.creation.icosphere(subdivisions=2)
-    places = [ball.vertices * random.uniform(0.15, 0.6, 3) + random.uniform(-0.6, 0.6, 3) for _ in range(9)]
-    faces = np.concatenate([ball.faces + len(ball.vertices) * i for i in range(9)])
+    places = [ball.vertices * random.uniform(0.15, 0.6, 3) + random.uniform(-1, 1, 3) for _ in range(14)]
+    faces = np.concatenate([ball.faces + len(ball.vertices) * i for i in range(len(places))])
     return zo.Surface(np.concatenate(places), faces)
 
 
