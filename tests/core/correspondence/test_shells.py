@@ -130,6 +130,13 @@ def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
     assert (images[stepping.part == "thigh.L"] == "thigh.L").mean() > 0.95
 
 
+def test_a_region_of_both_feet_does_not_exchange_them(at_rest: Mannequin, stepping: Mannequin) -> None:
+    feet = [np.flatnonzero(np.char.startswith(one.part, "foot")) for one in (at_rest, stepping)]
+    assert (
+        right_parts(zo.match(at_rest.surface, stepping.surface, regions=[(feet[0], feet[1])]), at_rest, stepping) > 0.98
+    )
+
+
 def test_the_exchanged_sides_are_one_click_away(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     side = np.char.rpartition(stepping.part, ".")[:, 2]
     sided = np.isin(side, ("L", "R"))

@@ -226,12 +226,15 @@ def _partners(
     size = prior.scale * here.size
     apart = np.linalg.norm(images[:, None] - there.centre, axis=2)
     unlike = np.abs(np.log(size[:, None] / there.size))
-    relation = relation_of(
-        target.members([of_target for _, of_target in pair.regions])[: len(ours)],
-        source.members([of_source for of_source, _ in pair.regions])[: len(theirs)],
+    # Only what regions part: a bonus for what they share would pair a left shoe with a right one, both of them shoes.
+    strangers = np.isinf(
+        relation_of(
+            target.members([of_target for _, of_target in pair.regions])[: len(ours)],
+            source.members([of_source for of_source, _ in pair.regions])[: len(theirs)],
+        )
     )
     rough = apart / MOST_MOVE + unlike / np.log(MOST_UNLIKE)
-    rough[(unlike > np.log(MOST_UNLIKE)) | (apart > MOST_MOVE + size[:, None] / 2) | np.isinf(relation)] = np.inf
+    rough[(unlike > np.log(MOST_UNLIKE)) | (apart > MOST_MOVE + size[:, None] / 2) | strangers] = np.inf
     rivals = np.argsort(rough, axis=1, kind="stable")[:, :RIVALS]
     i, j = np.repeat(np.arange(len(ours)), rivals.shape[1]), rivals.ravel()
     possible = np.isfinite(rough[i, j])
@@ -242,7 +245,7 @@ def _partners(
     miss = miss / there.size[j]
     move = np.linalg.norm(laid(here.centre[i][:, None])[:, 0] - images[i], axis=1)
     cosine = (np.einsum("qij,qij->q", laid.turn, prior.turn[i]) - 1) / 2
-    cost = relation[i, j] * (
+    cost = (
         MISS_COST * miss / MOST_MISS
         + MOVE_COST * move / MOST_MOVE
         + TURN_COST * np.arccos(np.clip(cosine, -1, 1))
