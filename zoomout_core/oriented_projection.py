@@ -13,9 +13,9 @@ from zoomout_core.projection import barycentric_of_closest
 from zoomout_core.triangles import area_normals, triangle_areas, unit_vectors
 
 # So many points stand for a surface, and at least so many for each group of its triangles.
-POINTS, LEAST_POINTS = 40_000, 48
+POINTS, LEAST_POINTS = 120_000, 48
 # The triangles of so many points near a query are looked at.
-CANDIDATES = 4
+CANDIDATES = 6
 # Groups are this far apart in a coordinate of their own, in units of the surface's extent.
 APART = 1e3
 # Queries are looked up on both cores where they are many, and so many at once.

@@ -44,6 +44,8 @@ NORMAL_WEIGHT = 0.02
 OUTSIDE, INNER_REACH = 0.02, 0.05
 # Half of the trust in the skins' map is left where the source is as far from where that leads as this, at unit area.
 HALF_DISTANCE = 0.045
+# A shell lies on its partner already where half of its vertices are nearer to it than this, at unit area.
+FLUSH = 0.015
 # What a landmark moves by less than this part of its own move stays.
 FADED = 0.01
 # Trust in a pair whose edges keep their lengths, and the mean change of length that leaves half of it.
@@ -111,7 +113,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
         )
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
-        laid, stretch = _laid_on(part, j, similarity, motion.scale, normals, shells, source, target)
+        laid, stretch = _laid_on(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
         image.triangle[part.vertices], image.barycentric[part.vertices] = laid.triangle, laid.barycentric
         image.distance[part.vertices] = laid.distance
         trust[part.vertices] = FULL_TRUST / (1 + (stretch / HALF_STRETCH) ** 2)
@@ -272,6 +274,7 @@ def _laid_on(
     partner: int,
     similarity: Similarities,
     scale: float,
+    stays: bool,
     normals: Floats,
     shells: OrientedSurface,
     source: Side,
@@ -286,6 +289,7 @@ def _laid_on(
         partner: number of its partner.
         similarity: that lays the one on the other.
         scale: of the body against the source's, by which lengths should change.
+        stays: whether the body stays in place, and with it a shell that lies on its partner there.
         normals: (n, 3) of all vertices of the target, where the body's map turns them.
         shells: of the source.
         source: that they are shells of.
@@ -296,10 +300,12 @@ def _laid_on(
     edges, _ = unique_edges(part.corners)
     lengths = scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     tried = []
-    for places, facing in ((similarity(rest[None])[0], turned), (part.points, normals[part.vertices])):
+    for places, facing in ((part.points, normals[part.vertices]), (similarity(rest[None])[0], turned)):
         image = _Image(*shells.closest(places, facing, np.full(len(rest), partner)))
         corners = source.points[source.mesh.triangles[image.triangle]]
         on = np.einsum("nc,ncx->nx", image.barycentric, corners)
         change = np.abs(np.linalg.norm(on[edges[:, 0]] - on[edges[:, 1]], axis=1) - lengths)
         tried.append((image, float(change.sum() / max(lengths.sum(), 1e-300))))
+        if stays and np.median(image.distance) < FLUSH:
+            break
     return min(tried, key=itemgetter(1))
