@@ -58,9 +58,10 @@ def in_order(candidates: list[Candidate], shape: Shape) -> list[Candidate]:
     return sorted(sure, key=_place)
 
 
-def _place(candidate: Candidate) -> tuple[float, bool, float]:
+def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
     """What is less for the candidates that come first."""
-    return -min(candidate.certainty, SURE), not candidate.reverses_orientation, candidate.scores["total"]
+    turns = not candidate.reverses_orientation
+    return -min(candidate.certainty, SURE), turns, -candidate.certainty, candidate.scores["total"]
 
 
 def _apart(one: Candidate, other: Candidate, shape: Shape) -> float:
