@@ -36,13 +36,16 @@ CORNERS = np.array(list(product((0, 1), repeat=3)))
 EDGES = [(a, b) for a, b in combinations(range(8), 2) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1]
 
 
-def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int = RESOLUTION) -> tuple[Floats, Integers]:
+def voxel_remesh(
+    vertices: Floats, triangles: Integers, resolution: int = RESOLUTION, inset: float = 0.0
+) -> tuple[Floats, Integers]:
     """The outer skin of a mesh, as one closed surface if its pieces lie close together.
 
     Args:
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers, in any orientation.
         resolution: voxels along the longest extent.
+        inset: how far below the outer sides of the voxels that triangles pass through the skin is drawn, in voxels.
 
     Returns:
         (n', 3) positions and (m', 3) triangles wound outwards; the largest piece, where several are too far apart.
@@ -54,7 +57,7 @@ def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int = RESOLU
     wall = _rasterised((vertices - low) / voxel + PADDING, triangles, shape)
     solid = _bridged(_filled(wall), WIDEST_GAP * resolution)
     distance = distance_transform_edt(solid) - distance_transform_edt(~solid)
-    points, faces = surface_nets(gaussian_filter(distance, SMOOTHING))
+    points, faces = surface_nets(gaussian_filter(distance, SMOOTHING) - inset)
     return low + (points - PADDING) * voxel, faces
 
 

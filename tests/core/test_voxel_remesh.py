@@ -63,6 +63,17 @@ def test_shells_that_overlap_touch_or_lie_close_become_one_and_what_lies_inside_
     assert vertices[:, 0].max() > 4.5
 
 
+def test_a_skin_that_is_drawn_below_parts_what_touches() -> None:
+    # Two rods that join at one end and nearly touch, as legs do.
+    left, right = (ball((0, 0, 0), 1) for _ in range(2))
+    rods = [(points * [0.1, 0.1, 1] + [x, 0, 0], corners) for (points, corners), x in ((left, -0.11), (right, 0.11))]
+    legs = together(*rods, (ball((0, 0, 0.9), 0.25)))
+    ends = [voxel_remesh(*legs, *how)[0] for how in ((), (192, 0.7))]
+    between = [points[(np.abs(points[:, 0]) < 0.004) & (np.abs(points[:, 2]) < 0.3)] for points in ends]
+    assert len(between[0]) > 0
+    assert len(between[1]) == 0
+
+
 def test_what_is_far_off_is_left_out() -> None:
     vertices, _ = voxel_remesh(*together(ball((0, 0, 0), 1), ball((4, 0, 0), 0.5)))
     assert vertices[:, 0].max() < 1.1

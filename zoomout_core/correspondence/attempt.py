@@ -48,9 +48,10 @@ class Attempt:
 def best_of(attempts: Sequence[Attempt]) -> Attempt:
     """The attempt of the most worth; or the one that tells of more, where all found the same map.
 
-    They are witnesses for each other then: it is as sure as the surest of them.
+    They are witnesses for each other then: it is as sure as the surest of them. Of those that tell of as much, the
+    surest is taken.
     """
-    widest = max(attempts, key=lambda attempt: attempt.coverage)
+    widest = max(attempts, key=lambda attempt: (attempt.coverage, attempt.candidates[0].certainty))
     if not all(_agree(widest, attempt) for attempt in attempts if attempt is not widest):
         return max(attempts, key=lambda attempt: attempt.worth)
     first, *others = widest.candidates

@@ -16,7 +16,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.correspondence.anchors import coordinates
 from zoomout_core.correspondence.attempt import Attempt, best_of
 from zoomout_core.correspondence.components.assembly import on_surfaces
-from zoomout_core.correspondence.components.bodies import Bodies, bodies_steps
+from zoomout_core.correspondence.components.bodies import Bodies, bodies_steps, tight_bodies_steps
 from zoomout_core.correspondence.components.overlap import overlapping
 from zoomout_core.correspondence.confidence import confidence_of, share_without_partner
 from zoomout_core.correspondence.dense import dense_steps
@@ -63,9 +63,9 @@ NOT_RECOGNISED = (
 )
 # Of several bodies the next is tried where the map of one is less sure than this.
 SURE_OF_BODY = 0.8
-# When the first body is begun, and the second, and when they are done, as parts of the progress; and the part of each
-# that analysing the shapes takes.
-PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.6, 0.75), 0.8
+# When each body is begun, and when they are done, as parts of the progress; and the part of each that analysing the
+# shapes takes.
+PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.65, 0.75), 0.8
 # So comes a map that turns over a larger part of the surface.
 NOTABLE_FOLDS = 0.05
 # And one that leaves more than this part of either surface without a partner.
@@ -254,9 +254,13 @@ def match_steps(
         return Attempt(pair, candidates, body.coverage)
 
     attempts: list[Attempt] = []
-    for body, (start, end) in zip(bodies, pairwise(PARTS_OF_PROGRESS), strict=False):
+    most = len(bodies) + (initial == "auto" and any(body.source.is_skin for body in bodies))
+    for number, (start, end) in enumerate(pairwise(PARTS_OF_PROGRESS[: most + 1])):
+        if number == len(bodies):
+            tight = tight_bodies_steps(source, target)
+            bodies.append((yield from spread(tight, start, start, "Finding the bodies")))
         try:
-            attempts.append((yield from within(attempt_steps(body), start, end)))
+            attempts.append((yield from within(attempt_steps(bodies[number]), start, end)))
         except LandmarkError:  # on a part that another body has, and this one has not
             if not attempts:
                 raise

@@ -201,6 +201,15 @@ def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
     assert not others
 
 
+def test_limbs_that_touch_are_parted_by_a_tight_skin_where_the_first_is_unsure(monkeypatch, at_rest: Mannequin) -> None:
+    # Knees together: the skin joins the legs.
+    knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
+    target = mannequin(knees, 150, 2, (0.8, 1.0, 1.0))
+    monkeypatch.setattr("zoomout_core.correspondence.matching.SURE_OF_BODY", 2.0)
+    result = zo.match(at_rest.surface, target.surface)
+    assert right_parts(result, at_rest, target) > 0.9
+
+
 def test_a_skin_tells_which_of_its_vertices_is_nearest_and_where_it_is(at_rest: Mannequin) -> None:
     skin = skin_of(at_rest.surface)
     on_skin = skin.to_surface(skin.vertices)[skin.vertex_of]
@@ -234,6 +243,12 @@ def test_bodies_that_agree_are_witnesses_for_each_other() -> None:
     chosen = best_of([attempt(0.4, 1.0, 0.0), attempt(0.9, 0.7, 0.02)])
     assert chosen.coverage == 1.0
     assert chosen.candidates[0].certainty == 0.9
+
+
+def test_of_skins_that_agree_the_surer_one_is_taken() -> None:
+    loose, tight = attempt(0.3, 1.0, 0.0), attempt(0.6, 1.0, 0.02)
+    assert best_of([loose, tight]).pair is tight.pair
+    assert best_of([tight, loose]).pair is tight.pair
 
 
 def test_of_bodies_that_do_not_agree_the_one_that_is_right_for_more_is_taken() -> None:

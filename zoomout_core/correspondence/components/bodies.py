@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from functools import partial
 from typing import NamedTuple
 
 from zoomout_core.correspondence.components.main_parts import main_part_steps
@@ -52,3 +53,9 @@ def bodies_steps(source: Surface, target: Surface, seed: int) -> Generator[float
     except MeshError:  # the skins are not too small
         return [around]
     return [main, around] if coverage >= WHOLE_BODY else [around, main]
+
+
+def tight_bodies_steps(source: Surface, target: Surface) -> Generator[float, None, Bodies]:
+    """Skins that part limbs which touch, for surfaces that are not known by others; yields the fraction done."""
+    skins = yield from for_each(partial(skin_of, tight=True), (source, target))
+    return Bodies(skins[0], skins[1], 1.0)

@@ -14,6 +14,8 @@ from zoomout_core.triangles import area_normals, triangle_areas
 from zoomout_core.voxel_remesh import voxel_remesh
 from zoomout_core.working_mesh import WorkingMesh
 
+# Voxels along the longest extent, and how far a tight skin lies below the outer sides of its voxels, in voxels.
+TIGHT_RESOLUTION, TIGHT_INSET = 192, 0.7
 # A main part lies below a place of the skin where it is nearer than this, at unit area of the skin: clothes and hair
 # stand off a body by less.
 BELOW = 0.05
@@ -23,14 +25,20 @@ SKIN_POINTS, MAIN_POINTS = 2000, 20_000
 CLOSED = 1e-6
 
 
-def skin_of(surface: Surface) -> WorkingMesh:
+def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
     """One closed skin around a surface; `vertex_of` tells the skin's vertex nearest to each of the surface's.
 
     The grid that it is drawn on lies along the surface's principal axes, so that it turns with the surface.
+
+    Args:
+        surface: any mesh.
+        tight: draw it on a finer grid and a little below the surface, which parts limbs that touch, and loses what is
+            thin.
     """
     mesh = surface.working
     axes = _principal_axes(mesh)
-    vertices, triangles = voxel_remesh(mesh.vertices @ axes.T, mesh.triangles)
+    how = (TIGHT_RESOLUTION, TIGHT_INSET) if tight else ()
+    vertices, triangles = voxel_remesh(mesh.vertices @ axes.T, mesh.triangles, *how)
     skin, _ = Surface(vertices @ axes, triangles).working.part(0)
     nearest = np.asarray(cKDTree(skin.vertices).query(skin.from_surface(mesh.vertices))[1])
     return replace(
