@@ -21,6 +21,8 @@ from zoomout_core.rotations import nearest_rotations
 # Points that each shell is known by, and of these so many that look for their nearest on the other one.
 DENSE, SPARSE = 320, 48
 ROUNDS = 12
+# A start along principal axes is taken instead of the body's turn where it leaves so much less.
+CLEARLY_LESS = 0.8
 # A shell is larger or smaller than the body's map has it by no more than this factor.
 MOST_SCALE = 1.35
 # Shells are this far apart in the fourth coordinate of a tree that holds them all.
@@ -156,7 +158,7 @@ def registered(
             motion = Similarities.between(here, there, handed, least, most)
         both.append(motion)
         left.append(np.sqrt((_partners(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
-    second = left[1] < 0.8 * left[0]
+    second = left[1] < CLEARLY_LESS * left[0]
     q = np.arange(len(of_target))
     return Similarities.joined(both)[q + len(q) * second], np.where(second, left[1], left[0])
 
