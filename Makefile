@@ -6,7 +6,7 @@ BIN := .venv/bin
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-blender-versions extension demo lint format benchmarks clean
+.PHONY: help setup test test-blender-versions mutants extension demo lint format benchmarks clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-23s%s\n", $$1, $$2 }' Makefile
@@ -26,6 +26,9 @@ test: setup  ## run the tests (ARGS for pytest), in CI with the extension in the
 
 test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)
 	$(BIN)/python tools/blender_versions.py $(ARGS)
+
+mutants: setup  ## see which changes of the code the nearest tests notice: make mutants ARGS="zoomout_core/correspondence"
+	$(BIN)/python tools/mutants.py $(ARGS)
 
 extension: setup  ## build the Blender extension into dist, a zip for each platform (ARGS: some of them)
 	$(BIN)/python tools/extension.py $(ARGS)
