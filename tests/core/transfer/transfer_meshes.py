@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.projection import closest_points
 from zoomout_core.surface import Surface
 
 
@@ -47,6 +48,17 @@ def torus(parameters: np.ndarray) -> np.ndarray:
 def tube(parameters: np.ndarray) -> np.ndarray:
     a, b = 2 * np.pi * parameters[:, 0], parameters[:, 1]
     return np.stack([np.cos(a), np.sin(a), 4 * b], axis=1)
+
+
+def plate(columns: int, rows: int, *, width: float = 1.0, height: float = 1.0, jitter: float = 0.0) -> Surface:
+    """A flat grid of quads from the origin, whose inner vertices are moved by up to `jitter` cells."""
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(columns + 1), np.arange(rows + 1), indexing="ij"))
+    inner = (i > 0) & (i < columns) & (j > 0) & (j < rows)
+    move = jitter * np.random.default_rng(0).uniform(-1, 1, (len(i), 2)) * inner[:, None]
+    place = (np.stack([i, j], axis=1) + move) / [columns, rows] * [width, height]
+    first = np.flatnonzero((i < columns) & (j < rows))[:, None]
+    faces = first + np.array([0, rows + 1, rows + 2, 1])
+    return Surface(np.column_stack([place, np.zeros(len(place))]), faces)
 
 
 def sheet(
@@ -111,6 +123,11 @@ def split_at_faces(surface: Surface) -> tuple[Surface, np.ndarray]:
     corners = np.arange(len(surface.corner_vertex))
     vertices = surface.vertices[surface.corner_vertex]
     return Surface.from_corners(vertices, corners, surface.face_start, surface.triangle_corners), surface.corner_vertex
+
+
+def nearest_map(points: np.ndarray, source: Surface) -> SurfaceMap:
+    """The map that sends each vertex of the target to the point of the source closest to one of points (n, 3)."""
+    return SurfaceMap(*closest_points(points, source.vertices, source.triangles), source.triangles)
 
 
 def identity(surface: Surface) -> SurfaceMap:

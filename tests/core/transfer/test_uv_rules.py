@@ -1,0 +1,191 @@
+"""What decides about UVs: which faces belong together, what a face takes, how far UVs run on, and what is reported."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from transfer_meshes import identity, nearest_map, plate
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Surface
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.uv import uv_seams
+
+
+def transferred(uv: np.ndarray, surface_map: SurfaceMap, source: Surface, target: Surface) -> Attribute:
+    return transfer(Attribute("UVMap", Domain.CORNER, Kind.UV, uv), surface_map, source, target)
+
+
+def corners(surface: Surface) -> np.ndarray:
+    """(c, 2) where the corners of a flat surface lie."""
+    return surface.vertices[surface.corner_vertex, :2]
+
+
+def middles(surface: Surface) -> np.ndarray:
+    """(c, 2) the middle of each corner's face."""
+    size = np.diff(surface.face_start)
+    of_face = np.add.reduceat(corners(surface), surface.face_start[:-1]) / size[:, None]
+    return np.asarray(of_face[surface.corner_face])
+
+
+def of_each_face(mask: np.ndarray, surface: Surface) -> np.ndarray:
+    """(f,) whether a mask (c,) holds at all corners of a face."""
+    return np.logical_and.reduceat(mask, surface.face_start[:-1])
+
+
+def right_half(surface: Surface) -> np.ndarray:
+    """(c, 1) whether the corners' faces lie right of the middle."""
+    return np.asarray(middles(surface)[:, :1] > 0.5)
+
+
+def test_faces_of_islands_that_lie_over_each_other_share_no_corners() -> None:
+    # Both islands have almost the same texels at the seam: 0.01 apart, where faces are 0.12 large.
+    source, target = plate(20, 12), plate(9, 8, jitter=0.2)
+    step = np.array([0.01, 0.0])
+    uv = transferred(corners(source) + right_half(source) * step, nearest_map(target.vertices, source), source, target)
+    off = uv.values - corners(target)
+    left, right = (of_each_face(np.abs(off - place).max(axis=1) < 1e-9, target) for place in (0 * step, step))
+    assert (left | right).all()
+    across = middles(target)[target.face_start[:-1], 0]
+    assert left[across < 0.4].all()
+    assert right[across > 0.6].all()
+
+
+def test_faces_on_both_sides_of_a_narrow_slit_within_an_island_share_no_corners() -> None:
+    # Beyond the slit UVs are up to 0.07 apart, where faces are 0.11 large; above it they are the same.
+    source, target = plate(20, 20), plate(9, 9, jitter=0.2)
+
+    def chart(places: np.ndarray, beyond: np.ndarray | bool) -> np.ndarray:
+        return places + np.stack([0.07 * np.maximum(0.8 - places[:, 1], 0) / 0.8, 0 * places[:, 1]], axis=1) * beyond
+
+    uv = transferred(
+        chart(corners(source), right_half(source)), nearest_map(target.vertices, source), source, target
+    ).values
+    here = corners(target)
+    fits = [of_each_face(np.abs(uv - chart(here, beyond)).max(axis=1) < 1e-9, target) for beyond in (False, True)]
+    below = of_each_face(here[:, 1] < 0.3, target)
+    assert (fits[0] | fits[1])[below].all()
+    assert not (fits[0] & fits[1])[below].any()
+    assert fits[0][below].any()
+    assert fits[1][below].any()
+
+
+def test_a_face_takes_the_island_of_most_of_its_area_though_others_are_nearer_to_its_middle() -> None:
+    # Four small islands lie where the innermost samples of a square fall, whichever its diagonal.
+    source, target = plate(14, 14), plate(1, 1)
+    at = np.floor(14 * middles(source))
+    spots = sum((at == place).all(axis=1) for place in ([9, 4], [4, 9], [4, 4], [9, 9]))
+    uv = corners(source) + 3 * spots[:, None] * np.array([[1.0, 2.0]]) * (1 + at)
+    result = transferred(uv, nearest_map(target.vertices, source), source, target).values
+    np.testing.assert_allclose(result, corners(target), atol=1e-9)
+
+
+def test_uvs_do_not_run_on_steeply_beyond_a_border() -> None:
+    # The island ends in a column of faces whose UVs are forty times as long as elsewhere.
+    source, target = plate(20, 4, height=0.2), plate(1, 1, width=0.6, height=0.2)
+    target = Surface(target.vertices + (0.05, 0, 0), [[0, 2, 3, 1]])
+    here, slope = corners(source), 40.0
+    steep = np.where(here[:, 0] > 0.45, 0.45 + slope * (here[:, 0] - 0.45), here[:, 0])
+    left = np.column_stack([steep, here[:, 1]])
+    uv = np.where(right_half(source), here + (50, 50), left)
+    found = transferred(uv, nearest_map(target.vertices, source), source, target).values
+    border, width = 0.45 + slope * 0.05, 0.65 - 0.5
+    mean = np.sqrt(border * 0.2 / (0.5 * 0.2))
+    assert found[:, 0].min() == pytest.approx(0.05)
+    beyond = found[:, 0].max() - border
+    assert mean * width < beyond < 8 * mean * width
+
+
+def squares(sides: np.ndarray, corner: tuple[float, float]) -> np.ndarray:
+    """(4k, 2) corners of squares that have a corner in common."""
+    outline = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    return (np.array(corner) + outline * sides[:, None, None]).reshape(-1, 2)
+
+
+def flat(places: np.ndarray, faces: np.ndarray) -> Surface:
+    return Surface(np.column_stack([places, np.zeros(len(places))]), faces)
+
+
+@pytest.mark.parametrize(
+    ("factors", "stretched", "collapsed"),
+    [((6, 1 / 6, 1 / 50), 2, 1), ((2.5, 0.4, 1 / 20), 1, 0), ((6, 1, 1), 1, 0), ((1, 1 / 6, 1), 1, 0)],
+)
+def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_source(
+    factors: tuple[float, ...], stretched: int, collapsed: int
+) -> None:
+    # A hundred loose squares as large together as the source, three of which lie on larger or smaller parts of it.
+    source, count = plate(20, 20), 100
+    sides = np.full(count, 0.1)
+    grid = np.stack(np.divmod(np.arange(count), 10), axis=1) * 0.2
+    faces = np.arange(4 * count).reshape(-1, 4)
+    target = flat(squares(sides, (0, 0)) + np.repeat(grid, 4, axis=0), faces)
+    sides[[17, 44, 80]] *= factors
+    images = np.column_stack([squares(sides, (0.21, 0.32)), np.zeros(4 * count)])
+    notes = transferred(corners(source), nearest_map(images, source), source, target).notes
+    told = {note.split("faces have ")[1].split(" ")[0]: int(note.split()[1]) for note in notes}
+    assert told.pop("strongly", 0) == stretched
+    assert told.pop("UVs", 0) == collapsed
+    assert not told
+
+
+def bent(places: np.ndarray, knee: float, below: float, above: float) -> np.ndarray:
+    """Places (c, 2) along each axis on another scale below a knee than above it."""
+    return np.where(places < knee, below * places, below * knee + above * (places - knee))
+
+
+@pytest.mark.parametrize(("knee", "below", "above"), [(0.9, 1, 12), (0.9, 1, 1 / 12), (0.05, 1 / 12, 1)])
+def test_where_an_island_is_denser_or_sparser_its_uvs_may_be_so_as_well(
+    knee: float, below: float, above: float
+) -> None:
+    source = plate(20, 20)
+    dense = bent(corners(source), knee, below, above)
+    assert transferred(dense, identity(source), source, source).notes == ()
+    # The corner that tells how dense the source is lies where it is sparse, and the face does not.
+    coarse = plate(4, 4)
+    assert transferred(dense, nearest_map(coarse.vertices, source), source, coarse).notes == ()
+
+
+def test_the_less_trusted_samples_of_a_face_count_less() -> None:
+    source, target = plate(20, 20), plate(1, 1)
+    uv = np.where(right_half(source), corners(source) + 5, corners(source))
+    surface_map = nearest_map(target.vertices, source)
+    taken = []
+    for trusted in (target.vertices[:, 0] < 0.5, target.vertices[:, 0] > 0.5):
+        match = SimpleNamespace(surface_map=surface_map, confidence=np.where(trusted, 1.0, 0.0))
+        taken.append(transferred(uv, match, source, target).values.mean(axis=0)[0] > 2)
+    assert taken == [False, True]
+
+
+def test_nothing_trusted_is_still_a_vote_by_area() -> None:
+    source, target = plate(20, 20), plate(1, 1)
+    uv = np.where(middles(source)[:, :1] > 0.7, corners(source) + 5, corners(source))
+    match = SimpleNamespace(surface_map=nearest_map(target.vertices, source), confidence=np.zeros(4))
+    np.testing.assert_allclose(transferred(uv, match, source, target).values, corners(target), atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_values_stay_in_the_tile_that_their_island_lies_in_but_not_where_it_lies_in_several(side: int) -> None:
+    # Each island is as wide as a tile; a face reaches beyond the seam by 0.2.
+    source, target = plate(20, 10, width=2), plate(1, 1, width=1.2)
+    target = target.with_vertices(target.vertices + (0.8 * side, 0, 0))
+    uv = np.where(middles(source)[:, :1] > 1, corners(source) + (7, 0), corners(source))
+    here = nearest_map(target.vertices, source)
+    expected = np.array([[0, 0], [1, 1]]) + (8 * side, 0)
+    found = transferred(uv, here, source, target).values
+    np.testing.assert_allclose([found.min(axis=0), found.max(axis=0)], expected, atol=1e-9)
+    across_tiles = transferred(uv + (0.1, 0), here, source, target).values
+    expected = expected + (0.1, 0) + ([[-0.2, 0], [0, 0]] if side else [[0, 0], [0.2, 0]])
+    np.testing.assert_allclose([across_tiles.min(axis=0), across_tiles.max(axis=0)], expected, atol=1e-9)
+
+
+def test_the_seams_of_an_atlas_are_where_it_jumps_and_its_borders_are_none() -> None:
+    mesh = plate(6, 4)
+    uv = np.where(right_half(mesh), corners(mesh) + 3, corners(mesh))
+    on_seam = (np.abs(mesh.vertices[mesh.edges][:, :, 0] - 0.5) < 1e-9).all(axis=1)
+    np.testing.assert_array_equal(uv_seams(mesh, uv), on_seam)
+    assert on_seam.sum() == 4
+    rounding = np.random.default_rng(0).uniform(-1, 1, uv.shape) * 1e-6
+    np.testing.assert_array_equal(uv_seams(mesh, uv + rounding), on_seam)
+    assert not uv_seams(mesh, corners(mesh)).any()
