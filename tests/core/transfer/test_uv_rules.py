@@ -85,11 +85,11 @@ def test_a_face_takes_the_island_of_most_of_its_area_though_others_are_nearer_to
 def test_uvs_do_not_run_on_steeply_beyond_a_border() -> None:
     # The island ends in a column of faces whose UVs are forty times as long as elsewhere.
     source, target = plate(20, 4, height=0.2), plate(1, 1, width=0.6, height=0.2)
-    target = Surface(target.vertices + (0.05, 0, 0), [[0, 2, 3, 1]])
+    target = Surface(target.vertices + np.array([0.05, 0, 0]), [[0, 2, 3, 1]])
     here, slope = corners(source), 40.0
     steep = np.where(here[:, 0] > 0.45, 0.45 + slope * (here[:, 0] - 0.45), here[:, 0])
     left = np.column_stack([steep, here[:, 1]])
-    uv = np.where(right_half(source), here + (50, 50), left)
+    uv = np.where(right_half(source), here + 50, left)
     found = transferred(uv, nearest_map(target.vertices, source), source, target).values
     border, width = 0.45 + slope * 0.05, 0.65 - 0.5
     mean = np.sqrt(border * 0.2 / (0.5 * 0.2))
@@ -169,14 +169,15 @@ def test_nothing_trusted_is_still_a_vote_by_area() -> None:
 def test_values_stay_in_the_tile_that_their_island_lies_in_but_not_where_it_lies_in_several(side: int) -> None:
     # Each island is as wide as a tile; a face reaches beyond the seam by 0.2.
     source, target = plate(20, 10, width=2), plate(1, 1, width=1.2)
-    target = target.with_vertices(target.vertices + (0.8 * side, 0, 0))
-    uv = np.where(middles(source)[:, :1] > 1, corners(source) + (7, 0), corners(source))
+    target = target.with_vertices(target.vertices + np.array([0.8 * side, 0, 0]))
+    uv = np.where(middles(source)[:, :1] > 1, corners(source) + np.array([7, 0]), corners(source))
     here = nearest_map(target.vertices, source)
-    expected = np.array([[0, 0], [1, 1]]) + (8 * side, 0)
+    expected = np.array([[0, 0], [1, 1]]) + np.array([8 * side, 0])
     found = transferred(uv, here, source, target).values
     np.testing.assert_allclose([found.min(axis=0), found.max(axis=0)], expected, atol=1e-9)
-    across_tiles = transferred(uv + (0.1, 0), here, source, target).values
-    expected = expected + (0.1, 0) + ([[-0.2, 0], [0, 0]] if side else [[0, 0], [0.2, 0]])
+    shift = np.array([0.1, 0])
+    across_tiles = transferred(uv + shift, here, source, target).values
+    expected = expected + shift + ([[-0.2, 0], [0, 0]] if side else [[0, 0], [0.2, 0]])
     np.testing.assert_allclose([across_tiles.min(axis=0), across_tiles.max(axis=0)], expected, atol=1e-9)
 
 
