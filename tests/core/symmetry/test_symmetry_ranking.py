@@ -1,0 +1,233 @@
+"""Which self-maps are symmetries, in what order and how surely: each criterion counts, and none alone decides."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from zoomout_core.correspondence.ranking import Candidate
+from zoomout_core.correspondence.shape import Shape
+from zoomout_core.symmetry import ranking
+from zoomout_core.symmetry.involution import distance_moved, mean_distance, order_of
+from zoomout_core.symmetry.ranking import SURE, in_order, is_no_part_of_identity
+
+SIDE = 10
+AT = (np.stack(np.divmod(np.arange(SIDE**2), SIDE), axis=1) + 0.5) / SIDE
+# What a right map of a body has.
+GOOD = {"commutativity": 0.6, "distance": 0.03, "place": 0.02, "curvature": 0.9}
+
+
+def shape_at(places: np.ndarray, pseudo_scalars: np.ndarray | None = None) -> Shape:
+    """What is asked of a shape, for samples (s, d) in a space of unit size; pseudo-scalars (s, p) or zeros."""
+    count = len(places)
+    between = np.linalg.norm(places[:, None] - places, axis=2)
+    values = np.zeros((count, 1)) if pseudo_scalars is None else pseudo_scalars
+    parts = {
+        "weights": np.full(count, 1 / count),
+        "distances_between": between,
+        "nearest_distance_sample": np.arange(count),
+        "descriptors": (None, values),
+        "search": SimpleNamespace(samples=np.arange(count), rows=np.eye(count)),
+        "basis": SimpleNamespace(eigenvectors=np.eye(count)),
+    }
+    return cast(Shape, SimpleNamespace(**parts))
+
+
+def image(places: np.ndarray) -> np.ndarray:
+    """(s,) the samples at places (s, 2)."""
+    return np.argmin(np.linalg.norm(AT[:, None] - places[:, None].transpose(1, 0, 2), axis=2), axis=0)
+
+
+LEFT_RIGHT, UP_DOWN = image(AT * [-1, 1] + [1, 0]), image(AT * [1, -1] + [0, 1])
+HALF_TURN = LEFT_RIGHT[UP_DOWN]
+
+
+def candidate(sample_map: np.ndarray, reverses: bool = True, **scores: float) -> Candidate:
+    nothing = np.eye(1)
+    return Candidate("", reverses, reverses, nothing, nothing, sample_map, None, None, 0.0, GOOD | scores)
+
+
+@pytest.fixture(autouse=True)
+def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing has to be turned back."""
+    monkeypatch.setattr(ranking, "laid_over", lambda sample_map, *_: (sample_map, None))
+
+
+@pytest.fixture
+def square() -> Shape:
+    return shape_at(AT)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "better", "worse"),
+    [("commutativity", 0.5, 0.7), ("distance", 0.02, 0.05), ("place", 0.01, 0.03), ("curvature", 0.95, 0.8)],
+)
+def test_each_criterion_puts_the_better_map_first(square: Shape, criterion: str, better: float, worse: float) -> None:
+    for maps in ((LEFT_RIGHT, UP_DOWN), (UP_DOWN, LEFT_RIGHT)):
+        one, other = in_order(
+            [candidate(maps[0], **{criterion: worse}), candidate(maps[1], **{criterion: better})], square
+        )
+        assert (one.sample_map == maps[1]).all()
+        assert one.certainty > other.certainty
+        assert one.scores["total"] < other.scores["total"]
+
+
+@pytest.mark.parametrize(
+    ("criterion", "values"),
+    [("commutativity", (0.09, 1e-3)), ("distance", (9e-3, 1e-5)), ("place", (1.9e-3, 1e-5)), ("curvature", (0.991, 1))],
+)
+def test_what_a_mesh_makes_of_nothing_is_nothing(square: Shape, criterion: str, values: tuple[float, float]) -> None:
+    maps = [candidate(m, **{criterion: value}) for m, value in zip((LEFT_RIGHT, UP_DOWN), values, strict=True)]
+    one, other = in_order(maps, square)
+    assert one.scores["total"] == pytest.approx(other.scores["total"])
+
+
+def test_a_map_that_turns_pseudo_scalars_as_its_orientation_says_comes_first() -> None:
+    lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5, (AT[:, 0] - 0.5) ** 3]))
+    one, other = in_order([candidate(UP_DOWN), candidate(LEFT_RIGHT)], lopsided)
+    assert (one.sample_map == LEFT_RIGHT).all()
+    assert (one.scores["fine handedness"], other.scores["fine handedness"]) == pytest.approx((1, -1))
+    one, other = in_order([candidate(LEFT_RIGHT, False), candidate(UP_DOWN, False)], lopsided)
+    assert (one.sample_map == UP_DOWN).all()
+
+
+def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: Shape) -> None:
+    half = np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT)))
+    one, other = in_order([candidate(half), candidate(LEFT_RIGHT)], square)
+    assert (one.sample_map == LEFT_RIGHT).all()
+    assert one.scores["moved"] == pytest.approx(2 * other.scores["moved"])
+
+
+def test_a_turn_has_to_be_better_than_a_reflection(square: Shape) -> None:
+    def first_reverses(place: float) -> bool:
+        # They lead to the same places, and are two nevertheless.
+        first, _ = in_order([candidate(LEFT_RIGHT, False, place=place), candidate(LEFT_RIGHT)], square)
+        return first.reverses_orientation
+
+    assert first_reverses(GOOD["place"])
+    assert first_reverses(0.7 * GOOD["place"])
+    assert not first_reverses(0.2 * GOOD["place"])
+
+
+def test_maps_that_lead_to_about_the_same_places_are_one(square: Shape) -> None:
+    # Some samples go one place too far, a tenth of the side: 0.07 off on average, or 0.2.
+    for share, count in ((0.7, 1), (1.0, 2)):
+        off = image(np.clip(AT[LEFT_RIGHT] + [0, 0.1 if share < 1 else 0.25], 0, 0.95))
+        nearly = np.where(np.arange(len(AT)) < share * len(AT), off, LEFT_RIGHT)
+        found = in_order([candidate(nearly, place=0.03), candidate(LEFT_RIGHT)], square)
+        assert len(found) == count
+        assert (found[0].sample_map == LEFT_RIGHT).all()
+
+
+def certainties(square: Shape, *candidates: Candidate) -> list[float]:
+    return [one.certainty for one in in_order(list(candidates), square)]
+
+
+def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(square: Shape) -> None:
+    rival = [
+        certainties(square, candidate(LEFT_RIGHT), candidate(UP_DOWN, place=place)) for place in (0.021, 0.04, 0.2, 2)
+    ]
+    first = [one for one, _ in rival]
+    assert first == sorted(first)
+    assert first[0] < 0.7 < 0.9 < first[2]
+    assert first[1] < first[2] - 0.02
+    assert first[2] == pytest.approx(first[3])
+    assert certainties(square, candidate(LEFT_RIGHT)) == pytest.approx([first[3]])
+    behind = [other for _, other in rival]
+    assert behind == sorted(behind, reverse=True)
+    assert behind[2] < 0.1
+
+
+def test_a_bad_map_is_unsure_though_it_has_no_rival(square: Shape) -> None:
+    (certainty,) = certainties(square, candidate(LEFT_RIGHT, commutativity=3, distance=0.3, place=0.2, curvature=0.2))
+    assert certainty < 0.5
+    (good,) = certainties(square, candidate(LEFT_RIGHT))
+    assert good > 0.9
+
+
+def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: Shape) -> None:
+    maps = LEFT_RIGHT, UP_DOWN
+    assert min(certainties(square, *(candidate(one, commutativity=0.12) for one in maps))) > SURE
+    assert max(certainties(square, *(candidate(one) for one in maps))) < 0.8
+    # What commutes well but lies far behind in all else is no symmetry of the same thing.
+    bad = {"distance": 1.0, "place": 1.0, "curvature": -0.5}
+    one, other = certainties(
+        square,
+        candidate(LEFT_RIGHT, commutativity=0.3, place=0.002, distance=0.01),
+        candidate(UP_DOWN, commutativity=0.3, **bad),
+    )
+    assert other < 0.1 < 0.9 < one
+
+
+def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(square: Shape) -> None:
+    tried = []
+    for worse in np.geomspace(0.02, 5, 60):
+        found = in_order(
+            [
+                candidate(HALF_TURN, False, commutativity=0.12, place=0.002, distance=0.01),
+                candidate(LEFT_RIGHT, commutativity=0.12, place=worse, distance=worse),
+            ],
+            square,
+        )
+        by_kind = {one.reverses_orientation: one.certainty for one in found}
+        assert by_kind[False] > SURE
+        assert found[0].reverses_orientation == (by_kind[True] >= SURE)
+        tried.append(by_kind[True])
+    assert min(tried) < 0.5
+    assert max(tried) > SURE
+
+
+# --- how far maps move things -------------------------------------------------------------------------------
+
+
+def test_a_symmetry_moves_nearly_everything(square: Shape) -> None:
+    def fixing(share: float) -> np.ndarray:
+        return np.where(AT[:, 1] < share, np.arange(len(AT)), far)
+
+    far = image((AT + np.array([0.5, 0])) % 1)
+    assert is_no_part_of_identity(fixing(0.1), False, square)
+    assert not is_no_part_of_identity(fixing(0.3), False, square)
+    assert is_no_part_of_identity(fixing(0.3), True, square)
+    assert not is_no_part_of_identity(fixing(0.6), True, square)
+    assert is_no_part_of_identity(LEFT_RIGHT, True, square)
+    assert not is_no_part_of_identity(np.arange(len(AT)), True, square)
+
+
+def test_what_moves_by_little_counts_as_fixed() -> None:
+    for spacing, moves in ((0.02, False), (0.3, True)):
+        row = np.arange(200)[:, None] * np.array([[spacing, 0.0]])
+        assert is_no_part_of_identity(np.roll(np.arange(200), 1), True, shape_at(row)) == moves
+
+
+def ring(count: int, length: float) -> Shape:
+    shape = shape_at(np.zeros((count, 2)))
+    apart = np.abs(np.arange(count)[:, None] - np.arange(count))
+    vars(shape)["distances_between"] = np.minimum(apart, count - apart) * length / count
+    return shape
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 5, 12, 15])
+def test_the_order_of_a_turn_is_how_often_it_leads_back(order: int) -> None:
+    count = 60
+    turn = np.roll(np.arange(count), count // order)
+    assert order_of(turn, ring(count, 4.0)) == (order if order <= 12 else 0)
+    assert mean_distance(turn, ring(count, 4.0)) == pytest.approx(0 if order == 1 else 4 / order)
+
+
+@pytest.mark.parametrize(
+    ("length", "off", "back"),
+    [(4.0, 1, True), (4.0, 5, True), (4.0, 12, False), (0.4, 9, True), (0.4, 14, False)],
+)
+def test_a_half_turn_may_miss_by_a_part_of_how_far_it_goes_or_by_a_cell(length: float, off: int, back: bool) -> None:
+    # Each time it goes too far by half of what it misses by.
+    count = 120
+    turn = np.roll(np.arange(count), -(count // 2 + off))
+    assert (order_of(turn, ring(count, length)) == 2) == back
+
+
+def test_how_far_a_map_moves_each_sample() -> None:
+    moved = distance_moved(np.array([1, 1, 0]), shape_at(np.array([[0.0, 0], [3, 0], [3, 4]])))
+    assert moved == pytest.approx([3, 0, 5])
