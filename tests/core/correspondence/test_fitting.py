@@ -9,7 +9,7 @@ from creatures import Creature, creature, true_vertex
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.correspondence.fitting.bending import Bending, Nodes
-from zoomout_core.correspondence.fitting.fit import Fit, fit_steps, lifted_fit
+from zoomout_core.correspondence.fitting.fit import Fit, _astray, fit_steps, lifted_fit
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.correspondence.surface_map import SurfaceMap
 from zoomout_core.progress import drain
@@ -58,12 +58,70 @@ def test_a_mirrored_map_stays_mirrored() -> None:
     assert np.linalg.det(fit.rotations[fit.fits]).max() < 0
 
 
-def test_where_the_fit_goes_astray_the_first_map_stands() -> None:
-    source, target = creature(1500, seed=0, without=5), creature(1300, seed=1)
-    source_shape, target_shape, first = blurred_truth(source, target)
-    fit = drain(fit_steps(first, source_shape, target_shape, False))
-    np.testing.assert_array_equal(fit.surface_map.triangle[~fit.fits], first.triangle[~fit.fits])
-    np.testing.assert_array_equal(fit.surface_map.barycentric[~fit.fits], first.barycentric[~fit.fits])
+SMALL = creature(500, seed=0), creature(480, seed=1, bend=0.5)
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Shape, Shape, SurfaceMap]:
+    return blurred_truth(*SMALL)
+
+
+def onto(shape: Shape, vertex: np.ndarray) -> SurfaceMap:
+    found = SurfaceMap.from_vertices(vertex, SMALL[0].surface)
+    return SurfaceMap(found.triangle, found.barycentric, shape.mesh.triangles)
+
+
+def test_a_fit_is_astray_where_eigenfunctions_speak_against_it_and_for_the_first_map(small) -> None:
+    source, target, first = small
+    truth = true_vertex(*SMALL)
+    tail = SMALL[1].directions[:, 1] > 0.8
+    wrong = truth.copy()
+    wrong[tail] = truth[np.argmax(SMALL[1].directions[:, 2])]
+    right, lost = onto(source, truth), onto(source, wrong)
+    astray = _astray(lost, right, source, target)
+    assert astray[tail].all()
+    assert astray[~tail].mean() < 0.2
+    for found, before in ((right, lost), (lost, lost), (first, first), (right, first)):
+        assert not _astray(found, before, source, target).any()
+    assert _astray(lost, first, source, target)[tail].mean() > 0.9
+
+
+def test_a_fit_that_is_a_little_off_an_exact_map_is_not_astray(small) -> None:
+    shape = small[0]
+    n = len(shape.mesh.vertices)
+    exact = onto(shape, np.arange(n))
+    corner = np.argmax(exact.barycentric, axis=1)
+    beside = SurfaceMap(
+        exact.triangle, 0.9 * np.eye(3)[corner] + 0.1 * np.eye(3)[(corner + 1) % 3], shape.mesh.triangles
+    )
+    assert _astray(beside, exact, shape, shape).mean() < 0.05
+
+
+def test_where_the_fit_goes_astray_the_first_map_stands(small, monkeypatch) -> None:
+    source, target, first = small
+    tail = SMALL[1].directions[:, 1] > 0.8
+    whole = drain(fit_steps(first, source, target, False))
+    assert whole.fits[tail].mean() > 0.5
+    monkeypatch.setattr("zoomout_core.correspondence.fitting.fit._astray", lambda *_: tail)
+    fit = drain(fit_steps(first, source, target, False))
+    assert not fit.fits[tail].any()
+    np.testing.assert_array_equal(fit.fits[~tail], whole.fits[~tail])
+    for where, expected in ((~fit.fits, first), (fit.fits, whole.surface_map)):
+        np.testing.assert_array_equal(fit.surface_map.triangle[where], expected.triangle[where])
+        np.testing.assert_array_equal(fit.surface_map.barycentric[where], expected.barycentric[where])
+    assert (fit.surface_map.triangle[tail] != whole.surface_map.triangle[tail]).any()
+
+
+def test_what_the_first_map_takes_elsewhere_does_not_fit_where_it_came_to_lie(small) -> None:
+    shape = small[0]
+    tail = SMALL[0].directions[:, 1] > 0.85
+    vertex = np.arange(len(tail))
+    vertex[tail] = np.argmin(SMALL[0].directions[:, 1])
+    fit = drain(fit_steps(onto(shape, vertex), shape, shape, False))
+    off = np.linalg.norm(fit.positions - shape.mesh.vertices, axis=1)
+    back_in_place = tail & (off < 0.05)
+    assert back_in_place.any()
+    assert not fit.fits[back_in_place].any()
 
 
 def test_coarse_meshes_keep_the_map_that_they_have() -> None:

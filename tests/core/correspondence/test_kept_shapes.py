@@ -89,3 +89,23 @@ def test_a_second_match_gives_the_same_map() -> None:
     maps = [zo.match(source, target).surface_map for _ in range(2)]
     np.testing.assert_array_equal(maps[0].triangle, maps[1].triangle)
     np.testing.assert_array_equal(maps[0].barycentric, maps[1].barycentric)
+
+
+@pytest.mark.parametrize("changed", ["k", "samples", "seed", "proxy_vertices"])
+def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
+    monkeypatch: pytest.MonkeyPatch, part: WorkingMesh, changed: str
+) -> None:
+    asked: list[tuple[int | None, ...]] = []
+
+    def prepare(part: WorkingMesh, *numbers: int | None) -> Iterator[float]:
+        asked.append(numbers)
+        yield from ()
+        return first
+
+    first = prepared(part)
+    monkeypatch.setattr(kept_shapes, "shape_steps", prepare)
+    numbers = {"k": 31, "samples": 100, "seed": 0, "proxy_vertices": None}
+    other = numbers | {changed: 700}
+    for each in (numbers, other, numbers, other):
+        drain(kept_shape_steps(part, **each))
+    assert asked == [tuple(numbers.values()), tuple(other.values())]
