@@ -1,0 +1,160 @@
+"""What a symmetry may begin as: the right map is among few guesses, and round things get more of them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from butterfly import MIRROR
+from creatures import creature, directions
+from scipy.spatial import ConvexHull
+
+from zoomout_core.correspondence.initial.hypothesis import Hypothesis
+from zoomout_core.correspondence.shape import Shape, shape_steps
+from zoomout_core.progress import drain
+from zoomout_core.projection import closest_points
+from zoomout_core.surface import Surface
+from zoomout_core.symmetry.hypotheses import (
+    blocks_of_eigenfunctions,
+    mirroring_pairings,
+    turning_pairings,
+)
+
+COUNT = 6
+
+
+def prepared(surface: Surface) -> Shape:
+    return drain(shape_steps(surface.working, 130, 400, 0))
+
+
+def mirror_of(shape: Shape, places: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The functional map of the mirror of a shape whose vertices stand for places (n, 3) on the sphere."""
+    triangle, weights = closest_points(places * MIRROR, places, triangles)
+    images = np.einsum("nc,nck->nk", weights, shape.basis.eigenvectors[triangles[triangle]])
+    return shape.basis.coefficients(images)
+
+
+@pytest.fixture(scope="module")
+def animal() -> tuple[Shape, np.ndarray]:
+    """A creature, and the functional map of its mirror."""
+    made = creature(500)
+    shape = prepared(made.surface)
+    return shape, mirror_of(shape, made.directions, made.surface.triangles)
+
+
+@pytest.fixture(scope="module")
+def stone() -> tuple[Shape, np.ndarray]:
+    """A stone without limbs, whose left and right are alike and nothing else is."""
+    places = directions(400, seed=2)
+    _, y, z = places.T
+    radius = 1 + 0.25 * z + 0.2 * y * z + 0.15 * y
+    surface = Surface(places * radius[:, None] * [1, 0.75, 0.55], ConvexHull(places).simplices)
+    shape = prepared(surface)
+    return shape, mirror_of(shape, places, surface.triangles)
+
+
+def column(sides: int) -> Surface:
+    """An upright column that tapers, with flutes."""
+    turn = np.linspace(0, 2 * np.pi, 8 * sides, endpoint=False)
+    rim = 1 + 0.3 * np.cos(sides * turn)
+    rings = [np.column_stack([r * rim * np.cos(turn), r * rim * np.sin(turn), 0 * turn + z]) for z, r in PROFILE]
+    vertices = np.concatenate([*rings, [[0, 0, PROFILE[0][0]], [0, 0, PROFILE[-1][0]]]])
+    n, m = len(turn), len(PROFILE)
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(m - 1), np.arange(n), indexing="ij"))
+    a, b, c, d = i * n + j, i * n + (j + 1) % n, (i + 1) * n + (j + 1) % n, (i + 1) * n + j
+    k, bottom, top = np.arange(n), np.full(n, n * m), np.full(n, n * m + 1)
+    caps = [
+        np.stack([bottom, (k + 1) % n, k], axis=1),
+        np.stack([top, (m - 1) * n + k, (m - 1) * n + (k + 1) % n], axis=1),
+    ]
+    return Surface(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1), *caps]))
+
+
+PROFILE = [(z, 1.0 - 0.25 * z + 0.1 * np.sin(4 * z)) for z in np.linspace(0, 2.6, 16)]
+
+
+def closeness(hypotheses: list[Hypothesis], truth: np.ndarray) -> list[float]:
+    """How far each guess is from the true map of the first functions, relatively."""
+    k = COUNT
+    return [
+        float(np.linalg.norm(guess.functional_map[:k, :k] - truth[:k, :k]) / np.linalg.norm(truth[:k, :k]))
+        for guess in hypotheses
+    ]
+
+
+def test_the_mirror_of_an_animal_is_among_pairings_of_its_tips(animal: tuple[Shape, np.ndarray]) -> None:
+    shape, truth = animal
+    assert min(closeness(mirroring_pairings(shape), truth)) < 0.35
+
+
+def test_the_mirror_of_a_stone_is_among_few_blocks(stone: tuple[Shape, np.ndarray]) -> None:
+    shape, truth = stone
+    assert min(closeness(blocks_of_eigenfunctions(shape), truth)) < 0.35
+
+
+def test_pairings_lead_back(animal: tuple[Shape, np.ndarray]) -> None:
+    shape, _ = animal
+    for guess in mirroring_pairings(shape):
+        block = guess.functional_map
+        assert np.linalg.norm(block @ block - np.eye(len(block))) < np.linalg.norm(np.eye(len(block)))
+
+
+def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple[Shape, np.ndarray]) -> None:
+    shape, _ = animal
+    maps = [guess.functional_map for guess in blocks_of_eigenfunctions(shape)]
+    assert 2 <= len(maps) <= 8
+    for i, one in enumerate(maps):
+        assert len(one) > COUNT
+        np.testing.assert_allclose(one @ one.T, np.eye(len(one)), atol=1e-9)
+        assert all(np.linalg.norm(one - other) > 0.5 * np.linalg.norm(other) for other in maps[:i])
+
+
+def turned(shape: Shape, angle: float, mirrored: bool = False) -> np.ndarray:
+    """The functional map of a turn around z, or a mirror through it."""
+    vertices = shape.mesh.vertices
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ np.diag([1, -1 if mirrored else 1, 1])
+    image = np.linalg.norm((vertices @ turn.T)[:, None] - vertices, axis=2).argmin(axis=1)
+    return shape.basis.coefficients(shape.basis.eigenvectors[image])
+
+
+@pytest.mark.parametrize("sides", [4, 5])
+def test_turns_and_mirrors_of_round_things_are_among_the_blocks(sides: int) -> None:
+    shape = prepared(column(sides))
+    maps = blocks_of_eigenfunctions(shape)
+    assert 8 < len(maps) <= 12
+    for mirrored in (False, True):
+        assert min(closeness(maps, turned(shape, 2 * np.pi / sides, mirrored))) < 0.5
+
+
+def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(
+    animal: tuple[Shape, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape, _ = animal
+    assert turning_pairings(shape) == []
+    apart, pair = np.arange(13.0) ** 1.5, [3.0, 3.001]
+
+    def asked(eigenvalues: np.ndarray) -> bool:
+        found: list[object] = []
+        monkeypatch.setattr(
+            "zoomout_core.symmetry.hypotheses.extremity_hypotheses", lambda *_, **__: found.append(True) or []
+        )
+        turning_pairings(cast(Shape, SimpleNamespace(basis=SimpleNamespace(eigenvalues=eigenvalues))))
+        return bool(found)
+
+    assert not asked(apart)
+    assert not asked(np.sort(np.concatenate([apart[:12], pair[:1]])))
+    one_pair, two_pairs = apart.copy(), apart.copy()
+    one_pair[4] = 1.001 * one_pair[3]
+    two_pairs[[4, 7]] = 1.001 * two_pairs[[3, 6]]
+    assert not asked(one_pair)
+    assert asked(two_pairs)
+    far_up = np.arange(30.0) ** 1.5
+    far_up[[20, 25]] = 1.001 * far_up[[19, 24]]
+    assert not asked(far_up)
+    # Four alike are more than any turn makes of one.
+    four = apart.copy()
+    four[3:7] = four[3] * np.array([1, 1.001, 1.002, 1.003])
+    assert asked(four)
