@@ -18,6 +18,7 @@ from zoomout_core.correspondence.components.skins import covered_by_main_part, s
 from zoomout_core.correspondence.ranking import Candidate
 from zoomout_core.progress import drain
 from zoomout_core.surface import Surface
+from zoomout_core.voxel_remesh import voxel_remesh
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,15 @@ def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> N
     skin = as_one_skin(STEP)
     assert right_parts(zo.match(at_rest.surface, skin.surface), at_rest, skin) > 0.95
     assert right_parts(zo.match(skin.surface, at_rest.surface), skin, at_rest) > 0.9
+
+
+def test_what_a_partner_lacks_lies_where_the_body_has_it() -> None:
+    sphere, leg = directions(300, 1), [0.2, 0.2, 1.1] * directions(150, 2) + [0.9, -0.2, -1.4]
+    shells = Surface.joined([Surface(points, ConvexHull(points).simplices) for points in (sphere, leg)])
+    welded = Surface(*voxel_remesh(shells.vertices, shells.triangles, 60))
+    image = zo.match(shells, welded).surface_map.vertex
+    clear_of_the_sphere = np.linalg.norm(welded.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
+    assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
 
 
 def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
@@ -190,8 +200,9 @@ def test_a_body_that_lies_below_all_else_is_matched_itself() -> None:
     eye = 0.03 * directions(60, 1) + [0.04, -0.16, 1.72]
     both = Surface.joined([skin, Surface(eye, ConvexHull(eye).simplices)])
     assert covered_by_main_part(both, skin_of(both)) > 0.95
-    first, *_ = drain(bodies_steps(both, both, 0))
+    first, *others = drain(bodies_steps(both, both, 0))
     assert not first.source.is_skin
+    assert not others
 
 
 def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
@@ -249,6 +260,13 @@ def test_of_skins_that_agree_the_surer_one_is_taken() -> None:
     loose, tight = attempt(0.3, 1.0, 0.0), attempt(0.6, 1.0, 0.02)
     assert best_of([loose, tight]).pair is tight.pair
     assert best_of([tight, loose]).pair is tight.pair
+
+
+def test_a_later_skin_is_not_taken_for_a_shade_of_certainty() -> None:
+    loose, tight = attempt(0.16, 1.0, 0.0), attempt(0.17, 1.0, 0.02)
+    chosen = best_of([loose, tight])
+    assert chosen.pair is loose.pair
+    assert chosen.candidates[0].certainty == 0.17
 
 
 def test_of_bodies_that_do_not_agree_the_one_that_is_right_for_more_is_taken() -> None:

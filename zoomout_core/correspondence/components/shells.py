@@ -46,6 +46,9 @@ OUTSIDE, INNER_REACH = 0.02, 0.05
 HALF_DISTANCE = 0.045
 # A shell lies on its partner already where half of its vertices are nearer to it than this, at unit area.
 FLUSH = 0.015
+# What of a shell its partner lacks, being farther from it than this at unit area, lies where the body's map has it.
+# Below 0.15 parts of other builds are taken from their partners (`benchmarks characters`, one robot to another).
+BESIDE = 0.2
 # What a landmark moves by less than this part of its own move stays.
 FADED = 0.01
 # Trust in a pair whose edges keep their lengths, and the mean change of length that leaves half of it.
@@ -114,9 +117,11 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
         laid, stretch = _laid_on(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
-        image.triangle[part.vertices], image.barycentric[part.vertices] = laid.triangle, laid.barycentric
-        image.distance[part.vertices] = laid.distance
-        trust[part.vertices] = FULL_TRUST / (1 + (stretch / HALF_STRETCH) ** 2)
+        on = laid.distance < np.maximum(BESIDE, image.distance[part.vertices])
+        vertices = part.vertices[on]
+        image.triangle[vertices], image.barycentric[vertices] = laid.triangle[on], laid.barycentric[on]
+        image.distance[vertices] = laid.distance[on]
+        trust[vertices] = FULL_TRUST / (1 + (stretch / HALF_STRETCH) ** 2)
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
         surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
