@@ -1,0 +1,163 @@
+"""Displacements, shapes and layouts across a symmetry of a small shape: what turns, what stays, what is asymmetric."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from butterfly import MIRROR, grid, mirrored_vertex, self_map
+from creatures import directions
+from scipy.spatial import ConvexHull
+
+import zoomout_core as zo
+from zoomout_core.correspondence.shape import shape_steps
+from zoomout_core.progress import drain
+from zoomout_core.surface import Surface
+from zoomout_core.symmetry.detect import energies
+from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
+from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.symmetry.uv import symmetrised_uv
+
+HALF = directions(150, seed=4)
+HALF = HALF[HALF[:, 0] > 0.08]
+EVEN = np.concatenate([HALF, HALF * MIRROR, [[0, np.cos(t), np.sin(t)] for t in np.arange(24) * np.pi / 12]])
+
+
+def egg(scale: float = 1.0) -> SelfMap:
+    """A surface that its mirror takes to itself exactly, vertex by vertex."""
+    triangles = ConvexHull(EVEN).simplices
+    a, b, c = (EVEN[triangles[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    surface = Surface(scale * EVEN * [1, 0.8, 1.3], triangles)
+    shape = drain(shape_steps(surface.working, 100, 150, 0))
+    return replace(self_map(surface), prepared=shape)
+
+
+@pytest.fixture(scope="module")
+def mirror() -> SelfMap:
+    return egg()
+
+
+def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
+    found = frames(mirror)
+    np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.broadcast_to(np.eye(3), found.shape), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(found), -1)
+    off = np.linalg.norm(found - np.diag(MIRROR), axis=(1, 2))
+    assert np.median(off) < 0.05
+    assert off.max() < 0.5
+
+
+def test_displacements_are_mirrored_and_each_direction_takes_its_side(mirror: SelfMap) -> None:
+    offsets = np.random.default_rng(0).normal(size=(len(EVEN), 1)) * EVEN + [0.1, 0.2, -0.3]
+    truth = (offsets * MIRROR)[mirrored_vertex(mirror.surface)]
+    other = mirrored_offsets(offsets, mirror)
+    assert np.linalg.norm(other - truth, axis=1).mean() < 0.05 * np.linalg.norm(truth, axis=1).mean()
+    left, right = EVEN[:, 0] > 1e-9, EVEN[:, 0] < -1e-9
+    taken = symmetrised_offsets(offsets, mirror, "left_to_right")
+    np.testing.assert_array_equal(taken[left], offsets[left])
+    np.testing.assert_allclose(taken[right], other[right])
+    np.testing.assert_allclose(symmetrised_offsets(offsets, mirror, "average"), (offsets + other) / 2)
+    np.testing.assert_allclose(symmetrised_offsets(offsets, mirror, "exchange"), other)
+
+
+def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() -> None:
+    for scale in (1.0, 100.0):
+        even = egg(scale)
+        assert shape_asymmetry(even).max() < 1e-3 * scale
+        at = np.array([0.8, 0.6, 0])
+        near, mirrored = (np.linalg.norm(EVEN - place, axis=1) for place in (at, at * MIRROR))
+        dent = 0.15 * np.exp(-((near / 0.3) ** 2))
+        dented = even.surface.with_vertices(even.surface.vertices * (1 - dent[:, None]))
+        shape = drain(shape_steps(dented.working, 100, 150, 0))
+        heat = shape_asymmetry(replace(even, surface=dented, prepared=shape)) / scale
+        for distance in (near, mirrored):
+            assert 0.4 * dent.max() < heat[distance < 0.2].max() < 1.3 * dent.max()
+        assert np.median(heat[(near > 0.9) & (mirrored > 0.9)]) < 0.1 * dent.max()
+
+
+def test_energies_are_those_of_the_whole_and_of_the_low_block() -> None:
+    eigenvalues = np.arange(40.0)
+    exact = energies(np.eye(40), eigenvalues)
+    assert max(exact.values()) < 1e-9
+    assert set(exact) == {f"{low}{name}" for low in ("", "low ") for name in ("commutativity", "orthonormality")}
+    high = np.eye(40)
+    high[30:35, 30:35] = np.random.default_rng(0).normal(size=(5, 5))
+    found = energies(high, eigenvalues)
+    assert min(found["commutativity"], found["orthonormality"]) > 1e-3
+    assert max(found["low commutativity"], found["low orthonormality"]) < 1e-9
+
+
+# --- layouts ------------------------------------------------------------------------------------------------
+
+
+SURFACE = grid(12, 4)
+SYMMETRY = self_map(SURFACE)
+CORNERS = SURFACE.vertices[SURFACE.corner_vertex, :2]
+LEFT = (SURFACE.vertices[SURFACE.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0] > 0).repeat(4)
+
+
+def laid(values: np.ndarray, layout: str, direction: str = "left_to_right") -> np.ndarray:
+    attribute = zo.Attribute("UVMap", zo.Domain.CORNER, zo.Kind.UV, values)
+    return symmetrised_uv(attribute, SYMMETRY, direction, layout).values  # type: ignore[arg-type]
+
+
+def test_over_puts_each_side_where_the_other_one_is() -> None:
+    own = np.where(LEFT[:, None], CORNERS / 5, CORNERS / 7 + 3)
+    np.testing.assert_allclose(laid(own, "over"), CORNERS * np.where(LEFT[:, None], 1, [-1, 1]) / 5, atol=1e-9)
+    found = laid(own, "over", "right_to_left")
+    np.testing.assert_allclose(found, CORNERS * np.where(LEFT[:, None], [-1, 1], 1) / 7 + 3, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
+@pytest.mark.parametrize("flip", [1, -1])
+def test_a_side_that_has_the_same_layout_elsewhere_keeps_it_there(turn: float, flip: int) -> None:
+    # The right side is laid out like the left one, but turned, half as large, perhaps mirrored, and somewhere else.
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ np.diag([flip, 1])
+    there = 0.5 * (CORNERS * [-1, 1]) @ rotation.T + [8, 3]
+    own = np.where(LEFT[:, None], CORNERS, there)
+    np.testing.assert_allclose(laid(own, "own"), own, atol=1e-9)
+    # One corner was moved by hand, which the left side does not have.
+    moved = own.copy()
+    one = np.flatnonzero(~LEFT & (np.abs(CORNERS[:, 0] + 0.8) < 1e-9) & (np.abs(CORNERS[:, 1] - 0.5) < 1e-9))
+    moved[one] += 0.05
+    found = laid(moved, "own")
+    assert np.abs(found - own).max() < 0.015
+
+
+def test_several_islands_each_keep_their_place() -> None:
+    row = SURFACE.vertices[SURFACE.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 1].repeat(4)
+    upper = (row > 0.5)[:, None]
+    left = CORNERS + np.where(upper, [3, 1], 0)
+    right = CORNERS * [-1, 1] + np.where(upper, [9, 5], [9, 0])
+    own = np.where(LEFT[:, None], left, right)
+    np.testing.assert_allclose(laid(own, "own"), own, atol=1e-9)
+
+
+def test_a_face_that_was_torn_off_an_island_comes_back_to_it() -> None:
+    own = np.where(LEFT[:, None], CORNERS, CORNERS * [-1, 1] + [9, 0])
+    torn = own.copy()
+    torn[4 * 9 : 4 * 9 + 4] += 50
+    assert not LEFT[4 * 9]
+    np.testing.assert_allclose(laid(torn, "own"), own, atol=1e-9)
+
+
+def test_an_island_without_an_extent_has_no_place_of_its_own() -> None:
+    own = np.where(LEFT[:, None], CORNERS, 4.0)
+    np.testing.assert_allclose(laid(own, "own"), laid(own, "over"), atol=1e-9)
+    small = np.where(LEFT[:, None], CORNERS, 4 + 0.01 * CORNERS * [-1, 1])
+    np.testing.assert_allclose(laid(small, "own"), small, atol=1e-9)
+
+
+def test_what_an_island_shares_with_the_winning_side_stays_and_holds_the_rest() -> None:
+    # One island on both sides; the right half is stretched away from the line.
+    whole = np.column_stack([np.where(CORNERS[:, 0] < 0, 1.3 * CORNERS[:, 0], CORNERS[:, 0]), CORNERS[:, 1]])
+    found = laid(whole, "own")
+    on_line = np.abs(CORNERS[:, 0]) < 1e-9
+    np.testing.assert_allclose(found[on_line], whole[on_line])
+    # What is next to the line is held by it, though a better fit to the rest would push it off.
+    beside = np.abs(CORNERS[:, 0] + 0.2) < 1e-9
+    assert np.abs(found[beside] - CORNERS[beside])[:, 0].max() < 0.05
+    far = np.abs(CORNERS[:, 0] + 1.2) < 1e-9
+    assert (found[far, 0] < -1.25).all()
