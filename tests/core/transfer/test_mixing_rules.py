@@ -1,0 +1,246 @@
+"""What decides where numbers, weights, keys, labels and normals go: trust, limits, sums, growth and noise."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from transfer_meshes import identity, nearest_map, plate
+
+from zoomout_core.correspondence.surface_map import SurfaceMap
+from zoomout_core.surface import Surface
+from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.inpaint import filling
+from zoomout_core.transfer.weights import limit_weights, sum_to_one
+from zoomout_core.triangles import unique_edges
+
+MESH = plate(20, 20, jitter=0.1)
+X, Y = MESH.vertices[:, 0], MESH.vertices[:, 1]
+
+
+def point(kind: Kind, values: object) -> Attribute:
+    return Attribute("x", Domain.POINT, kind, values)
+
+
+def trusted(confidence: np.ndarray, surface: Surface = MESH) -> SimpleNamespace:
+    return SimpleNamespace(surface_map=identity(surface), confidence=confidence)
+
+
+def side_by_side(*parts: tuple[Surface, tuple[float, float, float], float]) -> tuple[Surface, np.ndarray]:
+    """Plates at places and of sizes, and (n,) the number of each vertex's part."""
+    starts = np.cumsum([0, *(len(part.vertices) for part, _, _ in parts)])
+    vertices = np.concatenate([size * part.vertices + np.array(place) for part, place, size in parts])
+    faces = [part.corner_vertex.reshape(-1, 4) + start for (part, _, _), start in zip(parts, starts, strict=False)]
+    return Surface(vertices, np.concatenate(faces)), np.repeat(np.arange(len(parts)), np.diff(starts))
+
+
+# --- weights ------------------------------------------------------------------------------------------------
+
+
+def skinned(table: np.ndarray, **options: object) -> np.ndarray:
+    weights = csr_array(table * np.ones((len(X), 1)))
+    return transfer(point(Kind.WEIGHT, weights), identity(MESH), MESH, MESH, **options).values.toarray()
+
+
+@pytest.mark.parametrize(("total", "expected"), [(1.004, 1.0), (0.996, 1.0), (0.97, 0.97), (1.05, 1.05), (0.5, 0.5)])
+def test_sums_that_miss_one_by_rounding_become_one_and_others_stay(total: float, expected: float) -> None:
+    table = np.array([[0.6, 0.4]]) * total
+    np.testing.assert_allclose(skinned(table).sum(axis=1), expected, atol=1e-12)
+    assert sum_to_one(csr_array(table)) == (expected == 1)
+
+
+@pytest.mark.parametrize(("small", "kept"), [(2e-4, True), (5e-5, False)])
+def test_weights_that_move_nothing_are_dropped(small: float, kept: bool) -> None:
+    assert (skinned(np.array([[1 - small, small]]))[:, 1] > 0).all() == kept
+
+
+def test_where_no_room_is_left_there_is_no_weight_and_a_little_room_is_filled() -> None:
+    room = np.where(X < 0.3, 5e-5, np.where(X < 0.6, 2e-4, 1.0))
+    found = skinned(np.array([[0.5, 0.5]]), room=room).sum(axis=1)
+    np.testing.assert_allclose(found, np.where(X < 0.3, 0, room))
+
+
+def fading(limit: int, groups: int = 3) -> np.ndarray:
+    """(n, groups) weights of which each vertex keeps some: the first is everywhere, two change places in the middle."""
+    table = np.column_stack([0 * X + 0.5, np.clip(0.25 + (0.5 - X) / 2, 0, 1), np.clip(0.25 - (0.5 - X) / 2, 0, 1)])
+    weights = csr_array(table / table.sum(axis=1, keepdims=True))
+    limit_weights(weights, MESH, np.ones(groups, dtype=bool), limit)
+    return weights.toarray()
+
+
+def test_a_group_that_a_limit_leaves_out_fades_over_a_few_edges_before() -> None:
+    full = np.column_stack([0 * X + 0.5, 0.25 + (0.5 - X) / 2, 0.25 - (0.5 - X) / 2])
+    found = fading(2)
+    assert (np.count_nonzero(found, axis=1) <= 2).all()
+    np.testing.assert_allclose(found.sum(axis=1), 1)
+    share = found[:, 1] / found[:, 0] / np.maximum(full[:, 1] / full[:, 0], 1e-9)
+    column = np.round(20 * X).astype(int)
+    by_column = np.array([np.median(share[column == i]) for i in range(20)])
+    assert by_column[:7] == pytest.approx(1)  # far from where it is left out: nothing has faded
+    near = by_column[7:10]
+    assert (np.diff(by_column[6:11]) < 0).all()
+    assert near[0] < 0.9
+    assert near[-1] > 0.1
+    assert (by_column[12:] == 0).all()
+
+
+def test_only_shared_groups_are_limited() -> None:
+    weights = csr_array(np.tile([0.5, 0.3, 0.2], (len(X), 1)))
+    limit_weights(weights, MESH, np.array([True, True, False]), 1)
+    np.testing.assert_allclose(weights.toarray(), np.tile([0.8, 0, 0.2], (len(X), 1)))
+
+
+# --- filling in ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("size", "follows"), [(0.1, True), (0.25, False)])
+def test_small_parts_move_as_what_is_nearest_and_larger_ones_are_left(size: float, follows: bool) -> None:
+    surface, part = side_by_side((MESH, (0, 0, 0), 1.0), (plate(4, 4), (1.2, 0.5, 0), size))
+    filled = filling(surface, part == 0)
+    assert len(filled.follower) == (25 if follows else 0)
+    assert filled.left == (0 if follows else 25)
+    if follows:
+        followed = surface.vertices[filled.followed]
+        assert np.ptp(followed, axis=0).max() == 0  # the part moves as a whole
+        assert followed[0, 0] == 1
+
+
+def test_sharp_corners_do_not_spoil_what_is_filled_in() -> None:
+    # Slivers among the doubtful vertices: areas of next to nothing.
+    vertices = MESH.vertices.copy()
+    hole = np.hypot(X - 0.5, Y - 0.5) < 0.2
+    inner = np.flatnonzero(hole)
+    vertices[inner[3]] = vertices[inner[4]] + 1e-7
+    surface = Surface(vertices, MESH.corner_vertex.reshape(-1, 4))
+    values = (1 + X + 2 * Y)[:, None]
+    found = filling(surface, ~hole).fill(np.where(hole[:, None], 99.0, values))
+    assert np.abs(found - (1 + vertices[:, :1] + 2 * vertices[:, 1:2]))[hole].max() < 0.05
+
+
+def test_linear_values_are_filled_in_linearly_and_within_range() -> None:
+    hole = np.hypot(X - 0.5, Y - 0.5) < 0.25
+    values = np.column_stack([X, 3 - Y, 0 * X + 7])
+    found = filling(MESH, ~hole).fill(np.where(hole[:, None], -5.0, values))
+    np.testing.assert_allclose(found, values, atol=0.01)
+    known = csr_array(np.column_stack([X, 1 - X]))
+    weights = filling(MESH, ~hole).fill_weights(known).toarray()
+    np.testing.assert_allclose(weights[hole], np.column_stack([X, 1 - X])[hole], atol=0.01)
+
+
+# --- growth and trust of frames -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("grown", "low", "high"), [(2.0, 1.6, 2.4), (40.0, 2.5, 6.5), (1 / 40, 1 / 6.5, 1 / 2.5)])
+def test_growth_against_the_whole_is_bounded(grown: float, low: float, high: float) -> None:
+    # A small part beside a large one that keeps its size.
+    large, small = plate(6, 6), plate(6, 6)
+    source, part = side_by_side((large, (0, 0, 0), 100.0), (small, (200, 0, 0), 1.0))
+    target, _ = side_by_side((large, (0, 0, 0), 100.0), (small, (200, 0, 0), grown))
+    offsets = np.zeros((len(part), 1, 3))
+    offsets[part == 1] = [0, 0.1, 0.2]
+    there = SurfaceMap.from_vertices(np.arange(len(part)), source)
+    found = transfer(point(Kind.OFFSET, offsets), there, source, target).values
+    length = np.linalg.norm(found[part == 1, 0], axis=1) / np.linalg.norm(offsets[part == 1, 0], axis=1)
+    whole = np.sqrt(target.area / source.area)
+    assert low * whole < np.median(length) < high * whole
+
+
+@pytest.mark.parametrize(("confidence", "followed"), [(1.0, True), (0.6, True), (0.2, False), (0.0, False)])
+def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_not(
+    confidence: float, followed: bool
+) -> None:
+    fine = plate(40, 40)
+    x, y = fine.vertices[:, 0], fine.vertices[:, 1]
+    wrong = np.hypot(x - 0.5, y - 0.5) < 0.08
+    offsets = np.tile([[[0, 0, 0.1]]], (len(x), 1, 1)).astype(float)
+    offsets[wrong] = [0, 0, -0.2]
+    match = trusted(np.where(wrong, confidence, 1.0), fine)
+    found = transfer(point(Kind.OFFSET, offsets), match, fine, fine)
+    heights = found.values[wrong, 0, 2]
+    if followed:
+        assert np.median(heights) < -0.1
+        assert found.notes == ()
+    else:
+        assert confidence > 0 or heights.min() > 0.05
+        assert f"{wrong.sum()} vertices of low confidence" in found.notes[0]
+    np.testing.assert_allclose(found.values[~wrong & (np.hypot(x - 0.5, y - 0.5) > 0.25), 0, 2], 0.1, atol=0.01)
+
+
+def test_parts_that_are_not_trusted_at_all_keep_a_place() -> None:
+    surface, part = side_by_side((plate(6, 6), (0, 0, 0), 1.0), (plate(6, 6), (2, 0, 0), 1.0))
+    offsets = np.tile([[[0, 0, 0.1]]], (len(part), 1, 1))
+    found = transfer(point(Kind.OFFSET, offsets), trusted(np.where(part == 0, 1.0, 0.0), surface), surface, surface)
+    np.testing.assert_allclose(found.values, offsets, atol=1e-3)
+
+
+@pytest.mark.parametrize(("share", "moves"), [(1e-3, True), (3e-5, False)])
+def test_offsets_that_are_short_against_their_key_are_noise(share: float, moves: bool) -> None:
+    offsets = np.where(X > 0.5, 0.1, 0.1 * share)[:, None, None] * np.array([[[0, 0, 1.0]]])
+    found = transfer(point(Kind.OFFSET, offsets), identity(MESH), MESH, MESH).values
+    far = X < 0.3
+    assert (found[far] != 0).any() == moves
+
+
+@pytest.mark.parametrize(("length", "moves"), [(1e-5, True), (1e-8, False)])
+def test_keys_that_are_short_against_the_surface_are_noise(length: float, moves: bool) -> None:
+    offsets = np.tile([[[0, 0, length]]], (len(X), 1, 1))
+    for scale in (1.0, 1000.0):
+        surface = MESH.with_vertices(scale * MESH.vertices)
+        found = transfer(point(Kind.OFFSET, scale * offsets), identity(surface), surface, surface).values
+        assert found.any() == moves
+
+
+# --- normals and labels -------------------------------------------------------------------------------------
+
+
+def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_it() -> None:
+    # A tilted normal on a source that folds towards it: the target is flat there.
+    values = np.tile([0.0, 0, 1.0], (len(X), 1))
+    values[X > 0.5] = np.array([0.999, 0, 0.045]) / np.hypot(0.999, 0.045)
+    bent = MESH.vertices.copy()
+    bent[:, 2] = np.where(X > 0.5, -0.6 * np.sin(6 * (X - 0.5)), 0)
+    target = MESH.with_vertices(bent)
+    found = transfer(point(Kind.NORMAL, values), identity(MESH), MESH, target).values
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1)
+    a, b, c = (target.vertices[target.triangles[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    sums = np.stack([np.bincount(target.triangles.ravel(), np.repeat(axis, 3)) for axis in normal.T], axis=1)
+    sums /= np.linalg.norm(sums, axis=1, keepdims=True)
+    height = np.einsum("nx,nx->n", found, sums)
+    assert height.min() > 0
+    # Most of the slope falls away steeper than the normal is tilted: there it is lifted, and no further than needed.
+    steep = (X > 0.55) & (X < 0.7)
+    assert 0.03 < np.median(height[steep]) < 0.08
+    assert height[X > 0.55].max() < 0.3
+
+
+@pytest.mark.parametrize(("size", "kept"), [(0.62, True), (0.4, False)])
+def test_an_island_of_most_of_a_face_survives_and_a_smaller_one_goes(size: float, kept: bool) -> None:
+    # A square of another label inside a plain one, against faces of a width of 0.1, where no face is mostly in it.
+    source, target = plate(100, 100), plate(10, 10)
+    middle = source.vertices[source.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, :2]
+    inside = np.abs(middle - 0.5).max(axis=1) < size * 0.05 * np.sqrt(2)
+    label = np.where(inside, 7, 1)
+    result = transfer(
+        Attribute("x", Domain.FACE, Kind.LABEL, label), nearest_map(target.vertices, source), source, target
+    )
+    assert (result.values == 7).any() == kept
+
+
+def test_corners_read_labels_on_their_own_side() -> None:
+    label = (MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0] > 0.5).astype(int)
+    attribute = Attribute("x", Domain.CORNER, Kind.LABEL, label[MESH.corner_face])
+    np.testing.assert_array_equal(transfer(attribute, identity(MESH), MESH, MESH).values, attribute.values)
+
+
+def test_steps_between_neighbours_grow_smaller_with_a_limit_that_fades() -> None:
+    edges, _ = unique_edges(MESH.triangles)
+    found = fading(2)
+    step = np.abs(found[edges[:, 0]] - found[edges[:, 1]]).sum(axis=1)
+    full = np.column_stack([0 * X + 0.5, 0.25 + (0.5 - X) / 2, 0.25 - (0.5 - X) / 2])
+    hard = np.where(full >= np.sort(full, axis=1)[:, 1:2], full, 0)
+    hard /= hard.sum(axis=1, keepdims=True)
+    hard_step = np.abs(hard[edges[:, 0]] - hard[edges[:, 1]]).sum(axis=1)
+    assert step.max() < 0.6 * hard_step.max()
