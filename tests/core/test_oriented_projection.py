@@ -59,3 +59,21 @@ def test_samples_cover_triangles_by_area_and_lie_on_them() -> None:
     assert (triangle == 0).mean() == pytest.approx(0.8, abs=0.01)
     assert (points[triangle == 0] >= 0).all()
     assert points[triangle == 0].mean(axis=0) == pytest.approx([2 / 3, 2 / 3, 0], abs=0.02)
+
+
+def test_a_group_however_small_is_found() -> None:
+    tiny = np.array([[0.5, 0.5, 0.5], [0.5001, 0.5, 0.5], [0.5, 0.5001, 0.5]])
+    vertices, corners = np.vstack([SHEETS, tiny]), np.vstack([CORNERS, [[8, 9, 10]]])
+    surface = OrientedSurface(vertices, corners, np.zeros(5, bool), 0.03, np.array([0, 0, 0, 0, 1]))
+    triangle, _, distance = surface.closest(np.array([[0.1, 0.1, 0.0]]), UP, np.array([1]))
+    assert triangle[0] == 4
+    assert distance[0] == pytest.approx(np.linalg.norm([0.4, 0.4, 0.5]), abs=1e-3)
+
+
+def test_queries_that_are_many_are_answered_as_few_are(monkeypatch) -> None:
+    places = np.random.default_rng(0).uniform(0, 1, (40, 3)) * [1, 1, 0.02]
+    normals = np.repeat(UP, 40, axis=0)
+    whole = sheets().closest(places, normals)
+    monkeypatch.setattr("zoomout_core.oriented_projection.QUERIES_AT_ONCE", 7)
+    for ours, theirs in zip(sheets().closest(places, normals), whole, strict=True):
+        np.testing.assert_array_equal(ours, theirs)

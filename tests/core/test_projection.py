@@ -80,3 +80,15 @@ def test_barycentric_coordinates_cover_all_seven_regions() -> None:
     ap, ab, ac = points - a, b - a, c - a
     dots = (ap @ ab, ap @ ac, np.full(7, ab @ ab), np.full(7, ab @ ac), np.full(7, ac @ ac))
     np.testing.assert_allclose(barycentric_of_closest(dots), expected, atol=1e-12)
+
+
+def test_places_far_from_the_origin_are_projected_exactly_in_few_dimensions(resting: Creature) -> None:
+    mesh = resting.surface
+    far = mesh.vertices[:500] + 1e3
+    inside = (mesh.triangles < 500).all(axis=1)
+    triangles = mesh.triangles[inside]
+    used = np.unique(triangles)
+    around = Neighbourhoods(triangles, 500)
+    triangle, barycentric = project_to_embedding(far[used], far, around, used)
+    off = np.einsum("qc,qcx->qx", barycentric, far[triangles[triangle]]) - far[used]
+    assert np.abs(off).max() < 1e-5

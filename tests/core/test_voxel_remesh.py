@@ -97,3 +97,19 @@ def test_units_and_place_change_nothing_but_the_frame() -> None:
     there = voxel_remesh(1000 * points + 5000, triangles)
     assert np.allclose(1000 * here[0] + 5000, there[0], atol=1e-6)
     assert (here[1] == there[1]).all()
+
+
+def test_a_skin_is_smooth_and_not_of_steps() -> None:
+    vertices, triangles = voxel_remesh(*ball((0, 0, 0), 1.0), 32)
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    outwards = (a + b + c) / np.linalg.norm(a + b + c, axis=1, keepdims=True)
+    cosine = np.einsum("mx,mx->m", normals, outwards) / np.linalg.norm(normals, axis=1)
+    assert np.quantile(cosine, 0.1) > np.cos(np.radians(20))
+
+
+def test_the_same_voxels_are_filled_however_many_points_are_looked_at_once(monkeypatch) -> None:
+    whole = voxel_remesh(*ball((0, 0, 0), 1.0), 16)
+    monkeypatch.setattr("zoomout_core.voxel_remesh.POINTS", 100)
+    for ours, theirs in zip(voxel_remesh(*ball((0, 0, 0), 1.0), 16), whole, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
