@@ -7,6 +7,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+import trimesh
 from butterfly import MIRROR
 from creatures import creature, directions
 from scipy.spatial import ConvexHull
@@ -72,7 +73,7 @@ def column(sides: int) -> Surface:
     return Surface(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1), *caps]))
 
 
-PROFILE = [(z, 1.0 - 0.25 * z + 0.1 * np.sin(4 * z)) for z in np.linspace(0, 2.6, 16)]
+PROFILE = [(z, 1.0 - 0.25 * z + 0.1 * np.sin(4 * z)) for z in np.linspace(0, 2.6, 12)]
 
 
 def closeness(hypotheses: list[Hypothesis], truth: np.ndarray) -> list[float]:
@@ -127,6 +128,31 @@ def test_turns_and_mirrors_of_round_things_are_among_the_blocks(sides: int) -> N
     assert 8 < len(maps) <= 12
     for mirrored in (False, True):
         assert min(closeness(maps, turned(shape, 2 * np.pi / sides, mirrored))) < 0.5
+
+
+def test_axes_of_a_cube_change_places() -> None:
+    box = trimesh.creation.box().subdivide().subdivide().subdivide()
+    shape = prepared(Surface(box.vertices, box.faces))
+    maps = [guess.functional_map[1:4, 1:4] for guess in blocks_of_eigenfunctions(shape)]
+    # In each eigenspace of three a symmetry of the cube permutes the axes, with signs.
+    axes = np.linalg.lstsq(shape.basis.eigenvectors[:, 1:4], shape.mesh.vertices, rcond=None)[0]
+    axes /= np.linalg.norm(axes, axis=0)
+    orders = set()
+    for block in maps:
+        permuted = axes.T @ block @ axes
+        nearest = np.rint(permuted)
+        if np.linalg.norm(permuted - nearest) < 0.5:
+            np.testing.assert_array_equal(np.abs(nearest).sum(axis=0), 1)
+            orders.add(tuple(np.abs(nearest).argmax(axis=0)))
+    assert len(orders) > 1
+
+
+def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[Shape, np.ndarray]) -> None:
+    shape = stone[0]
+    few = drain(shape_steps(shape.proxy.full, 10, 200, 0))
+    maps = [guess.functional_map for guess in blocks_of_eigenfunctions(few)]
+    assert len(maps) > 1
+    assert all(2 <= len(block) <= 5 for block in maps)
 
 
 def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(

@@ -95,6 +95,21 @@ def test_a_line_ends_where_the_target_does() -> None:
     assert 0.4 - 3 / SIZE < left_out(result) < 0.4 - 1 / SIZE
 
 
+def test_a_line_that_ends_next_to_a_border_is_not_drawn_on_to_it() -> None:
+    mesh = band()
+    for first, last in ((0.05, 0.95), (0.0, 0.95), (0.05, 0.5)):
+        marked = on_row(mesh, first, last)
+        np.testing.assert_array_equal(carried(marked, mesh, mesh).values, marked)
+
+
+def test_an_area_of_marks_in_the_last_corner_stays() -> None:
+    # The last face of all is filled, with all edges around it.
+    mesh = band()
+    middle = mesh.vertices[mesh.edges].mean(axis=1)
+    filled = (middle[:, 0] > 0.69) & (middle[:, 1] > 0.19)
+    np.testing.assert_array_equal(carried(filled, mesh, mesh).values, filled)
+
+
 def slit(depth: int) -> tuple[Surface, np.ndarray]:
     """A grid that is slit from its lower border, its lips apart in height, and (n, 3) where it was whole."""
     whole = plate(SIZE, SIZE)
@@ -119,10 +134,10 @@ def test_a_line_goes_around_a_tear(depth: int) -> None:
     assert result.notes == ()
 
 
-@pytest.mark.parametrize(("length", "around"), [(2, False), (10, True)])
-def test_a_line_does_not_go_around_a_tear_that_is_long_for_it(length: int, around: bool) -> None:
+@pytest.mark.parametrize(("length", "depth", "around"), [(2, 7, False), (10, 7, True), (2, 3, True)])
+def test_a_line_does_not_go_around_a_tear_that_is_long_for_it(length: int, depth: int, around: bool) -> None:
     source = plate(SIZE, SIZE)
-    target, places = slit(7)
+    target, places = slit(depth)
     half = length / 2 / SIZE
     marked = on_row(source, 0.5 - half, 0.5 + half, height=0)
     result = carried(marked, source, target, nearest_map(places, source))

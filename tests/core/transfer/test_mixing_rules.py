@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
 from transfer_meshes import identity, nearest_map, plate
 
 from zoomout_core.correspondence.surface_map import SurfaceMap
@@ -214,6 +215,55 @@ def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_i
     steep = (X > 0.55) & (X < 0.7)
     assert 0.03 < np.median(height[steep]) < 0.08
     assert height[X > 0.55].max() < 0.3
+
+
+@pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER])
+def test_normals_are_on_the_side_that_faces_are_wound_to(domain: Domain) -> None:
+    tilted = np.array([0.6, 0, 0.8])
+    inverted = Surface(MESH.vertices, MESH.corner_vertex.reshape(-1, 4)[:, ::-1])
+    values = np.tile(tilted, (len(X) if domain is Domain.POINT else len(MESH.corner_vertex), 1))
+    found = transfer(Attribute("x", domain, Kind.NORMAL, values), identity(MESH), MESH, inverted).values
+    np.testing.assert_allclose(found, np.broadcast_to(tilted * [1, 1, -1], found.shape), atol=1e-9)
+    # What lies below the surface already on the source stays below.
+    sunk = transfer(Attribute("x", domain, Kind.NORMAL, values * [1, 1, -0.1]), identity(MESH), MESH, MESH).values
+    assert (sunk[:, 2] < 0).all()
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_rotations_turn_with_the_surface_if_they_are_to(turned: bool) -> None:
+    turn = Rotation.from_rotvec([0.3, -0.5, 1.1])
+    target = MESH.with_vertices(turn.apply(MESH.vertices))
+    own = Rotation.from_rotvec([0.2, 0.7, -0.1])
+    expected = turn * own if turned else own
+    quaternions = np.tile(np.roll(own.as_quat(), 1), (len(X), 1))
+    found = transfer(point(Kind.QUATERNION, quaternions), identity(MESH), MESH, target, turned=turned).values
+    off = Rotation.from_quat(np.roll(found, -1, axis=1)) * expected.inv()
+    assert off.magnitude().max() < 1e-6
+    matrix = np.eye(4)
+    matrix[:3, :3] = own.as_matrix() @ np.diag([1, 2, 3])
+    matrix[:3, 3] = 4, 5, 6
+    result = transfer(
+        point(Kind.MATRIX, np.tile(matrix.ravel(), (len(X), 1))), identity(MESH), MESH, target, turned=turned
+    )
+    truth = matrix.copy()
+    truth[:3, :3] = expected.as_matrix() @ np.diag([1, 2, 3])
+    np.testing.assert_allclose(result.values, np.tile(truth.ravel(), (len(X), 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.5])
+def test_a_confidence_to_fill_below_is_one(wrong: float) -> None:
+    with pytest.raises(ValueError, match="fill_below"):
+        transfer(point(Kind.SCALAR, X), identity(MESH), MESH, MESH, fill_below=wrong)
+
+
+@pytest.mark.parametrize(("below", "filled"), [(None, False), (0.2, False), (0.5, True)])
+def test_what_is_trusted_less_than_asked_for_is_filled_in(below: float | None, filled: bool) -> None:
+    hole = np.hypot(X - 0.5, Y - 0.5) < 0.2
+    values = np.where(hole, 99.0, X)
+    match = trusted(np.where(hole, 0.3, 1.0))
+    result = transfer(point(Kind.SCALAR, values), match, MESH, MESH, fill_below=below)
+    assert (np.abs(result.values[hole] - X[hole]).max() < 0.1) == filled
+    assert len(result.notes) == filled
 
 
 @pytest.mark.parametrize(("size", "kept"), [(0.62, True), (0.4, False)])
