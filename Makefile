@@ -6,22 +6,29 @@ BIN := .venv/bin
 FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-blender-versions mutants extension demo lint format benchmarks clean
+# One BLAS thread: the matrices are small, and threads that wait for a taken core cost thirtyfold.
+# Files of tests run side by side, one at a time on each core; the last -n counts, such as in ARGS="-n 0 --pdb".
+PYTEST := OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest -n auto --dist loadfile
+
+.PHONY: help setup test test-core test-blender-versions mutants extension demo lint format benchmarks clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-23s%s\n", $$1, $$2 }' Makefile
 
 setup:  ## create or update .venv (done by the targets that need it, too)
 	@for python in "$(PYTHON)" python3.13 python3.11 python3 python; do \
-		if "$$python" -c '$(FITS)' >/dev/null 2>&1; then exec "$$python" tools/bootstrap.py; fi; \
+		if "$$python" -c '$(FITS)' >/dev/null 2>&1; then exec "$$python" tools/bootstrap.py $(ROOMS); fi; \
 	done; \
 	echo "No Python 3.11 or 3.13 runs here, and bpy (Blender as a Python module) exists for these two only:" \
 		"install one, or name it with 'make setup PYTHON=/path/to/python3.13'." >&2; \
 	exit 1
 
-# One BLAS thread: the matrices are small, and threads that wait for a taken core cost thirtyfold.
+test-core: ROOMS := core
+test-core: setup  ## run the core's tests, which need no Blender: nothing of it is fetched (ARGS for pytest)
+	$(PYTEST) tests/core $(ARGS)
+
 test: setup  ## run the tests (ARGS for pytest), in CI with the extension in the oldest and newest Blender
-	OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest $(ARGS)
+	$(PYTEST) $(ARGS)
 	@$(if $(ARGS),,if [ "$$CI" = true ]; then $(BIN)/python tools/blender_versions.py --ends; fi)
 
 test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)

@@ -7,7 +7,9 @@ exist for these two only). It uses the standard library alone and does, each onl
 2. create `.venv`, also in place of one that cannot be used;
 3. install the project into it, editable and with the extra `dev`, and see that both hosts load.
 
-A stamp in `.venv` tells that this was done for the present `pyproject.toml`. It reads UNFINISHED
+With the argument `core` it leaves the hosts out, and installs the extra `core-tests` alone.
+
+A stamp in `.venv` tells what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a set-up that was killed half-way is recognised and made anew.
 """
 
@@ -52,15 +54,19 @@ SYSTEM_LIBRARIES = {
 
 
 def main() -> None:
+    core = sys.argv[1:] == ["core"]
     keep = environment_is_usable()
-    provide_system_packages(needs_venv=not keep)
-    if keep and stamp() == finished_stamp():
+    provide_system_packages(needs_venv=not keep, hosts=not core)
+    if keep and stamp() in (finished_stamp("dev"), *([finished_stamp("core-tests")] if core else [])):
         return
     if not keep:
         create_environment()
-    install_project()
-    check_hosts()
-    STAMP.write_text(finished_stamp())
+    if core:
+        install_project("core-tests", "25 MB to download, 200 MB on disk")
+    else:
+        install_project("dev", "650 MB to download, 375 MB of them for Blender, and 1.6 GB on disk")
+        check_hosts()
+    STAMP.write_text(finished_stamp("core-tests" if core else "dev"))
     say("done")
 
 
@@ -72,9 +78,9 @@ def stamp() -> str | None:
     return STAMP.read_text() if STAMP.exists() else None
 
 
-def finished_stamp() -> str:
+def finished_stamp(extra: str) -> str:
     """Where `.venv` stands (its scripts break when it is moved), and a digest of what decides its content."""
-    sources = (ROOT / "pyproject.toml").read_bytes() + Path(__file__).read_bytes()
+    sources = (ROOT / "pyproject.toml").read_bytes() + Path(__file__).read_bytes() + extra.encode()
     return f"{ENVIRONMENT}: {hashlib.sha256(sources).hexdigest()}"
 
 
@@ -96,8 +102,8 @@ def environment_is_usable() -> bool:
     return probe.returncode == 0 and version in wanted
 
 
-def provide_system_packages(needs_venv: bool) -> None:
-    missing = missing_system_packages(needs_venv)
+def provide_system_packages(needs_venv: bool, hosts: bool) -> None:
+    missing = missing_system_packages(needs_venv, hosts)
     if not missing:
         return
     if shutil.which("apt-get") is None:
@@ -115,7 +121,7 @@ def provide_system_packages(needs_venv: bool) -> None:
     say(f"installing system packages with apt-get: {' '.join(missing.values())}")
     output = apt_get(as_root, ["update"])
     output += apt_get(as_root, [*command[1:], "--yes", "-o", "DPkg::Lock::Timeout=300"])
-    if still_missing := missing_system_packages(needs_venv):
+    if still_missing := missing_system_packages(needs_venv, hosts):
         print(output, file=sys.stderr)
         sys.exit(
             f"apt-get did not provide {', '.join(still_missing.values())} (its output is above):"
@@ -123,11 +129,12 @@ def provide_system_packages(needs_venv: bool) -> None:
         )
 
 
-def missing_system_packages(needs_venv: bool) -> dict[str, str]:
-    """What the system lacks, with the Debian package that holds it."""
+def missing_system_packages(needs_venv: bool, hosts: bool) -> dict[str, str]:
+    """What the system lacks, for Blender and MeshLab too if they are to load, with the Debian package that holds it."""
     if sys.platform != "linux":
         return {}
-    missing = {soname: package for soname, package in SYSTEM_LIBRARIES.items() if not loads(soname)}
+    wanted = SYSTEM_LIBRARIES if hosts else {}
+    missing = {soname: package for soname, package in wanted.items() if not loads(soname)}
     importlib.invalidate_caches()
     if needs_venv and importlib.util.find_spec("ensurepip") is None:  # Debian packs it separately
         major, minor = sys.version_info[:2]
@@ -174,10 +181,10 @@ def create_environment() -> None:
     venv.create(ENVIRONMENT, symlinks=True, with_pip=True, upgrade_deps=True)
 
 
-def install_project() -> None:
-    say("installing the project (new: 650 MB to download, 375 MB of them for Blender, and 1.6 GB on disk)")
+def install_project(extra: str, size: str) -> None:
+    say(f"installing the project with the extra {extra} (new: {size})")
     STAMP.write_text(UNFINISHED)
-    pip = [str(ENVIRONMENT_PYTHON), "-m", "pip", "install", "--prefer-binary", "--editable", ".[dev]"]
+    pip = [str(ENVIRONMENT_PYTHON), "-m", "pip", "install", "--prefer-binary", "--editable", f".[{extra}]"]
     status = subprocess.run(pip, cwd=ROOT).returncode
     STAMP.unlink()  # also when pip failed: it undoes what it cannot finish
     if status != 0:
