@@ -22,13 +22,14 @@ def test_both_sides_have_each_others_names(left: str, right: str) -> None:
     assert flip_name(left) == right
 
 
-@pytest.mark.parametrize("name", ["", "L", ".L", "spine", "brightness", "Left", "arm.L.upper", "arm.L001"])
+@pytest.mark.parametrize("name", ["", "L", ".L", "spine", "brightness", "Left", "arm.L.upper", "arm.L001", "arm.L.a4"])
 def test_what_has_no_side_keeps_its_name(name: str) -> None:
     assert flip_name(name) == name
 
 
 def test_numbers_stay_unless_they_are_stripped() -> None:
     assert flip_name("Arm.L.004") == "Arm.R.004"
+    assert flip_name("Arm.L.4") == "Arm.R.4"
     assert flip_name("Arm.L.004", strip_digits=True) == "Arm.R"
     assert flip_name("spine.004", strip_digits=True) == "spine"
 

@@ -209,9 +209,9 @@ def ring(count: int, length: float) -> Shape:
     return shape
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 5, 12, 15])
+@pytest.mark.parametrize("order", [1, 2, 3, 5, 12, 13])
 def test_the_order_of_a_turn_is_how_often_it_leads_back(order: int) -> None:
-    count = 60
+    count = 780
     turn = np.roll(np.arange(count), count // order)
     assert order_of(turn, ring(count, 4.0)) == (order if order <= 12 else 0)
     assert mean_distance(turn, ring(count, 4.0)) == pytest.approx(0 if order == 1 else 4 / order)

@@ -1,0 +1,78 @@
+"""Where a target is cut open: not beside its vertices, and not into slivers around a point where seams meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from transfer_meshes import nearest_map, plate
+
+from zoomout_core.surface import Surface
+from zoomout_core.transfer import Attribute, Domain, Kind
+from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
+from zoomout_core.triangles import triangle_areas
+
+SOURCE = plate(20, 20)
+
+
+def quarters(surface: Surface) -> np.ndarray:
+    """(c, 2) UVs of four islands, which meet in the middle."""
+    middle = surface.vertices[surface.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, :2].repeat(4, axis=0)
+    return surface.vertices[surface.corner_vertex, :2] + 3 * (middle > 0.5)
+
+
+def pair(column: float) -> Surface:
+    """Two faces beside each other, which part at a place."""
+    x = np.array([0, column, 1])
+    vertices = np.array([[a, b, 0] for a in x for b in (0.0, 1.0)])
+    return Surface(vertices, [[0, 2, 3, 1], [2, 4, 5, 3]])
+
+
+def cut_of(target: Surface) -> SeamCut:
+    draped = Draped(SOURCE, target, nearest_map(target.vertices, SOURCE), np.ones(len(target.vertices)))
+    return seam_cut(Attribute("UVMap", Domain.CORNER, Kind.UV, quarters(SOURCE)), draped)
+
+
+def test_a_face_with_the_middle_inside_is_divided_in_four() -> None:
+    target = plate(1, 1)
+    found = cut_of(target)
+    assert len(found.edge) == 4
+    np.testing.assert_allclose(found.fraction, 0.5, atol=1e-3)
+    assert [len(spokes) for spokes in found.spokes] == [4]
+    opened = found.applied(target)
+    np.testing.assert_allclose(opened.vertices[-1], [0.5, 0.5, 0], atol=1e-3)
+    area = np.bincount(opened.triangle_face, triangle_areas(opened.vertices, opened.triangles))
+    np.testing.assert_allclose(area, 0.25, atol=1e-3)
+    assert found.left == 0
+
+
+@pytest.mark.parametrize(("column", "snapped"), [(0.4, False), (0.43, False), (0.46, True), (0.49, True)])
+def test_crossings_beside_a_vertex_move_onto_it(column: float, snapped: bool) -> None:
+    found = cut_of(pair(column))
+    along = np.ptp(pair(column).vertices[found.edge][:, :, 1], axis=1) == 0
+    assert along.sum() == (0 if snapped else 2)
+    # Vertices that count as on the seam lie there on the source as well.
+    images = found.surface_map.interpolate(SOURCE.vertices)[[2, 3], 0]
+    np.testing.assert_allclose(images, 0.5 if snapped else column, atol=1e-3)
+
+
+@pytest.mark.parametrize(("column", "divided", "left"), [(0.4, 1, 0), (0.46, 1, 1), (0.49, 0, 2)])
+def test_a_point_next_to_an_edge_divides_no_face(column: float, divided: int, left: int) -> None:
+    found = cut_of(pair(column))
+    assert len(found.meeting) == divided
+    assert found.left == left
+    opened = found.applied(pair(column))
+    area = np.bincount(opened.triangle_face, triangle_areas(opened.vertices, opened.triangles))
+    assert area.sum() == pytest.approx(1)
+    assert area.min() > 0.005
+
+
+def test_where_the_point_is_found_in_a_polygon_of_several_triangles() -> None:
+    # An octagon around the middle, whose triangles fan out from a corner.
+    turn = np.arange(8) * np.pi / 4 + 0.3
+    ring = np.column_stack([0.5 + 0.4 * np.cos(turn), 0.55 + 0.4 * np.sin(turn), 0 * turn])
+    target = Surface(ring, [list(range(8))])
+    found = cut_of(target)
+    assert len(found.meeting) == 1
+    point = np.einsum("c,cx->x", found.weights[0], target.vertices[found.corners[0]])
+    np.testing.assert_allclose(point, [0.5, 0.5, 0], atol=1e-6)
