@@ -109,3 +109,14 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
     for each in (numbers, other, numbers, other):
         drain(kept_shape_steps(part, **each))
     assert asked == [tuple(numbers.values()), tuple(other.values())]
+
+
+def test_what_a_shape_takes_is_reckoned_with_all_that_it_holds(part: WorkingMesh) -> None:
+    small, large = prepared(part, 20), prepared(creature(3000).surface.working, 60)
+    for shape in (small, large):
+        held = shape.distances.nbytes + shape.basis.eigenvectors.nbytes + shape.proxy.full.vertices.nbytes
+        assert held < kept_shapes._bytes(shape) < 10 * held
+    assert 2 * part.vertices.nbytes < kept_shapes._bytes(part) < 20 * part.vertices.nbytes
+    by_stand_in = drain(kept_shapes.shape_steps(creature(3000).surface.working, 20, 100, 0, 1000))
+    by_itself = drain(kept_shapes.shape_steps(by_stand_in.mesh, 20, 100, 0, None))
+    assert kept_shapes._bytes(by_stand_in) > kept_shapes._bytes(by_itself) + by_stand_in.proxy.full.vertices.nbytes

@@ -33,20 +33,23 @@ def egg(
     return Rotation.from_rotvec(turn).apply(points - points.mean(axis=0)) + at
 
 
-def side(shells: Sequence[np.ndarray]) -> Side:
-    mesh = Surface.joined([Surface(points, CORNERS) for points in shells]).working
+def side(shells: Sequence[np.ndarray], corners: np.ndarray = CORNERS) -> Side:
+    mesh = Surface.joined([Surface(points, corners) for points in shells]).working
     points = mesh.to_surface(mesh.vertices)
     return Side(mesh, points, np.ones(len(points)), np.zeros(0, dtype=np.int64))
 
 
 def paired(
-    target: Sequence[np.ndarray], source: Sequence[np.ndarray], regions: Sequence[tuple[int, int]] = ()
+    target: Sequence[np.ndarray],
+    source: Sequence[np.ndarray],
+    regions: Sequence[tuple[int, int]] = (),
+    corners: np.ndarray = CORNERS,
 ) -> dict[int, int]:
     """Numbers, in the order that is given, of the source's shells by those of the target's, which a body leaves."""
     motion: Any = SimpleNamespace(
         carry=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
     )
-    sides = side(target), side(source)
+    sides = side(target), side(source, corners)
     parts = [one.parts(one.points) for one in sides]
     numbers = [
         [
@@ -63,7 +66,8 @@ def paired(
 
 def test_a_shell_is_paired_with_its_like_if_that_is_near() -> None:
     assert paired([egg()], [egg((0.05, 0, 0))]) == {0: 0}
-    assert paired([egg()], [egg((0.6, 0, 0))]) == {}
+    for far in (0.19, 0.6):
+        assert paired([egg()], [egg((far, 0, 0))]) == {}
 
 
 def test_a_shell_is_not_paired_with_one_of_another_size_or_shape() -> None:
@@ -73,14 +77,21 @@ def test_a_shell_is_not_paired_with_one_of_another_size_or_shape() -> None:
     assert paired([egg()], [egg(radii=(1.6, 0.1, 0.1))]) == {}
 
 
+def test_another_mesh_of_a_shell_is_its_like() -> None:
+    where = directions(len(WHERE), 5)
+    other = SIZE * (where + 0.9 * np.maximum(where, 0) ** 2) * (1.0, 0.7, 0.45)
+    mesh = Surface(other - other.mean(axis=0), ConvexHull(where).simplices)
+    assert paired([egg()], [egg()]) == paired([egg()], [mesh.vertices], corners=mesh.triangles) == {0: 0}
+
+
 def test_of_two_that_are_alike_the_nearer_one_is_taken() -> None:
-    for places in ((0.02, -0.13), (-0.13, 0.02)):
+    for places in ((0.02, -0.13), (-0.13, 0.02), (0.13, -0.02), (-0.02, 0.13)):
         source = [egg((0, places[0], 0)), egg((0, places[1], 0))]
         assert paired([egg()], source) == {0: int(np.argmin(np.abs(places)))}
 
 
 def test_of_two_as_near_the_one_of_its_size_and_shape_is_taken() -> None:
-    for other in ({"size": 1.3}, {"radii": (1.15, 0.5, 0.6)}, {"turn": (0, 0, 0.9)}):
+    for other in ({"size": 1.3}, {"radii": (0.9, 0.9, 0.3)}, {"turn": (0, 0, 0.9)}):
         for first in (0, 1):
             source = [egg((0, 0.06, 0)), egg((0, -0.06, 0), **other)][:: 1 if first == 0 else -1]  # type: ignore[arg-type]
             assert paired([egg()], source) == {0: first}, other

@@ -78,6 +78,18 @@ def test_what_turns_about_a_limb_takes_its_neighbour_along() -> None:
     assert angles[1] > 0.5 * angles[0]
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_nodes_that_are_turned_differently_come_to_agree(axis: int) -> None:
+    bending = chain(2)
+    turn = np.zeros(3)
+    turn[axis] = 0.2
+    bending.rotations[1] = Rotation.from_rotvec(turn).as_matrix()
+    held = np.concatenate([[0], 2 + np.arange(4)])
+    for _ in range(3):
+        step(bending, held, bending.rest[held] - bending.moved()[0][held])
+    assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
+
+
 def test_steps_towards_closest_points_are_longer_and_go_on() -> None:
     plain, hurried = chain(2), chain(2)
     shift = np.tile([0.01, 0, 0], (2, 1))
