@@ -185,7 +185,8 @@ def modules_of(rooms: Sequence[str]) -> list[tuple[str, int | None]]:
 def nearest_tests(module: str, root: Path = ROOT) -> list[str]:
     """The test files that import a module or are named after it; else those in the folder that mirrors its own."""
     path = Path(module).with_suffix("")
-    dotted, rooms = ".".join(path.parts), ("core" if path.parts[0] == "zoomout_core" else "**", *path.parts[1:-1])
+    dotted, of_core = ".".join(path.parts), path.parts[0] == "zoomout_core"
+    own, rooms = root / "tests" / ("core" if of_core else ""), ("core" if of_core else "**", *path.parts[1:-1])
     imports = re.compile(
         rf"{re.escape(dotted)}\b|from {re.escape(dotted.rpartition('.')[0])} import [^\n]*\b{path.name}\b"
     )
@@ -193,7 +194,8 @@ def nearest_tests(module: str, root: Path = ROOT) -> list[str]:
     near = [
         file
         for file in everything
-        if file.stem.startswith(f"test_{path.name}") or imports.search(file.read_text(encoding="utf-8"))
+        if (file.stem.startswith(f"test_{path.name}") and file.is_relative_to(own))
+        or imports.search(file.read_text(encoding="utf-8"))
     ]
     while not near and rooms:
         near = sorted(root.glob("/".join(("tests", *rooms, "test_*.py"))))

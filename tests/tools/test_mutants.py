@@ -46,6 +46,7 @@ def test_the_nearest_tests_are_those_that_import_a_module_or_else_those_of_its_f
         ("core/maps/test_one.py", "from zoomout_core.maps.field import near"),
         ("core/maps/test_two.py", "from zoomout_core.maps import other, field"),
         ("core/test_three.py", "from zoomout_core.maps.fields import near"),
+        ("blender/test_field.py", "of something else"),
     ):
         (tmp_path / "tests" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "tests" / name).write_text(text)
