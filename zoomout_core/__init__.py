@@ -12,6 +12,7 @@ from zoomout_core.progress import Progress, drain
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.surface import MeshError, PointCloud, Surface
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
+from zoomout_core.threads import set_threads
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "orthonormality_error",
     "read_point_cloud",
     "read_surface",
+    "set_threads",
     "store_shapes",
     "transfer",
     "zoomout",

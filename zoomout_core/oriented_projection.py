@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.projection import barycentric_of_closest
+from zoomout_core.threads import threads
 from zoomout_core.triangles import area_normals, triangle_areas, unit_vectors
 
 # So many points stand for a surface, and at least so many for each group of its triangles.
@@ -18,7 +19,7 @@ POINTS, LEAST_POINTS = 120_000, 48
 CANDIDATES = 6
 # Groups are this far apart in a coordinate of their own, in units of the surface's extent.
 APART = 1e3
-# Queries are looked up on both cores where they are many, and so many at once.
+# Queries are looked up on several cores where they are many, and so many at once.
 MANY_QUERIES, QUERIES_AT_ONCE = 10_000, 1 << 16
 
 
@@ -103,7 +104,7 @@ class OrientedSurface:
         return np.hstack([points, self._weight * normals, self._apart * group[:, None]])
 
     def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:
-        near = self._tree.query(rows, CANDIDATES, workers=2 if len(rows) > MANY_QUERIES else 1)[1]
+        near = self._tree.query(rows, CANDIDATES, workers=threads() if len(rows) > MANY_QUERIES else 1)[1]
         candidate = self._on[np.asarray(near)]
         a, b, c = (self._vertices[self._triangles[candidate, i]] for i in range(3))
         ap, ab, ac = points[:, None] - a, b - a, c - a

@@ -13,6 +13,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.threads import threads
 
 # Pairs of a point and a triangle that are looked at together: bounds the memory.
 BLOCK = 1 << 17
@@ -110,8 +111,8 @@ def _tree(points: Floats) -> cKDTree:
 
 
 def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
-    """Distances and numbers of a tree's points nearest to each query, looked up on both cores where they are many."""
-    distance, number = tree.query(points, count, workers=2 if len(points) > MANY_QUERIES else 1)
+    """Distances and numbers of a tree's points nearest to each query, by several threads for many."""
+    distance, number = tree.query(points, count, workers=threads() if len(points) > MANY_QUERIES else 1)
     return np.asarray(distance), np.asarray(number)
 
 

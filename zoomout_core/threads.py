@@ -1,4 +1,4 @@
-"""Two cores at work: steps side by side, and a BLAS that does not fight over the cores meanwhile.
+"""Several cores at work: steps side by side, and a BLAS that does not fight over the cores meanwhile.
 
 The products of a match are small. Threads of BLAS gain nothing on them, and where other programs keep the cores
 busy they wait for each other, many times as long as the products take.
@@ -6,10 +6,13 @@ busy they wait for each other, many times as long as the products take.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+import os
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import wraps
+from numbers import Integral
 from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
@@ -26,6 +29,82 @@ Arguments = ParamSpec("Arguments")
 
 # Seconds after which the caller has the word again, though no step has ended: half of what users notice.
 PATIENCE = 0.05
+# Threads that work at a time, unless the user says otherwise: on more the steps of a match wait for each other.
+MOST_THREADS = 8
+VARIABLE = "ZOOMOUT_THREADS"
+
+
+class _Cores:
+    """So many threads work at a time; one that waits for others lends its core to them."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._free, self._mine = threading.Semaphore(count), threading.local()
+
+    def taken(self, work: Callable[[], Result]) -> Result:
+        """What a function returns, run once a core is free."""
+        with self._free:
+            self._mine.held = True
+            try:
+                return work()
+            finally:
+                self._mine.held = False
+
+    @contextmanager
+    def lent(self) -> Iterator[None]:
+        """A context in which the calling thread waits."""
+        if not getattr(self._mine, "held", False):
+            yield
+            return
+        self._free.release()
+        try:
+            yield
+        finally:
+            self._free.acquire()
+
+
+_cores: _Cores | None = None
+
+
+def set_threads(count: int | None) -> None:
+    """Set how many threads work at a time from now on, in all computations; results do not depend on it.
+
+    Args:
+        count: of 1 or more; None for what the environment variable ZOOMOUT_THREADS says, or else as many as there are
+            cores that this process may use, up to 8.
+
+    Raises:
+        ValueError: it is no such number.
+    """
+    global _cores
+    _cores = None if count is None else _Cores(_checked("The number of threads", count))
+
+
+def threads() -> int:
+    """How many threads work at a time."""
+    return _known_cores().count
+
+
+def _known_cores() -> _Cores:
+    global _cores
+    if _cores is None:
+        said = os.environ.get(VARIABLE)
+        if said is None:
+            _cores = _Cores(min(MOST_THREADS, _usable_cores()))
+        else:
+            _cores = _Cores(_checked(VARIABLE, int(said) if said.isdecimal() else said))
+    return _cores
+
+
+def _usable_cores() -> int:
+    """Cores that this process may use; where the system does not tell, all."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _checked(name: str, count: object) -> int:
+    if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
+        raise ValueError(f"{name} is {count!r}: give a whole number of 1 or more.")
+    return int(count)
 
 
 def side_by_side(
@@ -47,23 +126,24 @@ def side_by_side(
 
 
 def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> Generator[float, None, list[Result]]:
-    """What a function returns for each item, by two threads in turns; yields the fraction done."""
+    """What a function returns for each item, by several threads in turns; yields the fraction done."""
     return (yield from for_each_stepped(lambda item: _single_step(lambda: function(item)), items))
 
 
 def for_each_stepped(
     steps: Callable[[Item], Generator[float, None, Result]], items: Sequence[Item]
 ) -> Generator[float, None, list[Result]]:
-    """What a stepped computation returns for each item, by two threads in turns; yields the fraction done."""
+    """What a stepped computation returns for each item, by several threads in turns; yields the fraction done."""
     results: list[Any] = [None] * len(items)
+    strands = max(1, min(threads(), len(items)))
 
-    def every_other(first: int) -> Generator[float, None, None]:
-        mine = range(first, len(items), 2)
+    def strand(first: int) -> Generator[float, None, None]:
+        mine = range(first, len(items), strands)
         for count, i in enumerate(mine):
             results[i] = yield from scaled(steps(items[i]), count / len(mine), (count + 1) / len(mine))
             yield (count + 1) / len(mine)
 
-    yield from side_by_side(every_other(0), every_other(1))
+    yield from _in_threads([strand(first) for first in range(strands)])
     return results
 
 
@@ -86,15 +166,22 @@ def _single_step(work: Callable[[], Result]) -> Generator[float, None, Result]:
 def _in_threads(computations: Sequence[Generator[float, None, Any]]) -> Generator[float, None, list[Any]]:
     fractions, results = [0.0] * len(computations), [None] * len(computations)
     running: dict[Future[float], int] = {}
+    cores = _known_cores()
+
+    def submit(number: int) -> Future[float]:
+        return pool.submit(cores.taken, lambda: next(computations[number]))
+
     pool = ThreadPoolExecutor(max_workers=len(computations))
     try:
-        running = {pool.submit(next, steps): number for number, steps in enumerate(computations)}
+        running = {submit(number): number for number in range(len(computations))}
         while running:
-            for future in wait(running, PATIENCE, FIRST_COMPLETED).done:
+            with cores.lent():
+                ended = wait(running, PATIENCE, FIRST_COMPLETED).done
+            for future in ended:
                 number = running.pop(future)
                 try:
                     fractions[number] = future.result()
-                    running[pool.submit(next, computations[number])] = number
+                    running[submit(number)] = number
                 except StopIteration as finished:
                     fractions[number], results[number] = 1.0, finished.value
             yield sum(fractions) / len(fractions)

@@ -1,16 +1,26 @@
-"""Two stepped computations at once, and BLAS on one thread meanwhile."""
+"""Stepped computations at once, and BLAS on one thread meanwhile."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 
 import pytest
+from creatures import creature
+from mannequins import STEP, mannequin
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import zoomout_core as zo
 from zoomout_core.progress import drain
-from zoomout_core.threads import for_each_stepped, in_background, on_one_blas_thread, side_by_side
+from zoomout_core.threads import for_each, for_each_stepped, in_background, on_one_blas_thread, side_by_side, threads
+
+
+@pytest.fixture(autouse=True)
+def two_threads() -> Iterator[None]:
+    zo.set_threads(2)
+    yield
+    zo.set_threads(None)
 
 
 def counting(steps: int, result: str, meeting: threading.Barrier | None = None) -> Generator[float, None, str]:
@@ -111,3 +121,64 @@ def test_stepped_computations_for_each_item_run_two_at_a_time() -> None:
     fractions = list(for_each_stepped(lambda item: counting(3, item), items[:3]))
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1
+
+
+def most_at_work(count: int) -> int:
+    """How many of many nested computations were at work at a time."""
+    lock, at_work, most = threading.Lock(), 0, 0
+
+    def work(_: int) -> None:
+        nonlocal at_work, most
+        with lock:
+            at_work += 1
+            most = max(most, at_work)
+        time.sleep(0.01)
+        with lock:
+            at_work -= 1
+
+    zo.set_threads(count)
+    drain(for_each(lambda _: drain(for_each(work, range(6))), range(6)))
+    return most
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_so_many_threads_are_at_work_at_a_time_however_computations_are_nested(count: int) -> None:
+    assert most_at_work(count) == count
+
+
+def test_the_environment_sets_the_number_of_threads_where_the_caller_does_not(monkeypatch) -> None:
+    monkeypatch.setenv("ZOOMOUT_THREADS", "3")
+    zo.set_threads(None)
+    assert threads() == 3
+    zo.set_threads(5)
+    assert threads() == 5
+    monkeypatch.setenv("ZOOMOUT_THREADS", "many")
+    zo.set_threads(None)
+    with pytest.raises(ValueError, match="ZOOMOUT_THREADS is 'many': give a whole number"):
+        threads()
+    monkeypatch.delenv("ZOOMOUT_THREADS")
+    assert 1 <= threads() <= 8
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, True, "2"])
+def test_numbers_of_threads_that_make_no_sense_are_refused(count: object) -> None:
+    with pytest.raises(ValueError, match="whole number of 1 or more"):
+        zo.set_threads(count)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("pair", "counts"), [("skins", (1, 2, 5, 8)), ("shells", (1, 8))])
+def test_maps_do_not_depend_on_the_number_of_threads(pair: str, counts: tuple[int, ...]) -> None:
+    if pair == "skins":
+        source, target = creature(600, 0, 0.0).surface, creature(500, 1, 0.9).surface
+    else:
+        source, target = mannequin(None, 60, 1).surface, mannequin(STEP, 50, 2).surface
+    found = []
+    for count in counts:
+        zo.set_threads(count)
+        zo.forget_shapes()
+        found.append(zo.match(source, target, k_final=60))
+    first, *others = found
+    for other in others:
+        assert (other.surface_map.triangle == first.surface_map.triangle).all()
+        assert (other.surface_map.barycentric == first.surface_map.barycentric).all()
+        assert other.certainty == first.certainty

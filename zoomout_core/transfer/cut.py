@@ -19,7 +19,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.progress import drain
 from zoomout_core.projection import barycentric_of_closest
 from zoomout_core.surface import Surface
-from zoomout_core.threads import for_each
+from zoomout_core.threads import for_each, threads
 from zoomout_core.triangles import triangle_normals
 
 # Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
@@ -255,5 +255,5 @@ def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> B
     along = (step / np.maximum(steps[segment], 1))[:, None]
     reach = radius * 1.001 + spacing / 2
     tree = cKDTree(begin[segment] * (1 - along) + end[segment] * along)
-    distance, _ = tree.query(points, distance_upper_bound=1.001 * float(reach.max()), workers=2)
+    distance, _ = tree.query(points, distance_upper_bound=1.001 * float(reach.max()), workers=threads())
     return np.asarray(distance <= reach)

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
 from zoomout_core.transfer.cut import ragged
 from zoomout_core.transfer.draped import Draped
@@ -106,7 +107,7 @@ def _spread(attribute: Attribute, draped: Draped) -> Attribute:
 def _nearest_edges(draped: Draped, chosen: Integers) -> Integers:
     """(e_t,) which of chosen edges of the source has its middle nearest to that of each of the target's."""
     middles = draped.source.vertices[draped.source.edges[chosen]].mean(axis=1)
-    found = cKDTree(middles).query(draped.points[draped.target.edges].mean(axis=1), workers=2)[1]
+    found = cKDTree(middles).query(draped.points[draped.target.edges].mean(axis=1), workers=threads())[1]
     return chosen[found]
 
 
@@ -330,7 +331,7 @@ def _beside(
     # Pieces are far apart in a fourth dimension, so that each point finds its own.
     apart = 2 * float(np.linalg.norm(np.ptp(np.concatenate([points, samples.point[index]]), axis=0)))
     tree = cKDTree(np.column_stack([samples.point[index], piece * apart]))
-    _, found = tree.query(np.column_stack([points, owner * apart]), workers=2)
+    _, found = tree.query(np.column_stack([points, owner * apart]), workers=threads())
     nearest, along = index[found], samples.along[index[found]]
     stray = np.linalg.norm(samples.point[nearest] - points, axis=1)
     for step in (-1, 1):
