@@ -28,6 +28,7 @@ from zoomout_core.files import read_surface
 from zoomout_core.progress import Result, Steps
 from zoomout_core.surface import MeshError, Surface
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
+from zoomout_core.threads import set_threads
 
 STARTS = ("auto", "landmarks", "proximity")
 # A start that nothing follows.
@@ -36,8 +37,26 @@ NO_CACHE = "off"
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
 
 
+def threads_option(command: Any) -> Any:
+    """Give a command the number of threads that it works with."""
+
+    def set_them(_: click.Context, __: click.Parameter, count: int | None) -> None:
+        if count is not None:
+            set_threads(count)
+
+    option = click.option(
+        "--threads",
+        type=click.IntRange(1),
+        expose_value=False,
+        callback=set_them,
+        help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
+    )
+    return option(command)
+
+
 @click.group()
 @click.version_option(package_name="zoomout-core")
+@threads_option
 def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
 

@@ -14,6 +14,7 @@ from creatures import Creature, mirrored_vertex, true_vertex
 
 import zoomout_core as zo
 from zoomout_core.cli import main
+from zoomout_core.threads import threads
 
 
 @pytest.fixture(scope="module")
@@ -157,3 +158,13 @@ def test_symmetry_writes_the_map_its_sides_and_lists_what_was_found(files: Path,
         assert outcome.exit_code != 0
         assert sentence in outcome.output
         assert not (files / "none.npz").exists()
+
+
+def test_the_number_of_threads_is_an_option_of_every_command(files: Path) -> None:
+    try:
+        outcome = run("--threads", 3, "match", files / "source.ply", files / "missing.ply", "-o", files / "none.npz")
+        assert outcome.exit_code == 1
+        assert threads() == 3
+    finally:
+        zo.set_threads(None)
+    assert run("--threads", 0, "match").exit_code == 2
