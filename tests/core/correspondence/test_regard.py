@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from creatures import creature
+from creatures import creature, true_vertex
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.correspondence.dense import _nearest_near_samples, _regard_for_space
+from zoomout_core.correspondence.dense import _nearest_near_samples, _regard_for_space, dense_steps
+from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.correspondence.laying import Laid, _rotations_of_blends, beside_places, lay
 from zoomout_core.correspondence.shape import Shape, shape_steps
 from zoomout_core.progress import drain
@@ -96,3 +97,18 @@ def test_a_few_vertices_are_laid_as_they_are_among_all(shape: Shape) -> None:
     whole, few = lay(images, shape, 0.08, False), lay(images, shape, 0.08, False, some)
     np.testing.assert_allclose(few.positions, whole.positions[some])
     np.testing.assert_allclose(few.normals, whole.normals[some])
+
+
+def test_a_candidate_becomes_a_dense_map_that_is_finer_and_no_larger_than_the_mesh_resolves() -> None:
+    source, target = creature(600, seed=0), creature(560, seed=1, bend=0.4)
+    shapes = [drain(shape_steps(one.surface.working.part(0)[0], 100, 300, 0)) for one in (source, target)]
+    C = functional_map_of(true_vertex(source, target), shapes[0].basis, shapes[1].basis, 10, 10)
+    rough = vertex_map_of(C, shapes[0].basis, shapes[1].basis)
+    dense, functional_map = drain(dense_steps(*shapes, C, None, False, 100, 20))
+
+    def missed(images: np.ndarray) -> float:
+        images = images / np.linalg.norm(images, axis=1, keepdims=True)
+        return float(np.linalg.norm(images - target.directions, axis=1).mean())
+
+    assert missed(dense.interpolate(source.directions)) < 0.5 * missed(source.directions[rough])
+    assert 30 <= len(functional_map) < 60
