@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ import zoomout_core as zo
 from zoomout_core.correspondence.shape import shape_steps
 from zoomout_core.progress import drain
 from zoomout_core.surface import Surface
-from zoomout_core.symmetry.detect import energies
+from zoomout_core.symmetry.detect import _place, energies
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import symmetrised_uv
@@ -87,6 +89,17 @@ def test_energies_are_those_of_the_whole_and_of_the_low_block() -> None:
     found = energies(high, eigenvalues)
     assert min(found["commutativity"], found["orthonormality"]) > 1e-3
     assert max(found["low commutativity"], found["low orthonormality"]) < 1e-9
+
+
+def test_of_symmetries_that_are_sure_those_come_first_that_leave_less_alone() -> None:
+    surface = grid(10, 2)
+
+    def found(certainty: float, alone: float) -> zo.Symmetry:
+        confidence = np.where(surface.vertices[:, 0] < alone * 2.4 - 1.2, 0.0, 1.0)
+        return cast(zo.Symmetry, SimpleNamespace(surface=surface, confidence=confidence, certainty=certainty))
+
+    sure, surer, unsure, unlikely = found(0.985, 0.2), found(0.999, 0.5), found(0.9, 0.0), found(0.3, 0.0)
+    assert sorted([unlikely, surer, unsure, sure], key=_place) == [sure, surer, unsure, unlikely]
 
 
 # --- layouts ------------------------------------------------------------------------------------------------
