@@ -34,7 +34,7 @@ test: setup  ## run the tests (ARGS for pytest), in CI with the extension in the
 test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)
 	$(BIN)/python tools/blender_versions.py $(ARGS)
 
-mutants: setup  ## see which changes of the code the nearest tests notice: make mutants ARGS="zoomout_core/correspondence"
+mutants: setup  ## see which changes of the code the nearest tests notice: make mutants ARGS="zoomout_core/matching"
 	$(BIN)/python tools/mutants.py $(ARGS)
 
 extension: setup  ## build the Blender extension into dist, a zip for each platform (ARGS: some of them)

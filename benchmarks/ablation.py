@@ -12,18 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from zoomout_core.arrays import Integers
-from zoomout_core.correspondence.dense import embeddings
-from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
-from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis
-from zoomout_core.correspondence.initial.rotations import rotation_hypotheses
-from zoomout_core.correspondence.initial.signs import sign_hypotheses
-from zoomout_core.correspondence.matching import MatchResult
-from zoomout_core.correspondence.nearest import nearest
-from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.ranking import Candidate, in_order, rank_steps
-from zoomout_core.correspondence.scores import scores_of, total_score
-from zoomout_core.progress import drain
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
+from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
+from zoomout_core.matching.hypotheses.signs import sign_hypotheses
+from zoomout_core.matching.match import MatchResult
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.ranking import Candidate, in_order, rank_steps
+from zoomout_core.matching.refinement import embeddings
+from zoomout_core.matching.scores import scores_of, total_score
+from zoomout_core.runtime.stepping import drain
 
 SOURCES = {
     "extremities": extremity_hypotheses,

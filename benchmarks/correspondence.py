@@ -21,8 +21,8 @@ from benchmarks.ablation import maps_without
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
 from benchmarks.pictures import Picture, draw
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.matching import SURE
 from zoomout_core.evaluation import coverage, flipped_share
+from zoomout_core.matching.match import SURE
 
 Record: TypeAlias = dict[str, Any]
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import geodesic_error
-from zoomout_core.files import read_surface
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
 
 # A set with this file tells for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"

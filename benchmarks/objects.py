@@ -11,7 +11,7 @@ import numpy as np
 import zoomout_core as zo
 from benchmarks.pictures import Picture, draw
 from zoomout_core.arrays import Floats
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 # A symmetry of these things is a rigid motion; a map that is farther from one, over the root of the area, is wrong.
 RIGID = 0.015

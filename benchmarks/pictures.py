@@ -12,9 +12,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import triangle_normals
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals
 
 COLUMNS = 2
 CELL = 7.0, 2.0  # inches

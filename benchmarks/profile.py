@@ -14,7 +14,7 @@ import numpy as np
 
 import zoomout_core as zo
 from benchmarks.speed import sized_pairs
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 Record = dict[str, Any]
 
@@ -37,7 +37,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
         source, target = (Surface(surface.vertices, surface.triangles) for surface in (pair.source, pair.target))
         zo.forget_shapes()
         profile = Profile()
-        with patch("zoomout_core.threads._in_threads", _one_after_the_other):
+        with patch("zoomout_core.runtime.threads._in_threads", _one_after_the_other):
             profile.enable()
             zo.match(source, target)
             profile.disable()

@@ -14,10 +14,10 @@ import numpy as np
 
 import zoomout_core as zo
 from benchmarks.speed import subdivided, timed_match
-from zoomout_core.decimation import decimated_steps
-from zoomout_core.files import read_surface
-from zoomout_core.progress import drain
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
 
 Record = dict[str, Any]
 

@@ -20,9 +20,9 @@ from trimesh.remesh import subdivide
 import zoomout_core as zo
 from benchmarks.datasets import load_pair
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.files import read_surface
-from zoomout_core.surface import Surface
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
 
 Record = dict[str, Any]
 

@@ -16,16 +16,16 @@ from benchmarks.datasets import MOST_PLACES, mirrored_places, sets_in, shapes_wi
 from benchmarks.mirroring import weight_rows
 from benchmarks.objects import draw_symmetries, object_rows, things
 from zoomout_core.arrays import Integers
-from zoomout_core.correspondence.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.correspondence.kept_shapes import kept_shape_steps
-from zoomout_core.correspondence.matching import proxy_size
-from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.ranking import Candidate
-from zoomout_core.correspondence.shape import Shape
 from zoomout_core.evaluation import distance_distortion
-from zoomout_core.surface import Surface
+from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.match import proxy_size
+from zoomout_core.matching.memory_cache import kept_shape_steps
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.symmetry.detect import candidate_steps, energies
-from zoomout_core.threads import one_blas_thread
 
 Record: TypeAlias = dict[str, Any]
 

@@ -18,8 +18,8 @@ from bpy.types import Mesh
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.ranking import Candidate
-from zoomout_core.progress import Steps
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.runtime.stepping import Steps
 from zoomout_core.symmetry.detect import LEAST_CERTAINTY
 
 from .colors import DARK, LIGHT, place_colors

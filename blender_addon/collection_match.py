@@ -15,11 +15,11 @@ from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.progress import Steps, drain, spread, within
-from zoomout_core.projection import closest_points
-from zoomout_core.threads import for_each
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.stepping import Steps, drain, spread, within
+from zoomout_core.runtime.threads import for_each
 
 from . import mesh_data, stored_match
 from .common_words import paired_by_name

@@ -15,11 +15,11 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.correspondence.matching import SMALLEST_FINAL
-from zoomout_core.correspondence.pair import LandmarkError
-from zoomout_core.progress import Steps, spread
-from zoomout_core.threads import in_background
+from zoomout_core.matching.match import SMALLEST_FINAL
+from zoomout_core.matching.pair import LandmarkError
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.runtime.stepping import Steps, spread
+from zoomout_core.runtime.threads import in_background
 
 from . import mesh_data, stored_match
 from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint

@@ -14,7 +14,7 @@ from mathutils import Vector
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.correspondence.pair import OFF_SURFACE
+from zoomout_core.matching.pair import OFF_SURFACE
 
 from . import stored_match
 from .mesh_data import Place, evaluated_mesh, extent, nearest_place

@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterable
 import bpy
 from bpy.types import Mesh, Object
 
-from zoomout_core.progress import drain
+from zoomout_core.runtime.stepping import drain
 
 from .mesh_data import MeshFacts, facts_steps
 from .views import redraw_views

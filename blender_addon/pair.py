@@ -19,7 +19,7 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Progress, Steps, drain
+from zoomout_core.runtime.stepping import Progress, Steps, drain
 
 from . import mesh_data
 from .mesh_data.arrays import hash_of

@@ -17,8 +17,8 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.progress import Progress, Steps, drain, spread
-from zoomout_core.threads import in_background
+from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import drape, transfer_steps
 
 from . import overlay, stored_match, stored_symmetry

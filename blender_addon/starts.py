@@ -7,8 +7,8 @@ import numpy as np
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
-from zoomout_core.correspondence.surface_map import read_vertex_map
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import read_vertex_map
 
 from .pair import ObjectPair
 from .stored_match import StoredMatch

@@ -18,7 +18,7 @@ import numpy as np
 from bpy.types import Context, Mesh
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps
+from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from . import candidates

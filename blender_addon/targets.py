@@ -9,7 +9,7 @@ from typing import Generic, TypeAlias, TypeVar
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Progress, Steps
+from zoomout_core.runtime.stepping import Progress, Steps
 
 Result = TypeVar("Result")
 

@@ -13,8 +13,8 @@ from meshlab_filter.batch import LOW, REPORT, Outcome, is_folder, planned, trans
 from meshlab_filter.files import FORMATS, check_folder, load_mesh, new_mesh_set, save_mesh
 from meshlab_filter.script import read_script, run_script_steps
 from zoomout_core.cli import match_options, start_arguments, threads_option, with_progress_bar
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.surface import MeshError
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.surface import MeshError
 
 # Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
 FAILED, PARTLY = 1, 3

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from meshlab_filter.files import SURFACES, check_folder, check_format, load_mesh, new_mesh_set, save_beside
 from meshlab_filter.filters import transfer_attributes_by_zoomout
-from zoomout_core.progress import Progress, Steps
-from zoomout_core.surface import MeshError
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.stepping import Progress, Steps
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

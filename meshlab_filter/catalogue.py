@@ -15,8 +15,8 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any, Protocol
 
 from meshlab_filter.parameters import LENGTH, Parameter
-from zoomout_core.progress import Steps, drain
-from zoomout_core.surface import MeshError
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.stepping import Steps, drain
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

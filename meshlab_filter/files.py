@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from meshlab_filter.mesh_data import custom_in_ply
-from zoomout_core.surface import MeshError
+from zoomout_core.mesh.surface import MeshError
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

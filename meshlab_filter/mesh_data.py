@@ -21,7 +21,7 @@ import numpy as np
 from meshlab_filter.catalogue import check_mesh
 from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from xml.sax.saxutils import quoteattr
 
 from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh, filter_list
 from meshlab_filter.parameters import OTHER_RICH, RICH_TYPES, Parameter
-from zoomout_core.progress import Progress, Steps, within
-from zoomout_core.surface import MeshError
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.stepping import Progress, Steps, within
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

@@ -10,8 +10,8 @@ import numpy as np
 
 from meshlab_filter.mesh_data import Layer, attribute_values, has_attribute
 from zoomout_core.arrays import Floats
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import MeshError
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError
 
 if TYPE_CHECKING:
     from pymeshlab import Mesh

@@ -1,7 +1,7 @@
 """Break the code a line at a time, and see which of the breakages the tests notice.
 
-    make mutants ARGS="zoomout_core/correspondence --sample 8 --seed 1"
-    make mutants ARGS="zoomout_core/correspondence/scores.py:48"
+    make mutants ARGS="zoomout_core/matching --sample 8 --seed 1"
+    make mutants ARGS="zoomout_core/matching/scores.py:48"
 
 Cosmic Ray makes the mutants: small numbers of one more or less, numbers of zero; arithmetic, comparisons, logic and
 conditions turned round; loops without a round. A room has thousands, so some of each module are drawn at random, the

@@ -1,18 +1,18 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
-from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
-from zoomout_core.correspondence.kept_shapes import forget_shapes, store_shapes
-from zoomout_core.correspondence.matching import MatchResult, match, match_steps
-from zoomout_core.correspondence.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.correspondence.zoomout import zoomout
 from zoomout_core.evaluation import geodesic_error
-from zoomout_core.files import read_point_cloud, read_surface
-from zoomout_core.progress import Progress, drain
+from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.zoomout import zoomout
+from zoomout_core.matching.match import MatchResult, match, match_steps
+from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
+from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
+from zoomout_core.mesh.files import read_point_cloud, read_surface
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.runtime.stepping import Progress, drain
+from zoomout_core.runtime.threads import set_threads
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
-from zoomout_core.surface import MeshError, PointCloud, Surface
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
-from zoomout_core.threads import set_threads
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
 
 __all__ = [

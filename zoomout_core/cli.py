@@ -11,24 +11,24 @@ import numpy as np
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
-from zoomout_core.correspondence.confidence import cycle_error
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.correspondence.evidence import checked_axes
-from zoomout_core.correspondence.kept_shapes import store_shapes
-from zoomout_core.correspondence.matching import MatchResult, match_steps
-from zoomout_core.correspondence.proximity import (
+from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
+from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map, vertex_numbers
+from zoomout_core.matching.confidence import cycle_error
+from zoomout_core.matching.constraints import checked_axes
+from zoomout_core.matching.match import MatchResult, match_steps
+from zoomout_core.matching.memory_cache import store_shapes
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.proximity import (
     MOST_ANGLE,
     MOST_DISTANCE,
     ProximityMatch,
     match_by_proximity_steps,
 )
-from zoomout_core.correspondence.surface_map import SurfaceMap, read_vertex_map, vertex_numbers
-from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
-from zoomout_core.files import read_surface
-from zoomout_core.progress import Result, Steps
-from zoomout_core.surface import MeshError, Surface
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.stepping import Result, Steps
+from zoomout_core.runtime.threads import set_threads
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
-from zoomout_core.threads import set_threads
 
 STARTS = ("auto", "landmarks", "proximity")
 # A start that nothing follows.

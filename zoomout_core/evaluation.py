@@ -3,7 +3,7 @@
 Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after
 Ren, Poulenard, Wonka and Ovsjanikov (Continuous and orientation-preserving correspondences via functional maps,
 2018), in forms that depend little on how the surfaces are meshed. What a map does there and back is
-`zoomout_core.correspondence.confidence.cycle_error`.
+`zoomout_core.matching.confidence.cycle_error`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.surface_map import SurfaceMap, turned_over
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import edge_graph, triangle_areas, unique_edges
+from zoomout_core.maps.surface_map import SurfaceMap, turned_over
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Distances are sought from at most this many places at once: bounds the memory.
 BLOCK = 256

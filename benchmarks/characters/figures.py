@@ -10,7 +10,7 @@ import zoomout_core as zo
 from benchmarks.characters.cases import Case
 from benchmarks.characters.truth import Bones, Rest
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 # A case is right if so much of the target is on the right limb, or if its mean error is less in centimetres.
 RIGHT_LIMB, RIGHT_ERROR = 0.90, 9.0

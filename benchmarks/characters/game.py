@@ -18,8 +18,8 @@ from benchmarks.characters.skeleton import Skeleton
 from benchmarks.transfer.cast import rigid_motion
 from blender_addon import mesh_data
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.projection import closest_points
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.triangles import triangle_areas
 
 # By this number the importer knows how much to say.
 ERRORS_ALONE = 2

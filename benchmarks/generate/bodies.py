@@ -19,9 +19,9 @@ from blender_addon.demo.character import rig
 from blender_addon.demo.shape import surface_net
 from blender_addon.demo.target import posed_copy, rebuilt, strike
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import unique_edges, vertex_normals
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unique_edges, vertex_normals
 
 from .folder import standing_for
 from .kinds import Build, Kind

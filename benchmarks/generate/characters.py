@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from zoomout_core.arrays import Integers
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 from .bodies import Individual, build_template, draw_individual, posed_mesh
 from .folder import Pair, known_on_all, spread, write_set

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import vertex_normals
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import vertex_normals
 
 Pair = tuple[str, str]  # target, source
 

@@ -13,7 +13,7 @@ from blender_addon import mesh_data
 from blender_addon.demo.character import select_only
 from blender_addon.demo.target import posed_copy, strike
 from zoomout_core.arrays import Booleans
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.mirror import names_flipped
 from zoomout_core.transfer import Attribute
 

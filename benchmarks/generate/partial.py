@@ -18,9 +18,9 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.files import read_surface
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import edge_graph, triangle_areas, vertex_normals
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_normals
 
 from .folder import Pair, class_of, spread, write_set
 

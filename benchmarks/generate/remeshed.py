@@ -10,9 +10,9 @@ import numpy as np
 from tqdm import tqdm
 
 from zoomout_core.arrays import Integers
-from zoomout_core.files import read_surface
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import vertex_normals
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import vertex_normals
 
 from .folder import PLACES, Pair, by_class, known_on_all, standing_for, write_set
 from .remeshing import REMESHINGS

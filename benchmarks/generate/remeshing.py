@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import edge_graph, triangle_areas
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas
 
 # Standard deviation of the noise, over the median length of an edge.
 NOISE = 0.05

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from blender_addon.demo.shape import Ellipsoid, Limb, Solid, both_sides, surface_net
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 from .kinds import Kind
 from .remeshing import isotropic

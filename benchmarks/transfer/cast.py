@@ -20,9 +20,9 @@ from blender_addon.demo.character import PAINT, UV_MAP, build_character, lay_fla
 from blender_addon.demo.target import posed_copy, relax, strike
 from blender_addon.demo.truth import Truth, find_truth
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_normals
 from zoomout_core.transfer.uv import uv_seams
-from zoomout_core.triangles import edge_graph, triangle_areas, unique_edges, vertex_normals
 
 # Of the folders of many shapes, every so many is used.
 EVERY = 7

@@ -20,9 +20,9 @@ from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
 from blender_addon.stored_match import StoredMatch
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.progress import drain
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_normals
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.sampling import farthest_points
-from zoomout_core.triangles import edge_graph, triangle_areas, vertex_normals
 
 Record = dict[str, Any]
 

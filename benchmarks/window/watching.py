@@ -11,7 +11,7 @@ from unittest.mock import patch
 import numpy as np
 
 from blender_addon.operators import stepped
-from zoomout_core.progress import Progress, Steps
+from zoomout_core.runtime.stepping import Progress, Steps
 
 # What is done before the first step, which names it.
 BEGINNING = "Beginning"

@@ -11,10 +11,10 @@ import numpy as np
 from bpy.types import Mesh, Object
 
 from zoomout_core.arrays import Booleans
-from zoomout_core.progress import Steps, spread
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import Steps, spread
 from zoomout_core.transfer import Attribute, Blend, blend, drape, transfer_steps
-from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.mapped_target import Draped
 
 from ..mesh_data import Piece
 from ..pair import ObjectPair

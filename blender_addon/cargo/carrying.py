@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 
-from zoomout_core.progress import Steps, spread, within
-from zoomout_core.threads import side_by_side
+from zoomout_core.runtime.stepping import Steps, spread, within
+from zoomout_core.runtime.threads import side_by_side
 
 from .cargo import Cargo, Remarks, Way
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from bpy.types import Object
 
-from zoomout_core.progress import Progress, Steps
+from zoomout_core.runtime.stepping import Progress, Steps
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.uv import uv_seams
 

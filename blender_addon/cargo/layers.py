@@ -8,7 +8,7 @@ from typing import Any
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps
+from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute, Kind
 
 from .. import mesh_data

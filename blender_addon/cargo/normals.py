@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps
+from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data

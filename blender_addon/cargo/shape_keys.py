@@ -12,8 +12,8 @@ from bpy.types import Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.progress import Steps, spread
-from zoomout_core.threads import in_background
+from zoomout_core.runtime.stepping import Steps, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from bpy.types import Object
 
-from zoomout_core.progress import Steps
+from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
-from zoomout_core.correspondence.detail import DETAIL
+from zoomout_core.matching.presets import DETAIL
 
 from ..cargo import DATA, USUAL_DATA
 from ..properties.match import MatchOptions

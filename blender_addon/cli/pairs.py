@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps, drain
+from zoomout_core.runtime.stepping import Steps, drain
 
 from .. import stored_match
 from ..collection_match import match_collections_steps

@@ -10,7 +10,7 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import drain
+from zoomout_core.runtime.stepping import drain
 
 from .. import stored_symmetry
 from ..operators.symmetry.base import writable_mesh

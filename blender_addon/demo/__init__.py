@@ -16,7 +16,7 @@ import scipy
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 from .. import mesh_data, registered, stored_match
 from ..pair import read_pair

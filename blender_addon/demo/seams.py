@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.triangles import vertex_normals
+from zoomout_core.mesh.triangles import vertex_normals
 
 from . import shape
 

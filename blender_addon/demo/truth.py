@@ -13,8 +13,8 @@ import numpy as np
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.projection import closest_points
-from zoomout_core.triangles import triangle_areas, triangle_normals, vertex_normals
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.triangles import triangle_areas, triangle_normals, vertex_normals
 
 from .. import mesh_data
 from .character import PAINT, UV_MAP

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Integers
-from zoomout_core.threads import in_background
+from zoomout_core.runtime.threads import in_background
 
 from .arrays import hash_of, read_array
 from .marks import read_marks

@@ -14,8 +14,8 @@ from mathutils import Vector
 from mathutils.geometry import tessellate_polygon
 
 import zoomout_core as zo
-from zoomout_core.correspondence.pair import OFF_SURFACE
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.pair import OFF_SURFACE
 
 from .surfaces import evaluated_mesh
 

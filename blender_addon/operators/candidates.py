@@ -9,7 +9,7 @@ from bpy.props import IntProperty
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps, drain, within
+from zoomout_core.runtime.stepping import Steps, drain, within
 
 from .. import candidates, preview, stored_match
 from ..candidates import Listing

@@ -9,8 +9,8 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps, drain, spread
-from zoomout_core.threads import in_background
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import drape
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 

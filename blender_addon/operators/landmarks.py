@@ -11,7 +11,7 @@ from bpy.types import Context, Object, Operator
 from mathutils import Vector
 
 import zoomout_core as zo
-from zoomout_core.correspondence.pair import OFF_SURFACE
+from zoomout_core.matching.pair import OFF_SURFACE
 
 from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, place_of_vertex, read_positions, read_weights

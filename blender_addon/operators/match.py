@@ -6,7 +6,7 @@ from typing import Any
 
 from bpy.types import Context, Object
 
-from zoomout_core.progress import Steps, drain
+from zoomout_core.runtime.stepping import Steps, drain
 
 from .. import preview, stored_match
 from ..evidence import matching_steps, settings_to_keep

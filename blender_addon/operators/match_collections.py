@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.progress import Steps
+from zoomout_core.runtime.stepping import Steps
 
 from .. import stored_match
 from ..collection_match import match_collections_steps

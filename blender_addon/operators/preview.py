@@ -6,7 +6,7 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator, OperatorProperties
 
-from zoomout_core.progress import Steps
+from zoomout_core.runtime.stepping import Steps
 
 from .. import preview
 from ..pair import check_unedited

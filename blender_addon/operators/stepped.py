@@ -10,7 +10,7 @@ import bpy
 from bpy.types import Context, Event, Operator
 
 import zoomout_core as zo
-from zoomout_core.progress import Progress, Steps, drain
+from zoomout_core.runtime.stepping import Progress, Steps, drain
 
 from ..preflight import obstacle
 from ..targets import Outcome

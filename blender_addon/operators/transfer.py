@@ -8,7 +8,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps, drain, within
+from zoomout_core.runtime.stepping import Steps, drain, within
 from zoomout_core.transfer import Blend
 
 from .. import stored_match, stored_report

@@ -8,7 +8,7 @@ from typing import Any
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from zoomout_core.correspondence.proximity import MOST_ANGLE, MOST_DISTANCE
+from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE
 
 from ..translations import CONTEXT
 from .once import ONCE

@@ -9,9 +9,9 @@ from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.cli import STARTS, read_axis, read_landmarks
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.correspondence.surface_map import read_vertex_map
-from zoomout_core.progress import Steps, within
+from zoomout_core.maps.surface_map import read_vertex_map
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.runtime.stepping import Steps, within
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

@@ -9,7 +9,7 @@ from meshlab_filter.catalogue import current_id, mesh_filter
 from meshlab_filter.mesh_data import apply_native, read_shape
 from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.stored import check_names
-from zoomout_core.progress import Progress, Steps
+from zoomout_core.runtime.stepping import Progress, Steps
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

@@ -10,8 +10,8 @@ from meshlab_filter.filters.common import ACCURACY
 from meshlab_filter.mesh_data import apply_native, read_layer
 from meshlab_filter.parameters import CHOICE, COUNT, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.progress import Steps
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.runtime.stepping import Steps
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

@@ -14,9 +14,9 @@ from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGE
 from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
 from meshlab_filter.parameters import NAMES, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence
-from zoomout_core.progress import Progress, Steps, within
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.runtime.stepping import Progress, Steps, within
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.triangles import unit_vectors
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

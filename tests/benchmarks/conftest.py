@@ -9,7 +9,7 @@ import pytest
 from creatures import creature, directions, mirrored_vertex, true_vertex
 from scipy.spatial import cKDTree
 
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 BENDS = {"a": 0.0, "b": 0.9}
 VERTICES, PLACES = 900, 300

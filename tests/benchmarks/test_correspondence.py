@@ -14,7 +14,7 @@ from benchmarks.__main__ import main
 from benchmarks.ablation import NEUTRAL
 from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
 from benchmarks.datasets import load_pair, pair_names
-from zoomout_core.correspondence.scores import total_score
+from zoomout_core.matching.scores import total_score
 
 Tables = dict[str, list[dict]]
 

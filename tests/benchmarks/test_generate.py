@@ -32,8 +32,8 @@ from benchmarks.generate.kinds import KINDS
 from benchmarks.generate.partial import CHANGES, write_partial
 from benchmarks.generate.remeshed import write_remeshed
 from benchmarks.generate.remeshing import REMESHINGS
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import edge_graph, unique_edges
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph, unique_edges
 
 
 class People(NamedTuple):

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from benchmarks import symmetry
 from benchmarks.mirroring import by_position, in_order_of
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 

@@ -9,7 +9,7 @@ from creatures import creature
 
 from benchmarks import transfer
 from benchmarks.transfer import cast, methods, regions
-from zoomout_core.triangles import unique_edges
+from zoomout_core.mesh.triangles import unique_edges
 
 WAYS = ("true map", "proximity, aligned", "Data Transfer, aligned", "MeshLab")
 

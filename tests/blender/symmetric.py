@@ -4,7 +4,7 @@ import numpy as np
 from creatures import creature
 from scenes import from_pydata, key_shape, positions
 
-from zoomout_core.triangles import vertex_normals
+from zoomout_core.mesh.triangles import vertex_normals
 
 BENT = creature(1500, seed=1, bend=0.9)
 X = BENT.directions[:, 0]

@@ -24,7 +24,7 @@ from blender_addon import stored_match
 from blender_addon.collection_match import match_collections
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 # Where the eyes are on the bodies, and how large they are.
 EYES = {"Eye.L": (0.8, 0.25, 0.3), "Eye.R": (0.8, -0.25, 0.3)}

@@ -12,8 +12,8 @@ import zoomout_core as zo
 from blender_addon import mesh_data
 from blender_addon.demo import FULL_SIZE, Size, make_cast, run, shape, summary, truth
 from blender_addon.demo.character import LEFT, PAINT, RIGHT, UV_MAP
-from zoomout_core.transfer import Attribute, Domain, Kind, cut
-from zoomout_core.triangles import unique_edges
+from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.transfer import Attribute, Domain, Kind, cut_mesh
 
 SMALL = Size(cell=0.02, voxel=0.016, target_vertices=7000, width=320, samples=2)
 
@@ -153,7 +153,7 @@ def test_the_atlas_has_several_islands_and_none_overlaps_or_is_mirrored(cast):
     uv = mesh_data.read_layer(cast.character.data, UV_MAP).attribute.values
     assert uv.min() >= 0
     assert uv.max() <= 1
-    assert 7 <= cut.cut_open(cast.source_surface, uv).island.max() + 1 <= 20
+    assert 7 <= cut_mesh.cut_open(cast.source_surface, uv).island.max() + 1 <= 20
     corners = uv[cast.source_surface.triangle_corners].astype(float)
     a, b, c = corners.transpose(1, 0, 2)
     assert (wedge(b - a, c - a) > 0).mean() > 0.999

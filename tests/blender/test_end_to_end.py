@@ -10,7 +10,7 @@ from character import character, posed_copy
 from scenes import activate, linked, values, weights
 
 from blender_addon import mesh_data
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 
 @pytest.fixture

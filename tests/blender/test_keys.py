@@ -22,7 +22,7 @@ from blender_addon import stored_match
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
 from blender_addon.stored_report import transfer_report
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 
 @pytest.fixture

@@ -23,8 +23,8 @@ from blender_addon.evidence import shared_regions_steps
 from blender_addon.operators.match import match_objects, match_steps
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair
-from zoomout_core.correspondence.detail import DETAIL
-from zoomout_core.progress import drain
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.runtime.stepping import drain
 
 KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
 

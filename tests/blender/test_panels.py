@@ -18,7 +18,7 @@ from blender_addon.operators import stepped
 from blender_addon.operators.candidates import use_candidate
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
-from zoomout_core.progress import Progress
+from zoomout_core.runtime.stepping import Progress
 
 
 def drawn():

@@ -12,7 +12,7 @@ from blender_addon.colors import confidence_colors, place_colors
 from blender_addon.operators.candidates import use_candidate, use_candidate_steps
 from blender_addon.operators.match import match_objects
 from blender_addon.pair import read_pair
-from zoomout_core.progress import drain
+from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from scenes import activate, ellipsoid, from_pydata
 import blender_addon
 from blender_addon import menus
 from blender_addon.operators import stepped
-from zoomout_core.progress import Progress
+from zoomout_core.runtime.stepping import Progress
 
 
 def traces():

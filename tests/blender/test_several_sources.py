@@ -25,7 +25,7 @@ from blender_addon import overlay, preflight, preview, stored_match
 from blender_addon.operators.cut_seams import cut_seams
 from blender_addon.operators.transfer import transfer_objects
 from blender_addon.pair import read_pair_steps
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 # How far shape keys move what they move.
 UP = np.array([0, 0, 0.1], np.float32)

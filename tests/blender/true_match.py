@@ -6,7 +6,7 @@ import numpy as np
 import zoomout_core as zo
 from blender_addon import stored_match
 from blender_addon.pair import read_pair
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
 
 
 def keep_true_match(target, still=None, doubtful=0, notes=()):

@@ -14,8 +14,8 @@ import numpy as np
 from creatures import LENGTHS, LIMBS, SHARPNESS, _posed, directions
 from scipy.spatial import ConvexHull, cKDTree
 
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.sampling import farthest_points
-from zoomout_core.surface import Surface
 
 # Directions to choose from, for each vertex of a garment.
 DENSITY = 25

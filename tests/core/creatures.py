@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 # Directions, lengths and sharpness of the limbs; x is the creature's left. Two arms, two legs, head, tail.
 LIMBS = np.array([[1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 0.05, 1], [0, 1, -0.25]])

@@ -13,8 +13,8 @@ from creatures import directions
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.surface import Surface
-from zoomout_core.voxel_remesh import voxel_remesh
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.voxel_remesh import voxel_remesh
 
 # Each part: what it hangs on, the joint that it turns about, its centre and its radii. x is the left, -y the front.
 Part = tuple[str, tuple[float, ...], tuple[float, ...], tuple[float, ...]]

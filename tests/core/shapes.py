@@ -14,7 +14,7 @@ import fast_simplification
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 
 # Rods melt into each other over this length.
 BLEND = 0.08

@@ -14,7 +14,7 @@ from creatures import Creature, mirrored_vertex, true_vertex
 
 import zoomout_core as zo
 from zoomout_core.cli import main
-from zoomout_core.threads import threads
+from zoomout_core.runtime.threads import threads
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from creatures import Creature, creature, true_vertex
 import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.evaluation import coverage, distance_distortion, edge_distortion, flipped_share, offset_errors
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 
 
 @pytest.fixture(scope="module")

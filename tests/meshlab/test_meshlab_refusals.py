@@ -12,7 +12,7 @@ from meshlab_filter import apply_filter
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, LENGTH, MESH, NAMES, SWITCH, TEXT
 from zoomout_core.cli import DETAIL
-from zoomout_core.surface import MeshError
+from zoomout_core.mesh.surface import MeshError
 
 BY_PAIR = [name for name, row in CATALOGUE.items() if row.parameters[0].name == "sourcemesh"]
 OF_CURRENT = [name for name in CATALOGUE if name not in BY_PAIR]
@@ -143,7 +143,7 @@ def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, name, monkeypa
 
     for function in ("match_steps", "detect_symmetry_steps", "eigenbasis", "conform"):
         monkeypatch.setattr(zo, function, give_up)
-    monkeypatch.setattr("zoomout_core.correspondence.surface_map.SurfaceMap.interpolate", give_up)
+    monkeypatch.setattr("zoomout_core.maps.surface_map.SurfaceMap.interpolate", give_up)
     check_refusal(pair, "The core gives up", name)
 
 

@@ -10,8 +10,8 @@ from creature import SOURCE_POSE, TARGET_POSE, creature
 
 from meshlab_filter.__main__ import main
 from meshlab_filter.script import read_script, run_script_steps
-from zoomout_core.files import ply_columns
-from zoomout_core.progress import drain
+from zoomout_core.mesh.files import ply_columns
+from zoomout_core.runtime.stepping import drain
 
 HEAD = "<!DOCTYPE FilterScript>\n<FilterScript>\n"  # so that a filter begins in line 3
 SIZE = 14.2**0.5

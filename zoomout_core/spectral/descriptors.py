@@ -10,8 +10,8 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis
-from zoomout_core.working_mesh import WorkingMesh
 
 # Norm of functions that vanish but for rounding; signatures are of order one.
 NOTHING = 1e-9

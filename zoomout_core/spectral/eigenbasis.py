@@ -18,13 +18,13 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from zoomout_core.arrays import Floats
-from zoomout_core.decimation import decimated_steps
-from zoomout_core.progress import drain
-from zoomout_core.projection import Neighbourhoods, project_to_embedding
+from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.spectral.laplacian import mesh_laplacian, point_cloud_laplacian
-from zoomout_core.surface import MeshError, PointCloud, Surface
-from zoomout_core.threads import one_blas_thread
-from zoomout_core.working_mesh import WorkingMesh
 
 # At unit area lambda_k is about 4 pi k; anything from 0.1 to 200 converges alike.
 SHIFT = 20.0

@@ -11,7 +11,7 @@ import robust_laplacian
 from scipy.sparse import csc_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.surface import MeshError
+from zoomout_core.mesh.surface import MeshError
 
 # Masses below this part of the mean only amplify rounding in the eigenvectors.
 SMALLEST_AREA = 1e-6

@@ -16,26 +16,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats
-from zoomout_core.correspondence.attempt import Attempt
-from zoomout_core.correspondence.components.assembly import on_surfaces
-from zoomout_core.correspondence.confidence import confidence_of
-from zoomout_core.correspondence.dense import ONTO_ITSELF, dense_steps
-from zoomout_core.correspondence.fitting.fit import Fit
-from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
-from zoomout_core.correspondence.matching import ANALYSING, SURE_OF_BODY, check_sizes, fitted_steps
-from zoomout_core.correspondence.pair import Pair
-from zoomout_core.correspondence.ranking import Candidate, rank_steps
-from zoomout_core.correspondence.shape import Shape
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import Steps, drain, scaled, spread, within
-from zoomout_core.surface import Surface
+from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.attempt import Attempt
+from zoomout_core.matching.components.lift import on_surfaces
+from zoomout_core.matching.confidence import confidence_of
+from zoomout_core.matching.match import ANALYSING, SURE_OF_BODY, check_sizes, fitted_steps
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.ranking import Candidate, rank_steps
+from zoomout_core.matching.refinement import ONTO_ITSELF, dense_steps
+from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.stepping import Steps, drain, scaled, spread, within
+from zoomout_core.runtime.threads import (
+    alone,
+    for_each,
+    for_each_stepped,
+    in_background,
+    on_one_blas_thread,
+    side_by_side,
+)
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import SURE, in_order, is_no_part_of_identity
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of_steps, body_shape_steps
 from zoomout_core.symmetry.sides import CLEARLY_LEFT, leftward, on_whole_surface, signed_distance
-from zoomout_core.threads import alone, for_each, for_each_stepped, in_background, on_one_blas_thread, side_by_side
-from zoomout_core.triangles import triangle_areas
 
 # A character of Blender's faces -y, so that its left is +x.
 LEFT = (1.0, 0.0, 0.0)

@@ -16,13 +16,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.functional_map import commutativity_error, orthonormality_error
-from zoomout_core.correspondence.initial.descriptors import descriptor_hypotheses
-from zoomout_core.correspondence.initial.extremities import extremity_hypotheses
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis
-from zoomout_core.correspondence.initial.rotations import ANGLES, SAME_EIGENVALUE, turn
-from zoomout_core.correspondence.shape import Shape
-from zoomout_core.correspondence.zoomout import SampledBasis, upsample
+from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.maps.zoomout import SampledBasis, upsample
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
+from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.rotations import ANGLES, SAME_EIGENVALUE, turn
 
 # The tree is as deep as takes in so many eigenfunctions, and grows on so many samples. A map is judged by what a few
 # iterations of ZoomOut make of it, to so many functions more; so many are kept at each level, and fewer where no

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.shape import Shape
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import project_to_embedding
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import project_to_embedding
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.mesh.surface import Surface
 
 # A normal that is off by a right angle weighs as much as a place that is off by this, at unit area: opposite sides of
 # a thin part are kept apart.

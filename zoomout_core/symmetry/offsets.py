@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.components.carrying import Moments, products
-from zoomout_core.correspondence.proxy import Proxy
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import MeshError
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.components.similarity_field import Moments, products
+from zoomout_core.matching.proxy import Proxy
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Domain

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.special import expit
 
 from zoomout_core.arrays import Integers
-from zoomout_core.correspondence.ranking import ANOTHER_MAP, Candidate
-from zoomout_core.correspondence.scores import correlation, laid_over
-from zoomout_core.correspondence.shape import Shape
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.ranking import ANOTHER_MAP, Candidate
+from zoomout_core.matching.scores import correlation, laid_over
 from zoomout_core.symmetry.involution import distance_moved, mean_distance
 
 # A symmetry other than the identity moves nearly everything: a reflection all but a line, a turn all but points. What

@@ -9,16 +9,16 @@ from typing import Literal
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.correspondence.components.bodies import Bodies, bodies_steps
-from zoomout_core.correspondence.kept_shapes import kept_shape_steps
-from zoomout_core.correspondence.matching import ANALYSES, FEWEST_FUNCTIONS, prepared_steps, proxy_size
-from zoomout_core.correspondence.shape import Shape
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import Progress, Steps, drain, spread, within
-from zoomout_core.surface import Surface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.components.bodies import Bodies, bodies_steps
+from zoomout_core.matching.match import ANALYSES, FEWEST_FUNCTIONS, prepared_steps, proxy_size
+from zoomout_core.matching.memory_cache import kept_shape_steps
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.stepping import Progress, Steps, drain, spread, within
+from zoomout_core.runtime.threads import alone, in_background, on_one_blas_thread
 from zoomout_core.symmetry.sides import Line, zero_line
-from zoomout_core.threads import alone, in_background, on_one_blas_thread
-from zoomout_core.working_mesh import WorkingMesh
 
 # Size of the final functional maps, and how many samples they are refined on.
 K_FINAL, SAMPLES = 120, 1000

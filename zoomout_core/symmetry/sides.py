@@ -13,10 +13,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.correspondence.shape import Shape
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 
 # Sides are decided by places within about this distance, at unit area; the result is smoothed over a diffusion length,
 # so that the line between them does not follow the noise of the map.

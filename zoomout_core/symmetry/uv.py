@@ -15,12 +15,12 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.surface import MeshError, Surface
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
-from zoomout_core.transfer.cut import cut_open
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.transfer.cut_mesh import cut_open
 
 # Where the losing side's layout goes: where its own was before, or over that of the winning side.
 Layout: TypeAlias = Literal["own", "over"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing
 
 Mode: TypeAlias = Literal["mix", "missing"]

@@ -22,12 +22,12 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.threads import threads
+from zoomout_core.runtime.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
-from zoomout_core.transfer.cut import ragged
-from zoomout_core.transfer.draped import Draped
-from zoomout_core.transfer.lines import Chains, Samples, runs, sample, string_together
-from zoomout_core.transfer.webs import REACH, Laid, Place, Web, placed
+from zoomout_core.transfer.cut_mesh import ragged
+from zoomout_core.transfer.edge_graph import REACH, Laid, Place, Web, placed
+from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.polylines import Chains, Samples, runs, sample, string_together
 
 # Where more than this part of the edges have a value, these are no lines,
 MOST_MARKED = 0.5

@@ -16,13 +16,13 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.rotations import nearest_rotations
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
-from zoomout_core.working_mesh import WorkingMesh
 
 if TYPE_CHECKING:  # which keeps its frames
-    from zoomout_core.transfer.draped import Draped
+    from zoomout_core.transfer.mapped_target import Draped
 
 # How wide neighbourhoods are, over the square root of the area: about a wrist. Half as wide or twice as wide, keys
 # err by a fifth to a quarter more on posed characters, as noise remains or bones are mixed.

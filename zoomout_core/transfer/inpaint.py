@@ -16,10 +16,10 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.surface import Surface
-from zoomout_core.triangles import triangle_areas
-from zoomout_core.working_mesh import WorkingMesh
 
 # Columns that are solved for together: bounds the memory.
 BLOCK = 16

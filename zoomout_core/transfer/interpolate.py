@@ -13,10 +13,10 @@ from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
-from zoomout_core.transfer.cut import cut_open, edge_lengths
-from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.cut_mesh import cut_open, edge_lengths
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
-from zoomout_core.transfer.voting import LOYALTY, elect, tally
+from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.potts import LOYALTY, elect, tally
 
 
 def mix_points(attribute: Attribute, draped: Draped) -> Attribute:

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Integers
-from zoomout_core.surface import Surface
-from zoomout_core.transfer.cut import adjacent_edges, edge_lengths, joined_groups
-from zoomout_core.transfer.voting import Candidates
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths, joined_groups
+from zoomout_core.transfer.potts import Candidates
 
 # An island that covers this part of a face of the target receives it, if no face elects it.
 LEAST_COVER = 0.5

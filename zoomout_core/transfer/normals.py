@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas, triangle_normals, unit_vectors, vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain
-from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
-from zoomout_core.triangles import triangle_areas, triangle_normals, unit_vectors, vertex_normals
+from zoomout_core.transfer.mapped_target import Draped
 
 # Sine of the angle above the surface that a normal is lifted to where only the transfer pushed it below.
 LIFTED = 0.05

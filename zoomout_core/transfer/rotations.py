@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
+from zoomout_core.transfer.mapped_target import Draped
 
 # Where all quaternions are zero, this makes their mean the rotation by nothing.
 NOTHING = 1e-12

@@ -11,13 +11,13 @@ import numpy as np
 from scipy.sparse import issparse
 
 from zoomout_core.arrays import Floats
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import MeshError, Surface
-from zoomout_core.threads import in_background
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.interpolate import MIX, VOTE
+from zoomout_core.transfer.mapped_target import Draped
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
 from zoomout_core.transfer.shape_keys import carry_offsets, conformed

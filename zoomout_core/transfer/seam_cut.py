@@ -16,13 +16,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import barycentric_of_closest
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut import CutSurface, cut_open, ragged
-from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.cut_mesh import CutSurface, cut_open, ragged
 from zoomout_core.transfer.frames import on_working_mesh
+from zoomout_core.transfer.mapped_target import Draped
 
 # A crossing nearer to an edge's end than this part of the edge is at that end: no slivers.
 SNAP = 0.1

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array
 
 from zoomout_core.arrays import Floats
-from zoomout_core.progress import drain
-from zoomout_core.threads import for_each
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.frames import REACH, TRUSTED, Frames, frames_on, on_working_mesh
+from zoomout_core.transfer.mapped_target import Draped
 
 # Offsets shorter than these parts of a key's longest one, and of the surface's size, are noise.
 SMALLEST_OF_KEY, SMALLEST_OF_SURFACE = 1e-4, 1e-7

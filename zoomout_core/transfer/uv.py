@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.cut import (
+from zoomout_core.transfer.cut_mesh import (
     CUT_TOLERANCE,
     CutSurface,
     adjacent_edges,
@@ -27,9 +28,8 @@ from zoomout_core.transfer.cut import (
     joined_groups,
     ragged,
 )
-from zoomout_core.transfer.draped import Draped
-from zoomout_core.transfer.voting import LOYALTY, Candidates, elect
-from zoomout_core.triangles import triangle_areas
+from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.potts import LOYALTY, Candidates, elect
 
 # More parts than these do not meet in one face, unless it is larger than islands.
 MOST_SHEETS = 4

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.surface import MeshError, Surface
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.draped import Draped
 from zoomout_core.transfer.inpaint import CLIP
-from zoomout_core.triangles import unique_edges
+from zoomout_core.transfer.mapped_target import Draped
 
 # Weights that sum to one up to rounding are meant to.
 SUM_TOLERANCE = 0.01

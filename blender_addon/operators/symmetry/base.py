@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Progress
+from zoomout_core.runtime.stepping import Progress
 
 from ... import stored_symmetry
 from ...pair import check_elements, check_writable, edited, find_mesh

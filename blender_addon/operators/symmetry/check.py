@@ -10,12 +10,12 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import asymmetry
 from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.threads import in_background
 
 from ... import mesh_data, preview, stored_symmetry
 from ...properties.settings import take_settings

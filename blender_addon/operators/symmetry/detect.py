@@ -9,7 +9,7 @@ from bpy.props import IntProperty
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Progress, Steps, drain
+from zoomout_core.runtime.stepping import Progress, Steps, drain
 
 from ... import preview, stored_symmetry
 from ...properties.once import ONCE

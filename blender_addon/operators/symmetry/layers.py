@@ -11,12 +11,12 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
-from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import Layout, symmetrised_uv
-from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute, Kind
 
 from ... import mesh_data, stored_symmetry

@@ -8,10 +8,10 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import symmetrised_offsets
-from zoomout_core.threads import in_background
 
 from ... import mesh_data, stored_symmetry
 from ...properties.settings import take_settings

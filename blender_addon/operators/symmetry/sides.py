@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
-from zoomout_core.progress import Progress, Steps
+from zoomout_core.runtime.stepping import Progress, Steps
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 

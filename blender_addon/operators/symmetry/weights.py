@@ -11,10 +11,10 @@ from bpy.types import Context, Object
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.progress import Steps, drain, spread
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
-from zoomout_core.threads import in_background
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import sum_to_one
 

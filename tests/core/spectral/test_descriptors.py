@@ -6,7 +6,8 @@ import numpy as np
 from creatures import Creature, directions
 from scipy.spatial import ConvexHull
 
-from zoomout_core.progress import drain
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.descriptors import (
     heat_kernel_signature,
     mean_curvature,
@@ -15,7 +16,6 @@ from zoomout_core.spectral.descriptors import (
 )
 from zoomout_core.spectral.eigenbasis import working_basis_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.surface import Surface
 
 
 def test_signatures_of_the_same_place_agree_in_another_pose(resting: Creature, bent: Creature) -> None:

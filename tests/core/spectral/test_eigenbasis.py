@@ -10,11 +10,11 @@ from scipy.sparse.linalg import SuperLU, eigsh
 from scipy.spatial import ConvexHull
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from zoomout_core.progress import drain
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral import eigenbasis as module
 from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.surface import MeshError, PointCloud, Surface
 
 
 def test_eigenpairs_agree_with_arpack(resting: Creature) -> None:

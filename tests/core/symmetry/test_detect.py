@@ -11,7 +11,7 @@ from creatures import Creature, creature, mirrored_vertex
 from shapes import TABLE, VASE, Figure, Shaped, limb, shape
 
 import zoomout_core as zo
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.hypotheses import _there_and_back
 
 # A letter S: a half turn leads it to itself, and no mirror does.

@@ -13,9 +13,9 @@ from creatures import directions
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.correspondence.shape import shape_steps
-from zoomout_core.progress import drain
-from zoomout_core.surface import Surface
+from zoomout_core.matching.analysis import shape_steps
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.detect import _place, energies
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap

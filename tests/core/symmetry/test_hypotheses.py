@@ -12,11 +12,11 @@ from butterfly import MIRROR
 from creatures import creature, directions
 from scipy.spatial import ConvexHull
 
-from zoomout_core.correspondence.initial.hypothesis import Hypothesis
-from zoomout_core.correspondence.shape import Shape, shape_steps
-from zoomout_core.progress import drain
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.hypotheses import (
     blocks_of_eigenfunctions,
     mirroring_pairings,

@@ -11,10 +11,10 @@ from butterfly import MIRROR, grid, mirrored_vertex
 from creatures import directions
 from scipy.spatial import ConvexHull, cKDTree
 
-from zoomout_core.correspondence.shape import Shape
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import Neighbourhoods, closest_points
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.involution import involution, return_error
 
 

@@ -8,7 +8,7 @@ from butterfly import grid, mirrored_vertex, self_map
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.mirror import (
     asymmetry,
     distance_of,

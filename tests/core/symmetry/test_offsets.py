@@ -7,7 +7,8 @@ import pytest
 from creatures import Creature
 
 import zoomout_core as zo
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import (
     frames,
     left_share,
@@ -16,7 +17,6 @@ from zoomout_core.symmetry.offsets import (
     split_offsets,
     symmetrised_offsets,
 )
-from zoomout_core.triangles import vertex_normals
 
 
 def bumps(made: Creature, directions: np.ndarray) -> np.ndarray:

@@ -11,11 +11,11 @@ from butterfly import MIRROR, grid, mirrored_vertex
 from creatures import Creature, creature, directions
 from scipy.spatial import ConvexHull
 
-from zoomout_core.correspondence.shape import Shape, shape_steps
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.progress import drain
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance, zero_line
 
 X = np.array([1.0, 0, 0])

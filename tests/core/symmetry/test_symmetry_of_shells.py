@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 import zoomout_core as zo
+from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry
-from zoomout_core.triangles import vertex_normals
 
 # Ellipsoids: centre and radii. The figure faces -y; its left is +x. Those of the left side stand for both.
 MIDDLE = {

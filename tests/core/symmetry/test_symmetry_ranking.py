@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from zoomout_core.correspondence.ranking import Candidate
-from zoomout_core.correspondence.shape import Shape
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.ranking import Candidate
 from zoomout_core.symmetry import ranking
 from zoomout_core.symmetry.involution import distance_moved, mean_distance, order_of
 from zoomout_core.symmetry.ranking import SURE, in_order, is_no_part_of_identity

@@ -9,10 +9,10 @@ import pytest
 from test_edges import shape_of
 from transfer_meshes import nearest_map, plate
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.lines import runs, sample, string_together
+from zoomout_core.transfer.polylines import runs, sample, string_together
 
 SIZE = 20
 

@@ -12,8 +12,8 @@ from scipy.sparse import csr_array, random_array
 from scipy.spatial.transform import Rotation
 from transfer_meshes import Sheet, identity, sheet, split_at_faces, torus, tube
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.inpaint import filling
 

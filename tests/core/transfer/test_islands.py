@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from transfer_meshes import Sheet, sheet, torus, true_map
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.islands import islands_of, without_specks
 

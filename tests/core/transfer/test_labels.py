@@ -9,8 +9,8 @@ import pytest
 from transfer_meshes import Sheet, identity, sheet, torus, true_map
 
 from zoomout_core.transfer import Attribute, Domain, Kind, interpolate, transfer
-from zoomout_core.transfer.cut import adjacent_edges, edge_lengths
-from zoomout_core.transfer.voting import Candidates, elect, tally
+from zoomout_core.transfer.cut_mesh import adjacent_edges, edge_lengths
+from zoomout_core.transfer.potts import Candidates, elect, tally
 
 GRID = (120, 80)
 

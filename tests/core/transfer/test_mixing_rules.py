@@ -10,12 +10,12 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 from transfer_meshes import identity, nearest_map, plate
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.weights import limit_weights, sum_to_one
-from zoomout_core.triangles import unique_edges
 
 MESH = plate(20, 20, jitter=0.1)
 X, Y = MESH.vertices[:, 0], MESH.vertices[:, 1]

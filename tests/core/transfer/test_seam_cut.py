@@ -8,12 +8,12 @@ from test_uv import GRID, atlas
 from transfer_meshes import Sheet, sheet, torus, true_map
 
 from zoomout_core.arrays import Floats
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.cut import face_edges
-from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.cut_mesh import face_edges
+from zoomout_core.transfer.mapped_target import Draped
 from zoomout_core.transfer.seam_cut import SNAP, SeamCut, seam_cut
-from zoomout_core.triangles import triangle_areas
 
 LAYOUTS = {"islands": (6, 4), "rings that border themselves": (5, 1)}
 # What counts as on a seam, in parts of an island: chords of the source leave its circles by less.

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from transfer_meshes import nearest_map, plate
 
-from zoomout_core.surface import Surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind
-from zoomout_core.transfer.draped import Draped
+from zoomout_core.transfer.mapped_target import Draped
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
-from zoomout_core.triangles import triangle_areas
 
 SOURCE = plate(20, 20)
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from transfer_meshes import Sheet, globe, identity, sheet, split_at_faces, torus, true_map, tube
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, shape_keys, transfer
 
 GRID = (120, 80)

@@ -10,12 +10,12 @@ from creatures import Creature, creature
 from scipy.spatial.transform import Rotation
 from transfer_meshes import identity
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
-from zoomout_core.rotations import nearest_rotations
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.triangles import triangle_normals, vertex_normals
 
 BEND = 0.6
 TURN = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]).as_matrix()

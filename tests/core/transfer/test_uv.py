@@ -21,11 +21,11 @@ from transfer_meshes import (
     tube,
 )
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.projection import closest_points
-from zoomout_core.surface import Surface
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.cut import adjacent_edges, cut_open, edge_lengths
+from zoomout_core.transfer.cut_mesh import adjacent_edges, cut_open, edge_lengths
 
 GRID = (120, 80)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from transfer_meshes import identity, nearest_map, plate
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import Surface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.uv import uv_seams
 

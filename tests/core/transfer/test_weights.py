@@ -9,11 +9,11 @@ import pytest
 from scipy.sparse import csr_array, random_array
 from transfer_meshes import Sheet, identity, permuted, sheet, split_at_faces, true_map, tube
 
-from zoomout_core.correspondence.surface_map import SurfaceMap
-from zoomout_core.surface import MeshError
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.weights import rename_groups, sum_to_one
-from zoomout_core.triangles import unique_edges
 
 GRID = (120, 80)
 

@@ -1,0 +1,79 @@
+"""Closest points next to normals that agree, whatever the size of the triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface, surface_samples
+
+# Two large sheets, one above the other, the upper one facing down.
+SHEETS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.02], [1, 0, 0.02], [1, 1, 0.02], [0, 1, 0.02]])
+CORNERS = np.array([[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]])
+UP, DOWN = np.array([[0, 0, 1.0]]), np.array([[0, 0, -1.0]])
+
+
+def sheets(flipped: bool = False, group: np.ndarray | None = None) -> OrientedSurface:
+    return OrientedSurface(SHEETS, CORNERS, np.full(4, flipped), 0.03, group)
+
+
+def test_normals_decide_between_layers() -> None:
+    place = np.array([[0.3, 0.6, 0.01]])
+    assert sheets().closest(place, UP)[0] in (0, 1)
+    assert sheets().closest(place, DOWN)[0] in (2, 3)
+    assert sheets(flipped=True).closest(place, UP)[0] in (2, 3)
+
+
+def test_the_point_is_the_closest_one_of_a_large_triangle() -> None:
+    place = np.array([[0.317, 0.642, -0.2]])
+    triangle, barycentric, distance = sheets().closest(place, UP)
+    assert np.allclose(barycentric @ SHEETS[CORNERS[triangle[0]]], [0.317, 0.642, 0])
+    assert distance[0] == pytest.approx(0.2)
+
+
+def test_groups_keep_to_themselves() -> None:
+    surface = sheets(group=np.array([0, 0, 2, 2]))
+    place = np.repeat([[0.3, 0.6, 0.0]], 2, axis=0)
+    triangle, _, distance = surface.closest(place, np.repeat(UP, 2, axis=0), np.array([0, 2]))
+    assert triangle[0] in (0, 1)
+    assert triangle[1] in (2, 3)
+    assert distance == pytest.approx([0, 0.02])
+
+
+def test_it_finds_what_the_exact_search_finds() -> None:
+    mesh = creature(1500).surface
+    places = mesh.vertices[::7] * 1.01
+    exact = closest_points(places, mesh.vertices, mesh.triangles)
+    surface = OrientedSurface(mesh.vertices, mesh.triangles, np.zeros(len(mesh.triangles), bool), 1e-9)
+    _, _, distance = surface.closest(places, np.zeros_like(places))
+    found = np.einsum("qc,qcx->qx", exact[1], mesh.vertices[mesh.triangles[exact[0]]])
+    assert np.abs(distance - np.linalg.norm(found - places, axis=1)).mean() < 1e-3
+
+
+def test_samples_cover_triangles_by_area_and_lie_on_them() -> None:
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, -1, 0.0], [1, 0, 0]])
+    triangles = np.array([[0, 1, 2], [0, 3, 4]])  # of areas 2 and 0.5
+    points, triangle = surface_samples(vertices, triangles, 1000)
+    assert (triangle == 0).mean() == pytest.approx(0.8, abs=0.01)
+    assert (points[triangle == 0] >= 0).all()
+    assert points[triangle == 0].mean(axis=0) == pytest.approx([2 / 3, 2 / 3, 0], abs=0.02)
+
+
+def test_a_group_however_small_is_found() -> None:
+    tiny = np.array([[0.5, 0.5, 0.5], [0.5001, 0.5, 0.5], [0.5, 0.5001, 0.5]])
+    vertices, corners = np.vstack([SHEETS, tiny]), np.vstack([CORNERS, [[8, 9, 10]]])
+    surface = OrientedSurface(vertices, corners, np.zeros(5, bool), 0.03, np.array([0, 0, 0, 0, 1]))
+    triangle, _, distance = surface.closest(np.array([[0.1, 0.1, 0.0]]), UP, np.array([1]))
+    assert triangle[0] == 4
+    assert distance[0] == pytest.approx(np.linalg.norm([0.4, 0.4, 0.5]), abs=1e-3)
+
+
+def test_queries_that_are_many_are_answered_as_few_are(monkeypatch) -> None:
+    places = np.random.default_rng(0).uniform(0, 1, (40, 3)) * [1, 1, 0.02]
+    normals = np.repeat(UP, 40, axis=0)
+    whole = sheets().closest(places, normals)
+    monkeypatch.setattr("zoomout_core.geometry.oriented_closest_points.QUERIES_AT_ONCE", 7)
+    for ours, theirs in zip(sheets().closest(places, normals), whole, strict=True):
+        np.testing.assert_array_equal(ours, theirs)

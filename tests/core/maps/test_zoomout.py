@@ -1,0 +1,185 @@
+"""What theory says of functional maps and of ZoomOut holds for the implementation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, true_vertex
+
+from zoomout_core import commutativity_error, eigenbasis, geodesic_error, orthonormality_error, zoomout
+from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
+from zoomout_core.maps.nearest import MANY_PRODUCTS, nearest, nearest_among
+from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.spectral.sampling import farthest_points
+
+
+@pytest.fixture(scope="module")
+def basis(resting: Creature) -> SpectralBasis:
+    return eigenbasis(resting.surface, 100)
+
+
+@pytest.fixture(scope="module")
+def moved(resting: Creature) -> tuple[Surface, np.ndarray]:
+    """A permuted, rigidly moved, rescaled copy, and for each of its vertices the original one."""
+    random = np.random.default_rng(3)
+    order = random.permutation(len(resting.surface.vertices))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    vertices = (resting.surface.vertices @ rotation * 37 + [1, 2, 3])[order]
+    return Surface(vertices, place[resting.surface.triangles]), order
+
+
+@pytest.fixture(scope="module")
+def moved_basis(moved: tuple[Surface, np.ndarray]) -> SpectralBasis:
+    return eigenbasis(moved[0], 100)
+
+
+def test_the_functional_map_of_the_identity_is_the_identity(basis: SpectralBasis) -> None:
+    identity = np.arange(len(basis.areas))
+    np.testing.assert_allclose(functional_map_of(identity, basis, basis, 100, 100), np.eye(100), atol=1e-5)
+    assert np.array_equal(vertex_map_of(np.eye(100), basis, basis), identity)
+
+
+def test_an_isometry_has_a_diagonal_orthonormal_functional_map(basis, moved, moved_basis) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 60, 60)
+    assert orthonormality_error(C) < 1e-6
+    assert commutativity_error(C, basis.eigenvalues, moved_basis.eigenvalues) < 1e-4
+    np.testing.assert_allclose(np.abs(C), np.eye(60), atol=2e-2)
+    random = functional_map_of(np.random.default_rng(0).permutation(moved[1]), basis, moved_basis, 60, 60)
+    assert orthonormality_error(random) > 1
+    assert commutativity_error(random, basis.eigenvalues, moved_basis.eigenvalues) > 0.1
+
+
+@pytest.mark.parametrize("samples", [None, 400])
+def test_a_moved_copy_is_recovered_exactly_from_a_small_map(basis, moved, moved_basis, samples) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 6, 6)
+    refined = zoomout(basis, moved_basis, C, k_final=100, step=5, samples=samples)
+    assert refined.functional_map.shape == (100, 100)
+    assert np.array_equal(refined.vertex, moved[1])
+
+
+def test_the_signs_of_eigenvectors_change_no_map(basis, moved, moved_basis) -> None:
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], size=100)
+    turned = SpectralBasis(basis.eigenvalues, basis.eigenvectors * signs, basis.areas, basis.points)
+    coarse = np.roll(moved[1], 1)  # a start that is no isometry
+    one = zoomout(basis, moved_basis, coarse, k_final=40, samples=None)
+    two = zoomout(turned, moved_basis, coarse, k_final=40, samples=None)
+    assert (one.vertex == two.vertex).mean() > 0.999
+    np.testing.assert_allclose(one.functional_map * signs[:40], two.functional_map, atol=1e-3)
+
+
+def test_swapping_the_shapes_inverts_a_bijection(basis, moved, moved_basis) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 10, 10)
+    there = zoomout(basis, moved_basis, C, k_final=80)
+    back = zoomout(moved_basis, basis, C.T, k_final=80)
+    assert np.array_equal(there.vertex[back.vertex], np.arange(len(there.vertex)))
+
+
+def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting, bent, basis) -> None:
+    other = eigenbasis(bent.surface, 100)
+    truth = true_vertex(resting, bent)
+    C = functional_map_of(truth, basis, other, 8, 8)
+    everywhere = np.arange(len(truth))
+
+    def error(vertex: np.ndarray) -> float:
+        return float(geodesic_error(vertex, resting.surface, everywhere, truth).mean())
+
+    initial = error(vertex_map_of(C, basis, other))
+    full = error(zoomout(basis, other, C, k_final=100, samples=None).vertex)
+    sampled = error(zoomout(basis, other, C, k_final=100, samples=500).vertex)
+    assert full < 0.6 * initial
+    assert sampled < 1.1 * full
+
+
+def test_a_rectangular_start_stays_rectangular(basis, moved_basis, moved) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 24, 20)
+    refined = zoomout(basis, moved_basis, C, k_final=64)
+    assert refined.functional_map.shape == (60, 64)
+
+
+def test_nested_factors_fit_like_least_squares(basis: SpectralBasis) -> None:
+    samples = farthest_points(basis.points, 150)
+    sampled = SampledBasis.of(basis, samples)
+    values = np.random.default_rng(1).standard_normal((150, 4))
+    for k in (1, 17, 100):
+        expected = np.linalg.lstsq(basis.eigenvectors[samples, :k], values, rcond=None)[0]
+        np.testing.assert_allclose(sampled.fit(values, k), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("k", [4, 12, 30])
+def test_nearest_neighbours_are_exact(k: int) -> None:
+    random = np.random.default_rng(k)
+    points, queries = random.standard_normal((3000, k)), random.standard_normal((500, k))
+    squared = ((queries[:, None] - points) ** 2).sum(axis=2)
+    found = nearest(queries, points)
+    chosen = squared[np.arange(500), found]
+    np.testing.assert_allclose(chosen, squared.min(axis=1), rtol=1e-5)
+    assert (found == squared.argmin(axis=1)).mean() >= 0.998
+
+
+def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
+    random = np.random.default_rng(0)
+    points, queries = random.standard_normal((2000, 40)), random.standard_normal((700, 40))
+    candidates = random.integers(2000, size=(700, 12))
+    squared = ((queries[:, None] - points[candidates]) ** 2).sum(axis=2)
+    expected = candidates[np.arange(700), squared.argmin(axis=1)]
+    assert np.array_equal(nearest_among(queries, points, candidates), expected)
+
+
+@pytest.mark.parametrize(
+    ("initial", "arguments", "sentence"),
+    [
+        (np.eye(4), {"k_final": 101}, "hold 100"),
+        (np.eye(4), {"k_final": 50, "step": 0}, "at least one"),
+        (np.eye(60), {"k_final": 50}, "larger than k_final"),
+        (np.zeros(7, int), {"k_final": 50}, "for each of 4000"),
+        (np.full(4000, 4000), {"k_final": 50}, "numbers of its 4000 vertices, counted from 0, and 4000 is none"),
+        (np.full(4000, 0.5), {"k_final": 50}, "0.5 is none"),
+        (np.full(4000, np.nan), {"k_final": 50}, "nan is none"),
+        (np.zeros((2, 2, 2)), {"k_final": 50}, "vector or a matrix"),
+        (np.zeros((0, 4)), {"k_final": 50}, "vector or a matrix"),
+        (3, {"k_final": 50}, "vector or a matrix"),
+        (np.full((4, 4), np.nan), {"k_final": 50}, "finite numbers"),
+        (np.full((4, 4), "a"), {"k_final": 50}, "finite numbers"),
+        (np.eye(4), {"k_final": 0}, "k_final is 0"),
+        (np.eye(4), {"k_final": -5}, "k_final is -5"),
+        (np.eye(4), {"k_final": 50.0}, r"k_final is 50\.0"),
+        (np.eye(4), {"k_final": 50, "samples": 0}, "samples is 0"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        zoomout(basis, basis, initial, **arguments)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
+    identity = np.arange(4000.0)
+    assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(4000))
+
+
+@pytest.mark.parametrize(("dimension", "noise"), [(20, 0.01), (60, 0.5), (60, 50.0)])
+def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int, noise: float) -> None:
+    random = np.random.default_rng(0)
+    # A curved surface in many dimensions, as embeddings are; then ever less like one.
+    place, mixing = random.random((12_000, 2)), random.standard_normal((2, dimension)) * 6
+    points = np.sin(place @ mixing)
+    queries = np.sin((place + 0.001) @ mixing) + noise * random.standard_normal(points.shape)
+    assert len(queries) * len(points) > MANY_PRODUCTS
+    found = nearest(queries, points)
+    exact = np.concatenate([
+        np.argmin((points**2).sum(axis=1) - 2 * few @ points.T, axis=1) for few in np.array_split(queries, 40)
+    ])  # fmt: skip
+    distance, least = (np.linalg.norm(queries - points[row], axis=1) for row in (found, exact))
+    assert (found == exact).mean() > 0.999
+    np.testing.assert_allclose(distance, least, atol=1e-4)
+
+
+def test_many_equal_points_are_no_harder() -> None:
+    points = np.repeat(np.eye(20), 600, axis=0)
+    found = nearest(points + 0.01, points)
+    np.testing.assert_array_equal(points[found], points)

@@ -1,0 +1,94 @@
+"""What lies around a body moves along with it: turned, mirrored and grown as the body is, within limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.matching.components.similarity_field import Moments, Motion, moved, products
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
+
+MADE = creature(500)
+TURN = Rotation.from_rotvec([0.4, -0.2, 1.0]).as_matrix()
+
+
+@pytest.fixture(scope="module")
+def basis() -> SpectralBasis:
+    return eigenbasis(MADE.surface, 80)
+
+
+def patches(images: np.ndarray, places: np.ndarray) -> Moments:
+    """Of patches (m, n, 3) that go to images."""
+    return Moments.of(np.stack([products(p, i).mean(axis=0) for p, i in zip(places, images, strict=True)]))
+
+
+PLACES = np.random.default_rng(0).standard_normal((9, 50, 3)) * 0.1
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_similarity_of_patches_is_found_exactly(sense: float) -> None:
+    linear = 1.3 * TURN * [sense, 1, 1]
+    moments = patches(PLACES @ linear.T + [1, 2, 3], PLACES)
+    assert moments.handedness == sense
+    np.testing.assert_allclose(moments.scale(sense), 1.3)
+    points, normals = np.ones((9, 3)), np.tile([0.0, 0, 1], (9, 1))
+    carried, turned = moved(moments.affine(sense), points, normals)
+    np.testing.assert_allclose(carried, points @ linear.T + [1, 2, 3])
+    np.testing.assert_allclose(turned, normals @ (TURN * [sense, 1, 1]).T)
+
+
+def test_a_patch_that_a_map_squeezes_by_mistake_keeps_a_size() -> None:
+    factors = np.ones(9)
+    factors[0], factors[1] = 0.01, 50
+    moments = patches(PLACES * factors[:, None, None], PLACES)
+    affine = moments.affine(1.0)
+    sizes = np.cbrt(np.linalg.det(affine[:, :9].reshape(-1, 3, 3)))
+    np.testing.assert_allclose(sizes[2:], 1, rtol=1e-6)
+    assert 0.3 < sizes[0] < 0.7
+    assert 1.5 < sizes[1] < 3
+
+
+def test_flat_patches_have_the_handedness_of_the_others() -> None:
+    flat = PLACES * np.where(np.arange(9) < 7, [[1], [1], [0.0]], [[1], [1], [1.0]]).T[:, None]
+    for sense in (1.0, -1.0):
+        assert patches(flat @ (TURN * [1, 1, sense]).T, flat).handedness == sense
+
+
+@pytest.mark.parametrize("off", [0.0, 0.05, 0.3])
+def test_points_near_and_far_go_along_with_a_body_that_moves_as_a_whole(basis: SpectralBasis, off: float) -> None:
+    mesh = MADE.surface.working
+    linear = 1.2 * TURN
+    motion = Motion(mesh.vertices, mesh.vertices @ linear.T + 1, np.ones(500), basis)
+    points = mesh.vertices[::20] + off * mesh.vertex_normals[::20]
+    carried, turned, trust = motion.carry(points, mesh.vertex_normals[::20])
+    np.testing.assert_allclose(carried, points @ linear.T + 1, atol=1e-6)
+    np.testing.assert_allclose(turned, mesh.vertex_normals[::20] @ TURN.T, atol=1e-6)
+    np.testing.assert_allclose(trust, 1)
+    assert motion.handedness == 1
+
+
+def test_trust_is_that_of_the_body_nearby(basis: SpectralBasis) -> None:
+    mesh = MADE.surface.working
+    trust = (MADE.directions[:, 2] > 0).astype(float)
+    motion = Motion(mesh.vertices, mesh.vertices, trust, basis)
+    above, below = MADE.directions[:, 2] > 0.8, MADE.directions[:, 2] < -0.8
+    assert motion.carry(mesh.vertices[above], mesh.vertex_normals[above])[2].min() > 0.9
+    assert motion.carry(mesh.vertices[below], mesh.vertex_normals[below])[2].max() < 0.1
+
+
+def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basis: SpectralBasis) -> None:
+    # A body whose one tip alone has turned about itself.
+    mesh = MADE.surface.working
+    tip = MADE.directions[:, 1] > 0.95
+    images = mesh.vertices.copy()
+    centre = images[tip].mean(axis=0)
+    images[tip] = (images[tip] - centre) @ Rotation.from_rotvec([0, 1.5, 0]).as_matrix().T + centre
+    motion = Motion(mesh.vertices, images, np.ones(500), basis)
+    at = np.repeat(centre[None] + [[0, 0.02, 0]], 2, axis=0)
+    at[1] += [0, 0.4, 0]
+    across = np.tile([1.0, 0, 0], (2, 1))
+    _, turned, _ = motion.carry(at, across)
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", turned, across), -1, 1))
+    assert angle[0] > 2 * angle[1]

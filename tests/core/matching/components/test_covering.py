@@ -1,0 +1,175 @@
+"""Skins around bodies: what lies below them, which way open shells face, and what stands for a surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from creatures import directions
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.matching.analysis import shape_steps
+from zoomout_core.matching.components import bodies
+from zoomout_core.matching.components.bodies import bodies_steps
+from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
+from zoomout_core.matching.components.skins import _principal_axes, covered_by_main_part, turned_outwards
+from zoomout_core.matching.pair import Pair
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.stepping import drain
+
+
+def ball(radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0), count: int = 300) -> Surface:
+    where = directions(count, 0)
+    corners = ConvexHull(where).simplices
+    a, b, c = (where[corners[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    return Surface(radius * where + centre, np.where(inward[:, None], corners[:, ::-1], corners))
+
+
+# --- what lies below a skin -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("radius", "low", "high"), [(0.99, 0.99, 1.0), (0.93, 0.9, 1.0), (0.7, 0.0, 0.01)])
+def test_a_main_part_lies_below_the_skin_where_it_is_near(radius: float, low: float, high: float) -> None:
+    skin = ball().working  # of unit area, so that a radius is 0.28
+    both = Surface.joined([ball(radius), ball(0.05, (1.05, 0, 0))])
+    assert low <= covered_by_main_part(both, skin) <= high
+
+
+def test_only_the_largest_part_counts_as_a_main_part() -> None:
+    skin = ball().working
+    half = ball(0.99)
+    upper = half.triangles[half.vertices[half.triangles][:, :, 2].min(axis=1) > 0]
+    lower = half.triangles[half.vertices[half.triangles][:, :, 2].max(axis=1) < -0.3]
+    both = Surface.joined([Surface(half.vertices, upper), Surface(half.vertices, lower)])
+    assert 0.3 < covered_by_main_part(both, skin) < 0.7
+
+
+# --- which way open shells face -----------------------------------------------------------------------------------
+
+
+def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
+    skin = ball().working
+    plate = np.array([[x, y, 0.98] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+    inside = ball(0.3)
+    for corners in ([[0, 2, 3], [0, 3, 1]], [[0, 3, 2], [0, 1, 3]]):
+        both = Surface.joined([inside, Surface(plate, corners)])
+        mesh = turned_outwards(both.working, skin)
+        centre = mesh.vertices[mesh.oriented_triangles].mean(axis=1)
+        a, b, c = mesh.vertices[mesh.oriented_triangles].transpose(1, 0, 2)
+        normal = np.cross(b - a, c - a)
+        on_plate = mesh.component[mesh.triangles[:, 0]] == 1
+        assert (normal[on_plate, 2] > 0).all()
+        middle = centre[~on_plate].mean(axis=0)
+        assert (np.einsum("ij,ij->i", normal, centre - middle)[~on_plate] > 0).all()
+
+
+def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() -> None:
+    skin = ball().working
+    inwards = replace(skin, flipped=~skin.flipped)
+    mesh = Surface.joined([ball(0.9), ball(0.2, (0.6, 0, 0))]).working
+    np.testing.assert_array_equal(turned_outwards(mesh, inwards).flipped, mesh.flipped)
+
+
+@pytest.mark.parametrize("sense", [[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1], [-1, -1, -1]])
+def test_principal_axes_are_no_mirror(sense: list[int]) -> None:
+    where = directions(300, 2)
+    points = (where + 0.9 * np.maximum(where, 0) ** 2) * [3.0, 2.0, 1.0] * sense
+    axes = _principal_axes(Surface(points, ConvexHull(where).simplices).working)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    assert np.sign(axes[0, 0]) == sense[0]
+    assert np.sign(axes[1, 1]) == sense[1]
+
+
+def test_principal_axes_turn_with_the_surface() -> None:
+    where = directions(300, 2)
+    points = (where + 0.9 * np.maximum(where, 0) ** 2) * [3.0, 2.0, 1.0]
+    corners = ConvexHull(where).simplices
+    axes = _principal_axes(Surface(points, corners).working)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    assert np.abs(axes[0, 0]) > 0.9
+    assert axes[0, 0] > 0  # towards the longer tail
+    assert axes[1, 1] > 0.9
+    turn = Rotation.from_rotvec([2.0, 0.5, -1.0]).as_matrix()
+    np.testing.assert_allclose(_principal_axes(Surface(points @ turn.T, corners).working), axes @ turn.T, atol=1e-6)
+
+
+# --- what stands for a surface ------------------------------------------------------------------------------------
+
+
+def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = False) -> list[str]:
+    """What is tried, in order, for a surface of two parts, the larger of which lies below so much of the skin."""
+    surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
+
+    def main_part_steps(*_: object):
+        yield from ()
+        if too_small:
+            raise MeshError("too small")
+        return "main", "main"
+
+    monkeypatch.setattr(bodies, "skin_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: covered)
+    monkeypatch.setattr(bodies, "main_part_steps", main_part_steps)
+    return [str(one.source) for one in drain(bodies_steps(surface, surface, 0))]
+
+
+@pytest.mark.parametrize(
+    ("covered", "first"), [(0.95, ["main", "skin"]), (0.7, ["skin", "main"]), (0.3, ["skin"]), (0.85, ["skin", "main"])]
+)
+def test_a_main_part_is_the_body_if_it_lies_below_nearly_all_of_the_skin(monkeypatch, covered, first) -> None:
+    assert found(monkeypatch, covered) == first
+
+
+def test_a_main_part_that_is_too_small_leaves_the_skin(monkeypatch) -> None:
+    assert found(monkeypatch, 0.95, too_small=True) == ["skin"]
+
+
+def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypatch) -> None:
+    surfaces = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
+    covered = {id(surfaces[0]): 0.95, id(surfaces[1]): 0.6}
+    monkeypatch.setattr(bodies, "skin_of", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(bodies, "covered_by_main_part", lambda surface, _: covered[id(surface)])
+    for pair in (surfaces, surfaces[::-1]):
+        tried = drain(bodies_steps(pair[0], pair[1], 0))
+        assert [one.coverage for one in tried] == [1.0, 0.6]
+
+
+# --- surfaces that lie over each other ----------------------------------------------------------------------------
+
+
+def over_each_other(source: Surface, target: Surface) -> bool:
+    shapes = (drain(shape_steps(one.working.part(0)[0], 30, 60, 0)) for one in (source, target))
+    return overlapping(Pair(source, target, *shapes, 30, 20)) is not None
+
+
+def test_surfaces_lie_over_each_other_if_nearly_all_of_both_does() -> None:
+    assert over_each_other(ball(), ball(count=250))
+    assert over_each_other(ball(), ball(1.05, count=250))
+    assert not over_each_other(ball(), ball(1.3, count=250))
+    assert not over_each_other(ball(1.3), ball(count=250))
+
+
+@pytest.mark.parametrize(("at", "stays"), [(0.9, True), (0.6, False)])
+def test_what_only_one_of_the_two_has_may_be_small(at: float, stays: bool) -> None:
+    whole = ball(count=600)
+    cut = Surface(whole.vertices, whole.triangles[whole.vertices[whole.triangles][:, :, 2].max(axis=1) < at])
+    assert over_each_other(whole, cut) is stays
+    assert over_each_other(cut, whole) is stays
+
+
+@pytest.mark.parametrize(
+    ("moved", "part", "stays"), [(0.05, 1.0, True), (0.2, 1.0, False), (1.0, 0.1, True), (1.0, 0.3, False)]
+)
+def test_a_map_leaves_in_place_what_it_hardly_moves(moved: float, part: float, stays: bool) -> None:
+    places = np.random.default_rng(0).standard_normal((200, 3))
+    images = places.copy()
+    images[: round(200 * part), 0] += moved
+    assert leaves_in_place(images, places, np.ones(200)) is stays
+    # By area, not by number.
+    weights = np.where(np.arange(200) < round(200 * part), 1e-6, 1.0)
+    assert leaves_in_place(images, places, weights) is (stays or part < 1)
+    heavy = np.where(np.arange(200) < round(200 * part), 1e6, 1.0)
+    assert leaves_in_place(images, places, heavy) is (moved < 0.1)

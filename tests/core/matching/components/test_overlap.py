@@ -1,0 +1,48 @@
+"""Where two surfaces lie over each other, and what that says of a map."""
+
+from __future__ import annotations
+
+import numpy as np
+from creatures import creature, directions
+from scipy.spatial import ConvexHull
+
+import zoomout_core as zo
+from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
+from zoomout_core.matching.memory_cache import kept_shape_steps
+from zoomout_core.matching.pair import Pair
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+
+
+def pair_of(source: Surface, target: Surface) -> Pair:
+    parts = [surface.working.part(0)[0] for surface in (source, target)]
+    return Pair(source, target, *(drain(kept_shape_steps(part, 60, 200, 0, None)) for part in parts), 60, 20)
+
+
+def test_surfaces_that_lie_over_each_other_are_told_from_those_that_do_not() -> None:
+    resting, other, bent = creature(800).surface, creature(700, seed=1).surface, creature(700, seed=1, bend=0.9).surface
+    places = overlapping(pair_of(resting, other))
+    assert places is not None
+    on_surface = resting.working.to_surface(places)[other.working.vertex_of]
+    assert np.allclose(on_surface, other.vertices)
+    assert overlapping(pair_of(resting, bent)) is None
+    beside = Surface(other.vertices + np.array([0.8, 0, 0]), other.triangles)
+    assert overlapping(pair_of(resting, beside)) is None
+
+
+def test_a_map_that_swaps_limbs_does_not_leave_things_in_place() -> None:
+    places = np.random.default_rng(0).standard_normal((100, 3))
+    areas = np.ones(100)
+    off = 0.05 * np.ones((100, 3))
+    assert leaves_in_place(places + off, places, areas)
+    swapped = places.copy()
+    swapped[:30] += 1
+    assert not leaves_in_place(swapped, places, areas)
+
+
+def test_of_maps_that_are_as_good_the_one_that_stays_is_first_but_not_sure() -> None:
+    balls = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
+    result = zo.match(*balls)
+    off = np.linalg.norm(result.surface_map.interpolate(balls[0].vertices) - balls[1].vertices, axis=1)
+    assert off.mean() < 0.2
+    assert result.certainty < 0.5

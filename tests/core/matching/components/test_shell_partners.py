@@ -1,0 +1,130 @@
+"""Which shells are each other's like, by place, size, shape and turn, and what lies on the inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import directions
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.matching.components.parts import Side
+from zoomout_core.matching.components.shells import _beneath, _partners
+from zoomout_core.mesh.surface import Surface
+
+WHERE = directions(150, 0)
+CORNERS = ConvexHull(WHERE).simplices
+SIZE = 0.1
+NO_TURN = (0.0, 0.0, 0.0)
+
+
+def egg(
+    at: tuple[float, float, float] = (0, 0, 0),
+    size: float = 1.0,
+    turn: tuple[float, float, float] = NO_TURN,
+    radii: tuple[float, float, float] = (1.0, 0.7, 0.45),
+) -> np.ndarray:
+    """Points of a shell that is blunt on three sides."""
+    points = size * SIZE * (WHERE + 0.9 * np.maximum(WHERE, 0) ** 2) * radii
+    return Rotation.from_rotvec(turn).apply(points - points.mean(axis=0)) + at
+
+
+def side(shells: Sequence[np.ndarray], corners: np.ndarray = CORNERS) -> Side:
+    mesh = Surface.joined([Surface(points, corners) for points in shells]).working
+    points = mesh.to_surface(mesh.vertices)
+    return Side(mesh, points, np.ones(len(points)), np.zeros(0, dtype=np.int64))
+
+
+def paired(
+    target: Sequence[np.ndarray],
+    source: Sequence[np.ndarray],
+    regions: Sequence[tuple[int, int]] = (),
+    corners: np.ndarray = CORNERS,
+) -> dict[int, int]:
+    """Numbers, in the order that is given, of the source's shells by those of the target's, which a body leaves."""
+    motion: Any = SimpleNamespace(
+        carry=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
+    )
+    sides = side(target), side(source, corners)
+    parts = [one.parts(one.points) for one in sides]
+    numbers = [
+        [
+            int(np.argmin([np.linalg.norm(part.points.mean(axis=0) - shell.mean(axis=0)) for shell in shells]))
+            for part in of_side
+        ]
+        for of_side, shells in zip(parts, (target, source), strict=True)
+    ]
+    n = len(WHERE)
+    pair: Any = SimpleNamespace(regions=[(n * j + np.arange(n), n * i + np.arange(n)) for i, j in regions])
+    chosen, _ = _partners(pair, motion, *parts, sides[1], sides[0])
+    return {numbers[0][i]: numbers[1][j] for i, j in chosen}
+
+
+def test_a_shell_is_paired_with_its_like_if_that_is_near() -> None:
+    assert paired([egg()], [egg((0.05, 0, 0))]) == {0: 0}
+    for far in (0.19, 0.6):
+        assert paired([egg()], [egg((far, 0, 0))]) == {}
+
+
+def test_a_shell_is_not_paired_with_one_of_another_size_or_shape() -> None:
+    assert paired([egg()], [egg(size=1.2)]) == {0: 0}
+    assert paired([egg()], [egg(size=2.2)]) == {}
+    assert paired([egg()], [egg(size=0.45)]) == {}
+    assert paired([egg()], [egg(radii=(1.6, 0.1, 0.1))]) == {}
+
+
+def test_another_mesh_of_a_shell_is_its_like() -> None:
+    where = directions(len(WHERE), 5)
+    other = SIZE * (where + 0.9 * np.maximum(where, 0) ** 2) * (1.0, 0.7, 0.45)
+    mesh = Surface(other - other.mean(axis=0), ConvexHull(where).simplices)
+    assert paired([egg()], [egg()]) == paired([egg()], [mesh.vertices], corners=mesh.triangles) == {0: 0}
+
+
+def test_of_two_that_are_alike_the_nearer_one_is_taken() -> None:
+    for places in ((0.02, -0.13), (-0.13, 0.02), (0.13, -0.02), (-0.02, 0.13)):
+        source = [egg((0, places[0], 0)), egg((0, places[1], 0))]
+        assert paired([egg()], source) == {0: int(np.argmin(np.abs(places)))}
+
+
+def test_of_two_as_near_the_one_of_its_size_and_shape_is_taken() -> None:
+    for other in ({"size": 1.3}, {"radii": (0.9, 0.9, 0.3)}, {"turn": (0, 0, 0.9)}):
+        for first in (0, 1):
+            source = [egg((0, 0.06, 0)), egg((0, -0.06, 0), **other)][:: 1 if first == 0 else -1]  # type: ignore[arg-type]
+            assert paired([egg()], source) == {0: first}, other
+
+
+def test_each_shell_has_one_partner() -> None:
+    both = [egg(), egg((0.2, 0, 0))]
+    assert paired(both, both) == {0: 0, 1: 1}
+    assert paired(both, both[:1]) == {0: 0}
+
+
+def test_shells_of_different_regions_are_never_paired() -> None:
+    both = [egg(), egg((0.25, 0, 0))]
+    assert paired(both, both, [(0, 0), (1, 1)]) == {0: 0, 1: 1}
+    assert paired(both, both, [(0, 1), (1, 0)]) == {}
+
+
+# --- what lies on the inside -----------------------------------------------------------------------------------
+
+
+def beneath(radius: float, outer: bool, inner_radius: float = 0.2) -> np.ndarray:
+    """(n,) distances from the centre of the points that a ball of a radius lies on, among two balls in each other."""
+    source = side([0.3 * WHERE, inner_radius * WHERE])
+    of_source = np.linalg.norm(source.points, axis=1) > 0.25
+    image = _beneath(radius * WHERE, WHERE, source, of_source, np.full(len(WHERE), outer))
+    corners = source.points[source.mesh.triangles[image.triangle]]
+    on = np.einsum("nc,ncx->nx", image.barycentric, corners)
+    np.testing.assert_allclose(image.distance, np.linalg.norm(on - radius * WHERE, axis=1), atol=1e-9)
+    return np.linalg.norm(on, axis=1)
+
+
+@pytest.mark.parametrize("radius", [0.22, 0.28])
+def test_outer_vertices_lie_on_the_outside_and_inner_ones_inside(radius: float) -> None:
+    assert beneath(radius, outer=True) == pytest.approx(0.3, rel=0.05)
+    near = radius - 0.2 < 0.05
+    assert beneath(radius, outer=False) == pytest.approx(0.2 if near else 0.3, rel=0.05)

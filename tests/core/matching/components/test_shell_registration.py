@@ -1,0 +1,51 @@
+"""Shells are laid on shells by similarities, many at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import directions
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.matching.components.shell_registration import Shells, Similarities, registered
+
+RADII = np.array([[1.0, 0.6, 0.3], [0.5, 0.45, 0.9], [0.2, 0.8, 0.7]])
+
+
+def egg(radii: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """An ellipsoid that is blunt on three sides, so that it lies on itself in one way only."""
+    where = directions(300, seed)
+    return (where + 0.9 * np.maximum(where, 0) ** 2) * radii, ConvexHull(where).simplices
+
+
+@pytest.mark.parametrize("handed", [1, -1])
+def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
+    sense = np.array([handed, 1, 1])
+    target = Shells.of([egg(radii, number) for number, radii in enumerate(RADII)])
+    turns = Rotation.random(3, random_state=4).as_matrix() * sense
+    truth = Similarities(np.array([1.1, 0.9, 1.0]), turns, np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3]]))
+    source = Shells.of(
+        [(truth[i : i + 1](points[None])[0], corners) for i, (points, corners) in enumerate(map(egg, RADII, (7, 8, 9)))]
+    )
+    off = Rotation.from_rotvec(0.4 * directions(3, 1)).as_matrix()
+    prior = Similarities(np.ones(3), off @ turns, truth.shift + 0.1)
+    number = np.arange(3)
+    found, left = registered(target, source, number, number, prior, handed)
+    places = target.sparse
+    assert np.linalg.norm(found(places) - truth(places), axis=2).mean() < 0.15
+    assert (left < 0.12).all()
+    _, stranger = registered(target, source, number, (number + 1) % 3, prior, handed)
+    assert (stranger > left).all()
+
+
+def test_a_similarity_undone_leads_back() -> None:
+    similarity = Similarities(np.array([2.0]), Rotation.random(1, random_state=1).as_matrix(), np.array([[1.0, 2, 3]]))
+    points = directions(10, 0)[None]
+    assert np.allclose(similarity.inverse(similarity(points)), points)
+
+
+def test_scales_stay_within_their_limits() -> None:
+    points = directions(30, 0)[None]
+    assert Similarities.between(points, 3 * points, 1.0).scale == pytest.approx(3)
+    assert Similarities.between(points, 3 * points, 1.0, 0.5, 1.5).scale == pytest.approx(1.5)

@@ -1,0 +1,274 @@
+"""Characters that are assembled from loose shells are matched as one body."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from creatures import directions
+from mannequins import STEP, Mannequin, as_one_skin, mannequin
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+import zoomout_core as zo
+from zoomout_core.matching.attempt import Attempt, best_of
+from zoomout_core.matching.components.bodies import bodies_steps
+from zoomout_core.matching.components.skins import covered_by_main_part, skin_of, turned_outwards
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.voxel_remesh import voxel_remesh
+from zoomout_core.runtime.stepping import drain
+
+
+@pytest.fixture(scope="module")
+def at_rest() -> Mannequin:
+    return mannequin(seed=1)
+
+
+@pytest.fixture(scope="module")
+def stepping() -> Mannequin:
+    return mannequin(STEP, 110, 2)
+
+
+@pytest.fixture(scope="module")
+def stepped(at_rest: Mannequin, stepping: Mannequin) -> zo.MatchResult:
+    return zo.match(at_rest.surface, stepping.surface)
+
+
+def right_parts(result: zo.MatchResult, source: Mannequin, target: Mannequin) -> float:
+    """The share of the target's vertices that land on the part of the same name."""
+    return float((source.part[result.surface_map.vertex] == target.part).mean())
+
+
+def missed(result: zo.MatchResult, source: Mannequin, target: Mannequin) -> np.ndarray:
+    """(n_t,) distances on the parts from the true places, in the unit of a mannequin of 1.9."""
+    return np.linalg.norm(result.surface_map.interpolate(source.keys) - target.keys, axis=1)
+
+
+def test_every_shell_finds_its_like_in_another_pose(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    assert right_parts(stepped, at_rest, stepping) > 0.99
+    assert missed(stepped, at_rest, stepping).mean() < 0.015
+    assert stepped.certainty > 0.9
+    assert stepped.confidence.mean() > 0.7
+    assert any("14 of 14 parts laid on their like" in note for note in stepped.notes)
+
+
+def test_another_build_is_matched_alike(at_rest: Mannequin) -> None:
+    target = mannequin(STEP, 110, 2, build=(1.15, 1.25, 0.9))
+    result = zo.match(at_rest.surface, target.surface)
+    assert right_parts(result, at_rest, target) > 0.97
+    assert missed(result, at_rest, target).mean() < 0.03
+
+
+def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> None:
+    skin = as_one_skin(STEP)
+    assert right_parts(zo.match(at_rest.surface, skin.surface), at_rest, skin) > 0.95
+    assert right_parts(zo.match(skin.surface, at_rest.surface), skin, at_rest) > 0.9
+
+
+def test_what_a_partner_lacks_lies_where_the_body_has_it() -> None:
+    sphere, leg = directions(300, 1), [0.2, 0.2, 1.1] * directions(150, 2) + [0.9, -0.2, -1.4]
+    shells = Surface.joined([Surface(points, ConvexHull(points).simplices) for points in (sphere, leg)])
+    welded = Surface(*voxel_remesh(shells.vertices, shells.triangles, 60))
+    image = zo.match(shells, welded).surface_map.vertex
+    clear_of_the_sphere = np.linalg.norm(welded.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
+    assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
+
+
+def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
+    less = mannequin(STEP, 120, 3, without=("head", "hand.L"))
+    assert right_parts(zo.match(at_rest.surface, less.surface), at_rest, less) > 0.98
+    more = mannequin(STEP, 120, 3)
+    source = mannequin(seed=1, without=("head", "hand.L"))
+    result = zo.match(source.surface, more.surface)
+    there = ~np.isin(more.part, ("head", "hand.L"))
+    assert (source.part[result.surface_map.vertex] == more.part)[there].mean() > 0.98
+    assert result.confidence[~there].mean() < 0.6 * result.confidence[there].mean()
+
+
+def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
+    heap = [0.3 * directions(40, i) * [1, 0.5, 0.2 + 0.1 * i] + 4 * directions(12, 5)[i] for i in range(12)]
+    faces = [ConvexHull(points).simplices + 40 * i for i, points in enumerate(heap)]
+    result = zo.match(mannequin().surface, Surface(np.vstack(heap), np.vstack(faces)))
+    assert result.certainty < 0.1
+    assert "not recognised" in result.notes[0]
+    assert "landmarks" in result.notes[0]
+
+
+def test_inside_out_shells_are_matched_alike(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    turned = Surface(stepping.surface.vertices, stepping.surface.triangles[:, ::-1])
+    result = zo.match(at_rest.surface, turned)
+    assert right_parts(result, at_rest, stepping) > 0.99
+    assert missed(result, at_rest, stepping).mean() == pytest.approx(missed(stepped, at_rest, stepping).mean(), rel=0.2)
+
+
+def test_unit_and_place_change_nothing_that_counts(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    turn = Rotation.from_euler("xyz", (40, 20, 110), degrees=True).as_matrix()
+    moved = Surface(1000 * stepping.surface.vertices @ turn.T + 300, stepping.surface.triangles)
+    result = zo.match(at_rest.surface, moved)
+    assert right_parts(result, at_rest, stepping) > 0.99
+    assert missed(result, at_rest, stepping).mean() == pytest.approx(
+        missed(stepped, at_rest, stepping).mean(), abs=0.004
+    )
+
+
+def test_what_lies_over_each_other_stays_in_place(at_rest: Mannequin) -> None:
+    target = mannequin(None, 110, 4)
+    result = zo.match(at_rest.surface, target.surface)
+    assert any("lie over each other" in note for note in result.notes)
+    assert missed(result, at_rest, target).mean() < 0.004
+
+
+def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: Mannequin) -> None:
+    target = mannequin(None, 110, 4)
+    about = Surface(target.surface.vertices * [-1, -1, 1], target.surface.triangles)
+    result = zo.match(at_rest.surface, about)
+    assert right_parts(result, at_rest, target) > 0.98
+    assert not any("lie over each other" in note for note in result.notes)
+
+
+def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
+    # Names that are swapped, as where an artist has meant something else by them.
+    regions = [
+        (np.flatnonzero(at_rest.part == f"hand.{theirs}"), np.flatnonzero(stepping.part == f"hand.{ours}"))
+        for ours, theirs in (("L", "R"), ("R", "L"))
+    ]
+    result = zo.match(at_rest.surface, stepping.surface, regions=regions)
+    images = at_rest.part[result.surface_map.vertex]
+    assert not any("14 of 14" in note for note in result.notes)
+    assert (images[stepping.part == "thigh.L"] == "thigh.L").mean() > 0.95
+
+
+def test_a_region_of_both_feet_does_not_exchange_them(at_rest: Mannequin, stepping: Mannequin) -> None:
+    feet = [np.flatnonzero(np.char.startswith(one.part, "foot")) for one in (at_rest, stepping)]
+    assert (
+        right_parts(zo.match(at_rest.surface, stepping.surface, regions=[(feet[0], feet[1])]), at_rest, stepping) > 0.98
+    )
+
+
+def test_the_exchanged_sides_are_one_click_away(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    side = np.char.rpartition(stepping.part, ".")[:, 2]
+    sided = np.isin(side, ("L", "R"))
+    image = np.char.rpartition(at_rest.part[stepped.use(1).surface_map.vertex], ".")[:, 2]
+    assert (image[sided] != side[sided]).mean() > 0.9
+
+
+def test_an_outline_is_on_the_shells(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    vertices, images = stepped.outline(0)
+    assert (at_rest.part[images] == stepping.part[vertices]).mean() > 0.8
+
+
+def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) -> None:
+    places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
+    result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]))
+    assert right_parts(result, at_rest, stepping) > 0.98
+
+
+def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(monkeypatch, at_rest, stepping: Mannequin) -> None:
+    # So that the torsos are tried as well, on which there is no foot.
+    monkeypatch.setattr("zoomout_core.matching.components.bodies.MUCH_OF_BODY", 0.0)
+    monkeypatch.setattr("zoomout_core.matching.match.SURE_OF_BODY", 2.0)
+    foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
+    result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
+    assert right_parts(result, at_rest, stepping) > 0.98
+
+
+def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Mannequin, stepping: Mannequin) -> None:
+    places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
+    result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]), exact_landmarks=True)
+    images = result.surface_map.interpolate(at_rest.surface.vertices)[places[1]]
+    assert np.abs(images - at_rest.surface.vertices[places[0]]).max() < 1e-6
+    assert right_parts(result, at_rest, stepping) > 0.95
+
+
+def test_an_earlier_map_of_shells_is_taken_up(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    again = zo.match(at_rest.surface, stepping.surface, initial="given", initial_map=stepped.surface_map)
+    assert right_parts(again, at_rest, stepping) > 0.99
+    by_place = zo.match(at_rest.surface, stepping.surface, initial="proximity")
+    assert len(by_place.candidates) == 1
+
+
+def test_two_runs_agree_to_the_bit(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    again = zo.match(at_rest.surface, stepping.surface)
+    assert (again.surface_map.triangle == stepped.surface_map.triangle).all()
+    assert (again.confidence == stepped.confidence).all()
+
+
+def test_a_body_that_lies_below_all_else_is_matched_itself() -> None:
+    skin = as_one_skin().surface
+    eye = 0.03 * directions(60, 1) + [0.04, -0.16, 1.72]
+    both = Surface.joined([skin, Surface(eye, ConvexHull(eye).simplices)])
+    assert covered_by_main_part(both, skin_of(both)) > 0.95
+    first, *others = drain(bodies_steps(both, both, 0))
+    assert not first.source.is_skin
+    assert not others
+
+
+def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
+    assert covered_by_main_part(at_rest.surface, skin_of(at_rest.surface)) < 0.5
+    first, *others = drain(bodies_steps(at_rest.surface, at_rest.surface, 0))
+    assert first.source.is_skin
+    assert not others
+
+
+def test_limbs_that_touch_are_parted_by_a_tight_skin_where_the_first_is_unsure(monkeypatch, at_rest: Mannequin) -> None:
+    # Knees together: the skin joins the legs.
+    knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
+    target = mannequin(knees, 150, 2, (0.8, 1.0, 1.0))
+    monkeypatch.setattr("zoomout_core.matching.match.SURE_OF_BODY", 2.0)
+    result = zo.match(at_rest.surface, target.surface)
+    assert right_parts(result, at_rest, target) > 0.9
+
+
+def test_a_skin_tells_which_of_its_vertices_is_nearest_and_where_it_is(at_rest: Mannequin) -> None:
+    skin = skin_of(at_rest.surface)
+    on_skin = skin.to_surface(skin.vertices)[skin.vertex_of]
+    assert np.linalg.norm(on_skin - at_rest.surface.vertices, axis=1).mean() < 0.03
+
+
+def test_open_shells_are_wound_as_the_skin_around_them() -> None:
+    skin = as_one_skin().surface
+    plate = np.array([[x, -0.15, z] for x in (-0.1, 0.1) for z in (1.2, 1.4)])
+    for corners in ([[0, 2, 3], [0, 3, 1]], [[0, 3, 2], [0, 1, 3]]):
+        both = Surface.joined([skin, Surface(plate, corners)])
+        mesh = turned_outwards(both.working, skin_of(both))
+        on_plate = mesh.component[mesh.triangles[:, 0]] == 1
+        a, b, c = mesh.vertices[mesh.oriented_triangles[on_plate]].transpose(1, 0, 2)
+        assert (np.cross(b - a, c - a)[:, 1] < 0).all()
+
+
+def attempt(certainty: float, coverage: float, moved: float) -> Attempt:
+    """Two bodies of which nothing but an outline is known."""
+    place = np.random.default_rng(1).standard_normal((50, 3))
+    found = Attempt(
+        SimpleNamespace(source_shape=SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(scale=1.0)))),  # type: ignore[arg-type]
+        [Candidate("", False, False, *([None] * 5), certainty, {})],  # type: ignore[arg-type]
+        coverage,
+    )
+    object.__setattr__(found, "outline", lambda: (place, place + np.array([moved, 0, 0])))
+    return found
+
+
+def test_bodies_that_agree_are_witnesses_for_each_other() -> None:
+    chosen = best_of([attempt(0.4, 1.0, 0.0), attempt(0.9, 0.7, 0.02)])
+    assert chosen.coverage == 1.0
+    assert chosen.candidates[0].certainty == 0.9
+
+
+def test_of_skins_that_agree_the_surer_one_is_taken() -> None:
+    loose, tight = attempt(0.3, 1.0, 0.0), attempt(0.6, 1.0, 0.02)
+    assert best_of([loose, tight]).pair is tight.pair
+    assert best_of([tight, loose]).pair is tight.pair
+
+
+def test_a_later_skin_is_not_taken_for_a_shade_of_certainty() -> None:
+    loose, tight = attempt(0.16, 1.0, 0.0), attempt(0.17, 1.0, 0.02)
+    chosen = best_of([loose, tight])
+    assert chosen.pair is loose.pair
+    assert chosen.candidates[0].certainty == 0.17
+
+
+def test_of_bodies_that_do_not_agree_the_one_that_is_right_for_more_is_taken() -> None:
+    assert best_of([attempt(0.4, 1.0, 0.0), attempt(0.9, 0.7, 1.0)]).coverage == 0.7
+    assert best_of([attempt(0.7, 1.0, 0.0), attempt(0.9, 0.7, 1.0)]).coverage == 1.0

@@ -1,0 +1,138 @@
+"""What decides how a shell is laid on another one: limits, starts and distances both ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import directions
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.matching.components.shell_registration import Shells, Similarities, _along_axes, registered
+
+ONE = np.zeros(1, dtype=np.int64)
+
+
+def egg(radii: tuple[float, float, float] = (1.0, 0.6, 0.3), seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """An ellipsoid that is blunt on three sides, so that it lies on itself in one way only."""
+    where = directions(200, seed)
+    return (where + 0.9 * np.maximum(where, 0) ** 2) * radii, ConvexHull(where).simplices
+
+
+def similarity(scale: float = 1.0, turn: tuple[float, float, float] = (0, 0, 0), sense: int = 1) -> Similarities:
+    matrix = Rotation.from_rotvec(turn).as_matrix() * [sense, 1, 1]
+    return Similarities(np.array([scale]), matrix[None], np.array([[0.5, -1.0, 2.0]]))
+
+
+def laid(truth: Similarities, prior: Similarities, handed: int = 1, seed: int = 0) -> tuple[Similarities, float]:
+    """An egg laid on its image, and what that leaves."""
+    points, corners = egg()
+    others, other_corners = egg(seed=seed)
+    found, left = registered(
+        Shells.of([(points, corners)]), Shells.of([(truth(others[None])[0], other_corners)]), ONE, ONE, prior, handed
+    )
+    return found, float(left[0])
+
+
+def degrees_off(found: Similarities, truth: Similarities) -> float:
+    return float(np.degrees(Rotation.from_matrix(found.turn[0] @ truth.turn[0].T).magnitude()))
+
+
+def test_a_shell_finds_its_image_exactly() -> None:
+    truth = similarity(1.2, (0.4, 0.2, -0.3))
+    found, left = laid(truth, similarity())
+    assert degrees_off(found, truth) < 1
+    assert found.scale[0] == pytest.approx(1.2, rel=0.01)
+    np.testing.assert_allclose(found.shift, truth.shift, atol=0.02)
+    assert left < 0.02
+
+
+def test_a_shell_that_is_turned_about_finds_its_image_along_its_axes() -> None:
+    # By so much that closest points alone would end elsewhere.
+    truth = similarity(1.0, (0.0, 0.0, 1.3))
+    found, _ = laid(truth, similarity())
+    assert degrees_off(found, truth) < 3
+
+
+def test_the_turn_of_the_body_is_kept_where_axes_tell_little_more() -> None:
+    # A ball may lie in any way: only the body tells.
+    ball, other = (
+        Shells.of([(where, ConvexHull(where).simplices)]) for where in (directions(n, n) for n in (200, 230))
+    )
+    prior = Similarities(np.ones(1), Rotation.from_rotvec([1.0, 0.5, 0.2]).as_matrix()[None], np.zeros((1, 3)))
+    found, _ = registered(ball, other, ONE, ONE, prior, 1)
+    assert degrees_off(found, prior) < 15
+
+
+def test_a_shell_grows_no_more_than_it_may() -> None:
+    for truth, limit in ((3.0, 1.35), (1 / 3, 1 / 1.35)):
+        found, _ = laid(similarity(truth), similarity())
+        assert found.scale[0] == pytest.approx(limit, rel=0.01)
+    assert laid(similarity(3.0), similarity(2.9))[0].scale[0] == pytest.approx(3, rel=0.02)
+
+
+@pytest.mark.parametrize("handed", [1, -1])
+def test_shells_are_mirrored_where_the_body_is_and_only_there(handed: int) -> None:
+    truth = similarity(1.0, (0.3, 0.1, 0.2), handed)
+    found, left = laid(truth, similarity(sense=handed), handed)
+    assert np.linalg.det(found.turn[0]) == pytest.approx(handed)
+    assert left < 0.03
+    wrong, more = laid(truth, similarity(sense=-handed), -handed)
+    assert np.linalg.det(wrong.turn[0]) == pytest.approx(-handed)
+    assert more > 3 * left
+
+
+def test_what_covers_a_part_of_a_shell_only_leaves_a_distance() -> None:
+    points, corners = egg()
+    half = corners[(points[corners][:, :, 0] < 0).all(axis=1)]
+    whole, part = Shells.of([(points, corners)]), Shells.of([(points, half)])
+    still = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
+    left = [registered(*pair, ONE, ONE, still, 1)[1][0] for pair in ((whole, part), (part, whole))]
+    assert min(left) > 0.1
+    assert max(left) < 1.5 * min(left)
+
+
+def test_shells_are_looked_for_among_their_own_points_alone() -> None:
+    points, corners = egg()
+    both = Shells.of([(points, corners), (points + np.array([10, 0, 0]), corners)])
+    distance, near = both.nearest(np.zeros((2, 1, 3)), np.array([0, 1]))
+    assert distance[0, 0] < 2
+    assert distance[1, 0] > 8
+    assert near[1, 0, 0] > 8
+    far = Shells.of([(points, corners), (points + np.array([900, 0, 0]), corners)])
+    assert far.nearest(np.array([[[900.0, 0, 0]]]), np.array([0]))[0][0, 0] > 800
+
+
+def test_points_are_spread_over_all_of_a_shell() -> None:
+    points, corners = egg()
+    shells = Shells.of([(points, corners)])
+    assert shells.sparse.shape[1] >= 20
+    gap = np.linalg.norm(points[:, None] - shells.sparse[0], axis=2).min(axis=1).max()
+    assert gap < 0.6
+    assert shells.dense.shape[1] > 4 * shells.sparse.shape[1]
+    np.testing.assert_allclose(
+        shells.size, np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()), rtol=0.15
+    )
+
+
+def test_axes_are_laid_on_axes_in_the_sense_that_is_nearest() -> None:
+    frame = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_matrix()
+    turn = Rotation.from_rotvec([0, 0, 0.6]).as_matrix()
+    for handed in (1.0, -1.0):
+        mirror = np.diag([handed, 1, 1])
+        # Axes of either sense, in any combination.
+        for signs in ([1, 1, 1], [-1, 1, 1], [1, -1, -1], [-1, -1, -1]):
+            of_source = (frame @ mirror @ turn.T) * np.array(signs)[:, None]
+            found = _along_axes((turn @ mirror)[None], frame[None], of_source[None], handed)[0]
+            assert np.linalg.det(found) == pytest.approx(handed)
+            np.testing.assert_allclose(np.abs(of_source @ found @ frame.T), np.eye(3), atol=1e-9)
+            np.testing.assert_allclose(found, turn @ mirror, atol=1e-9)
+
+
+def test_axes_that_would_mirror_are_turned_about_where_their_sense_is_least_clear() -> None:
+    turn = Rotation.from_rotvec(np.radians(100) * np.array([1, 1, 0.3]) / np.linalg.norm([1, 1, 0.3])).as_matrix()
+    frame = np.eye(3)[None]
+    found = _along_axes(turn[None], frame, frame, 1.0)[0]
+    proper = [np.diag(signs) for signs in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
+    nearest = max(proper, key=lambda axes: np.trace(turn.T @ axes))
+    np.testing.assert_allclose(found, nearest, atol=1e-12)

@@ -1,0 +1,141 @@
+"""Nodes move what is around them, and each other: joints bend, and what turns takes its neighbours along."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.registration.deformation_graph import Bending, Nodes
+from zoomout_core.runtime.stepping import drain
+
+STIFFNESS = 0.3
+
+
+@pytest.fixture(scope="module")
+def shape() -> Shape:
+    return drain(shape_steps(creature(500).surface.working.part(0)[0], 60, 300, 0))
+
+
+def chain(count: int, length: float = 0.1) -> Bending:
+    """Nodes in a row along x, each with four vertices around it that it alone moves."""
+    centres = np.arange(count)[:, None] * [length, 0.0, 0.0]
+    around = 0.03 * np.array([[0.0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    places = np.concatenate([centres, (centres[:, None] + around).reshape(-1, 3)])
+    owner = np.concatenate([np.arange(count), np.repeat(np.arange(count), 4)])
+    one, other = np.arange(count - 1), np.arange(1, count)
+    first, second = np.concatenate([one, other]), np.concatenate([other, one])
+    bond = 1 / np.bincount(first)[first]
+    nodes = Nodes(np.arange(count), owner[:, None], np.ones((len(owner), 1)), first, second, bond)
+    return Bending(
+        nodes,
+        places,
+        np.tile([0.0, 0, 1], (len(places), 1)),
+        np.tile(np.eye(3), (count, 1, 1)),
+        places[:count].copy(),
+        np.zeros((count, 6)),
+    )
+
+
+def step(bending: Bending, vertex: np.ndarray, misses: np.ndarray, approaching: bool = False) -> float:
+    return bending.step(vertex, misses, np.tile(np.eye(3), (len(vertex), 1, 1)), STIFFNESS, approaching)
+
+
+def turn_asked_for(bending: Bending, node: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices around a node, and the misses that a turn about the row's axis asks of them."""
+    count = len(bending.nodes.vertex)
+    vertex = count + 4 * node + np.arange(4)
+    offset = bending.rest[vertex] - bending.rest[node]
+    return vertex, Rotation.from_rotvec([angle, 0, 0]).apply(offset) - offset
+
+
+def test_a_node_goes_with_the_neighbour_that_is_where_it_should_be_and_not_with_a_torn_one() -> None:
+    bending = chain(3)
+    bending.images[2] += [0, 0.2, 0]  # a joint that has bent
+    before = bending.images.copy()
+    around = 3 + np.arange(4)
+    vertex = np.concatenate([[0], around, [2], around + 8])  # which hold the ends, and how they are turned
+    step(bending, vertex, np.repeat([[0, 0.01, 0], [0, 0, 0]], 5, axis=0))
+    moved = bending.images - before
+    assert moved[0, 1] == pytest.approx(0.01, rel=0.2)
+    # Without a difference between the two, it would go to the middle, a tenth of the length away.
+    assert moved[1, 1] == pytest.approx(0.01, abs=0.01)
+
+
+def test_the_nodes_of_a_stiff_row_move_together() -> None:
+    bending = chain(4)
+    step(bending, np.array([0, 1]), np.full((2, 3), 0.01))
+    np.testing.assert_allclose(bending.images - chain(4).images, 0.01, atol=1e-3)
+
+
+def test_what_turns_about_a_limb_takes_its_neighbour_along() -> None:
+    bending = chain(2)
+    step(bending, *turn_asked_for(bending, 0, 0.05))
+    angles = Rotation.from_matrix(bending.rotations).as_rotvec()[:, 0]
+    assert angles[0] == pytest.approx(0.05, rel=0.3)
+    assert angles[1] > 0.5 * angles[0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_nodes_that_are_turned_differently_come_to_agree(axis: int) -> None:
+    bending = chain(2)
+    turn = np.zeros(3)
+    turn[axis] = 0.2
+    bending.rotations[1] = Rotation.from_rotvec(turn).as_matrix()
+    held = np.concatenate([[0], 2 + np.arange(4)])
+    for _ in range(3):
+        step(bending, held, bending.rest[held] - bending.moved()[0][held])
+    assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
+
+
+def test_steps_towards_closest_points_are_longer_and_go_on() -> None:
+    plain, hurried = chain(2), chain(2)
+    shift = np.tile([0.01, 0, 0], (2, 1))
+    reported = [
+        step(bending, np.arange(2), shift, approaching) for bending, approaching in ((plain, False), (hurried, True))
+    ]
+    assert reported[0] == pytest.approx(reported[1])
+    ahead = (hurried.images - chain(2).images)[:, 0].mean() / (plain.images - chain(2).images)[:, 0].mean()
+    assert 1.2 < ahead < 2
+    before = hurried.images.copy()
+    step(hurried, np.arange(2), np.zeros((2, 3)), True)
+    assert (hurried.images - before)[:, 0].mean() > 0.001
+
+
+def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: Shape) -> None:
+    rest, normals = shape.mesh.vertices, shape.mesh.vertex_normals
+    turn, shift = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix(), np.array([0.3, 0.2, 0.1])
+    bending = Bending.from_images(Nodes.on(shape, 40), rest, normals, rest @ turn.T + shift, shape.basis.areas)
+    np.testing.assert_allclose(bending.rotations, np.tile(turn, (40, 1, 1)), atol=1e-9)
+    positions, turned, _ = bending.moved()
+    np.testing.assert_allclose(positions, rest @ turn.T + shift, atol=1e-9)
+    np.testing.assert_allclose(turned, normals @ turn.T, atol=1e-9)
+
+
+def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: Shape) -> None:
+    rest = shape.mesh.vertices
+    nodes = Nodes.on(shape, 40)
+    images = rest.copy()
+    # Around one node left and right are exchanged by mistake.
+    mine = nodes.near[:, 0] == 7
+    images[mine] = rest[nodes.vertex[7]] - (rest[mine] - rest[nodes.vertex[7]])
+    bending = Bending.from_images(nodes, rest, shape.mesh.vertex_normals, images, shape.basis.areas)
+    assert np.trace(bending.rotations[7]) > 1.5
+
+
+def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: Shape) -> None:
+    nodes = Nodes.on(shape, 40)
+    assert nodes.near.shape[1] >= 3
+    np.testing.assert_allclose(nodes.weight.sum(axis=1), 1)
+    assert (np.diff(nodes.weight, axis=1) <= 1e-12).all()
+    np.testing.assert_array_equal(nodes.near[nodes.vertex, 0], np.arange(40))
+    np.testing.assert_allclose(np.bincount(nodes.first, nodes.bond), 1)
+    assert (nodes.first != nodes.second).all()
+    assert {tuple(pair) for pair in np.stack([nodes.first, nodes.second], axis=1).tolist()} == {
+        tuple(pair) for pair in np.stack([nodes.second, nodes.first], axis=1).tolist()
+    }
+    # Only what is near is bound: along the surface no farther than a few times the spacing of the nodes.
+    between = shape.distances[:40][:, nodes.vertex][nodes.first, nodes.second]
+    assert between.max() < 6 * np.sqrt(1 / 40)

@@ -1,0 +1,201 @@
+"""Bending a target onto its source: exact where the two are one body, and harmless where they are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, true_vertex
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.registration.deformation_graph import Bending, Nodes
+from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_steps, lifted_fit
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+
+
+def shape_of(made: Creature, proxy_vertices: int | None = None) -> Shape:
+    return drain(shape_steps(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices))
+
+
+def blurred_truth(source: Creature, target: Creature, functions: int = 30) -> tuple[Shape, Shape, SurfaceMap]:
+    """The shapes, and the true map as far as a few eigenfunctions tell it."""
+    shapes = shape_of(source), shape_of(target)
+    images = source.surface.working.vertices[true_vertex(source, target)]
+    basis = shapes[1].basis
+    smooth = basis.eigenvectors[:, :functions] @ basis.coefficients(images)[:functions]
+    distance = np.linalg.norm(smooth[:, None] - shapes[0].mesh.vertices[None], axis=2)
+    first = SurfaceMap.from_vertices(distance.argmin(axis=1), source.surface)
+    return *shapes, SurfaceMap(first.triangle, first.barycentric, shapes[0].mesh.triangles)
+
+
+def errors(surface_map: SurfaceMap, source: Creature, target: Creature) -> Floats:
+    """(n_t,) distance between the images' directions and the true ones."""
+    images = surface_map.interpolate(source.directions)
+    return np.linalg.norm(images / np.linalg.norm(images, axis=1, keepdims=True) - target.directions, axis=1)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.9])
+def test_a_fit_is_several_times_as_exact_as_the_map_that_it_begins_with(bend: float) -> None:
+    source, target = creature(1500, seed=0), creature(1300, seed=1, bend=bend)
+    shapes = blurred_truth(source, target)
+    before, after = shapes[2], drain(fit_steps(shapes[2], shapes[0], shapes[1], False)).surface_map
+    assert np.median(errors(after, source, target)) < np.median(errors(before, source, target)) / (
+        4 if bend == 0 else 2
+    )
+
+
+def test_a_mirrored_map_stays_mirrored() -> None:
+    source, target = creature(1500, seed=0), creature(1300, seed=1)
+    source_shape, target_shape, _ = blurred_truth(source, target)
+    flipped = Creature(target.surface, target.directions * [-1, 1, 1])
+    _, _, mirrored = blurred_truth(source, flipped)
+    fit = drain(fit_steps(mirrored, source_shape, target_shape, True))
+    assert np.median(errors(fit.surface_map, source, flipped)) < np.median(errors(mirrored, source, flipped)) / 2
+    assert np.linalg.det(fit.rotations[fit.fits]).max() < 0
+
+
+SMALL = creature(500, seed=0), creature(480, seed=1, bend=0.5)
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Shape, Shape, SurfaceMap]:
+    return blurred_truth(*SMALL)
+
+
+def onto(shape: Shape, vertex: np.ndarray) -> SurfaceMap:
+    found = SurfaceMap.from_vertices(vertex, SMALL[0].surface)
+    return SurfaceMap(found.triangle, found.barycentric, shape.mesh.triangles)
+
+
+def test_a_fit_is_astray_where_eigenfunctions_speak_against_it_and_for_the_first_map(small) -> None:
+    source, target, first = small
+    truth = true_vertex(*SMALL)
+    tail = SMALL[1].directions[:, 1] > 0.8
+    wrong = truth.copy()
+    wrong[tail] = truth[np.argmax(SMALL[1].directions[:, 2])]
+    right, lost = onto(source, truth), onto(source, wrong)
+    astray = _astray(lost, right, source, target)
+    assert astray[tail].all()
+    assert astray[~tail].mean() < 0.2
+    for found, before in ((right, lost), (lost, lost), (first, first), (right, first)):
+        assert not _astray(found, before, source, target).any()
+    assert _astray(lost, first, source, target)[tail].mean() > 0.9
+
+
+def test_a_fit_that_is_a_little_off_an_exact_map_is_not_astray(small) -> None:
+    shape = small[0]
+    n = len(shape.mesh.vertices)
+    exact = onto(shape, np.arange(n))
+    corner = np.argmax(exact.barycentric, axis=1)
+    beside = SurfaceMap(
+        exact.triangle, 0.9 * np.eye(3)[corner] + 0.1 * np.eye(3)[(corner + 1) % 3], shape.mesh.triangles
+    )
+    assert _astray(beside, exact, shape, shape).mean() < 0.05
+
+
+def test_where_the_fit_goes_astray_the_first_map_stands(small, monkeypatch) -> None:
+    source, target, first = small
+    tail = SMALL[1].directions[:, 1] > 0.8
+    whole = drain(fit_steps(first, source, target, False))
+    assert whole.fits[tail].mean() > 0.5
+    monkeypatch.setattr("zoomout_core.matching.registration.nonrigid_icp._astray", lambda *_: tail)
+    fit = drain(fit_steps(first, source, target, False))
+    assert not fit.fits[tail].any()
+    np.testing.assert_array_equal(fit.fits[~tail], whole.fits[~tail])
+    for where, expected in ((~fit.fits, first), (fit.fits, whole.surface_map)):
+        np.testing.assert_array_equal(fit.surface_map.triangle[where], expected.triangle[where])
+        np.testing.assert_array_equal(fit.surface_map.barycentric[where], expected.barycentric[where])
+    assert (fit.surface_map.triangle[tail] != whole.surface_map.triangle[tail]).any()
+
+
+def test_what_the_first_map_takes_elsewhere_does_not_fit_where_it_came_to_lie(small) -> None:
+    shape = small[0]
+    tail = SMALL[0].directions[:, 1] > 0.85
+    vertex = np.arange(len(tail))
+    vertex[tail] = np.argmin(SMALL[0].directions[:, 1])
+    fit = drain(fit_steps(onto(shape, vertex), shape, shape, False))
+    off = np.linalg.norm(fit.positions - shape.mesh.vertices, axis=1)
+    back_in_place = tail & (off < 0.05)
+    assert back_in_place.any()
+    assert not fit.fits[back_in_place].any()
+
+
+def test_coarse_meshes_keep_the_map_that_they_have() -> None:
+    source, target = creature(300, seed=0), creature(280, seed=1)
+    source_shape, target_shape, first = blurred_truth(source, target)
+    fit = drain(fit_steps(first, source_shape, target_shape, False))
+    assert fit.surface_map is first
+    assert not fit.fits.any()
+
+
+def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
+    places = np.array([[0.0, 0, 0], [1, 0, 0], [9, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [9, 1, 0]])
+    nodes = Nodes(
+        vertex=np.arange(3),
+        near=np.array([[0, 1], [1, 0], [2, 2], [0, 1], [0, 1], [2, 2]]),
+        weight=np.array([[1.0, 0], [1, 0], [1, 0], [0.5, 0.5], [0.5, 0.5], [1, 0]]),
+        first=np.array([0, 1]),
+        second=np.array([1, 0]),
+        bond=np.ones(2),
+    )
+    bending = Bending(
+        nodes, places, np.ones((6, 3)), np.tile(np.eye(3), (3, 1, 1)), places[:3].copy(), np.zeros((3, 6))
+    )
+    vertex, shift = np.array([0, 1, 3, 4]), np.array([0.1, 0.2, 0.3])
+    bending.step(vertex, np.tile(shift, (4, 1)), np.tile(np.eye(3), (4, 1, 1)), 0.3, False)
+    positions, _, _ = bending.moved()
+    np.testing.assert_allclose(positions[vertex] - places[vertex], np.tile(shift, (4, 1)), atol=1e-3)
+    np.testing.assert_allclose(positions[[2, 5]], places[[2, 5]], atol=1e-6)
+
+
+def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
+    smooth = creature(9000).surface
+    bumps = 1 + 0.03 * np.random.default_rng(0).random((len(smooth.vertices), 1))
+    made = Creature(Surface(smooth.vertices * bumps, smooth.triangles), np.empty((0, 3)))
+    shape = shape_of(made, 1500)
+    mesh, part = shape.mesh, shape.proxy.full
+    corner = np.empty(len(mesh.vertices), dtype=int)
+    corner[mesh.triangles.ravel()] = np.arange(mesh.triangles.size)
+    itself = SurfaceMap(corner // 3, np.eye(3)[corner % 3], mesh.triangles)
+    still = Fit(itself, mesh.vertices, np.tile(np.eye(3), (len(corner), 1, 1)), np.ones(len(corner), dtype=bool))
+    moved, unfitted = (
+        np.linalg.norm(
+            lifted_fit(fit, shape.proxy, shape.proxy, part.vertices + 1).interpolate(part.vertices) - part.vertices,
+            axis=1,
+        )
+        for fit in (still, Fit.unfitted(itself))
+    )
+    assert moved.max() < 1e-6
+    assert unfitted.mean() > 1e-4
+
+
+def test_the_same_shape_elsewhere_is_matched_exactly() -> None:
+    source = creature(6000).surface
+    order = np.random.default_rng(0).permutation(len(source.vertices))
+    number = np.argsort(order)
+    turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    target = Surface(3 * source.vertices[order] @ turn.T + 5, number[source.triangles])
+    result = zo.match(source, target)
+    off = np.linalg.norm(result.surface_map.interpolate(source.vertices) - source.vertices[order], axis=1)
+    assert np.percentile(off, 99) < 1e-4 * np.sqrt(source.area)
+
+
+def test_another_mesh_that_stands_where_the_source_does_takes_the_nearest_points() -> None:
+    source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
+    result = zo.match(source, target)
+    nearest = SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
+    off = result.surface_map.interpolate(source.vertices) - nearest.interpolate(source.vertices)
+    assert np.percentile(np.linalg.norm(off, axis=1), 95) < 1e-9 * np.sqrt(source.area)
+
+
+def test_another_mesh_a_little_beside_the_source_is_matched_as_it_lies_and_not_as_it_stands() -> None:
+    source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
+    size = np.sqrt(source.area)
+    beside = target.with_vertices(target.vertices + np.array([0, 0.003, 0]) * size)
+    off = zo.match(source, beside).surface_map.interpolate(source.vertices) - target.vertices
+    assert np.median(np.linalg.norm(off, axis=1)) < 5e-4 * size

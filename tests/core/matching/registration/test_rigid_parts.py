@@ -1,0 +1,146 @@
+"""What has not moved is laid exactly, on stand-ins and on full meshes; what has moved is left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, true_vertex
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.registration.correspondences import Leaps, Surroundings
+from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+from zoomout_core.runtime.stepping import drain
+
+TURN = Rotation.from_rotvec([0.2, 1.0, -0.4]).as_matrix()
+
+
+def shape_of(made: Creature) -> Shape:
+    return drain(shape_steps(made.surface.working.part(0)[0], 120, 400, 0))
+
+
+@pytest.fixture(scope="module")
+def made() -> Creature:
+    return creature(900, seed=0)
+
+
+@pytest.fixture(scope="module")
+def shape(made: Creature) -> Shape:
+    return shape_of(made)
+
+
+def still(source: Shape, target: Shape, vertex: np.ndarray, turn: np.ndarray = TURN) -> tuple[np.ndarray, np.ndarray]:
+    """Where a target that was turned has not moved but for that, and where it is taken."""
+    corner_at = np.zeros(len(source.mesh.vertices), dtype=int)
+    corner_at[source.mesh.triangles.ravel()] = np.arange(source.mesh.triangles.size)
+    corner = corner_at[vertex]
+    first = SurfaceMap(corner // 3, np.eye(3)[corner % 3], source.mesh.triangles)
+    rest, normals = target.mesh.vertices @ turn.T, target.mesh.vertex_normals @ turn.T
+    return unmoved(first, rest, normals, Surroundings.of(source), Leaps(first.vertex, source), target)
+
+
+def test_a_turned_copy_has_not_moved(shape: Shape) -> None:
+    everywhere, placed = still(shape, shape, np.arange(len(shape.mesh.vertices)))
+    assert everywhere.all()
+    np.testing.assert_allclose(placed, shape.mesh.vertices, atol=1e-3)
+
+
+def test_a_rough_map_is_enough_to_tell(shape: Shape) -> None:
+    vertices = shape.mesh.vertices
+    noise = np.random.default_rng(0).normal(scale=0.03, size=vertices.shape)
+    rough = np.linalg.norm((vertices + noise)[:, None] - vertices, axis=2).argmin(axis=1)
+    everywhere, placed = still(shape, shape, rough)
+    assert everywhere.mean() > 0.95
+    assert np.median(np.linalg.norm(placed - vertices, axis=1)) < 2e-3
+
+
+def test_a_limb_that_bends_has_moved_and_the_body_has_not(made: Creature, shape: Shape) -> None:
+    source = shape_of(creature(1000, seed=1, bend=0.9))
+    where, _ = still(source, shape, true_vertex(creature(1000, seed=1, bend=0.9), made), np.eye(3))
+    arms = np.abs(made.surface.working.vertices[:, 0]) > 0.8 * np.abs(made.surface.working.vertices[:, 0]).max()
+    body = np.abs(made.directions[:, 2]) < 0.3
+    body &= (np.abs(made.directions[:, 0]) < 0.8) & (np.abs(made.directions[:, 1]) < 0.8)
+    assert not where[arms].any()
+    assert where[body].mean() > 0.5
+
+
+def test_what_the_first_map_takes_elsewhere_is_not_called_unmoved(made: Creature, shape: Shape) -> None:
+    tail = made.directions[:, 1] > 0.85
+    vertex = np.arange(len(tail))
+    vertex[tail] = np.flatnonzero(made.directions[:, 1] < -0.95)[0]
+    where, _ = still(shape, shape, vertex, np.eye(3))
+    assert not where[made.directions[:, 1] > 0.9].any()
+    assert where[made.directions[:, 1] < 0.7].mean() > 0.9
+
+
+# --- full meshes ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def full() -> Proxy:
+    part = creature(1500).surface.working
+    return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
+
+
+def settled(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, standing: np.ndarray | None = None):
+    """What becomes of goals for a smaller, turned copy, and how near to the source they are to lie."""
+    vertices = full.full.vertices
+    fits = np.ones(len(vertices), dtype=bool) if fits is None else fits
+    return settle(goal, fits, 0.5 * vertices @ TURN.T + 1, goal + 1 if standing is None else standing, full)
+
+
+def rough(full: Proxy) -> np.ndarray:
+    """Goals as a stand-in tells them: off by a few thousandths."""
+    return full.full.vertices + np.random.default_rng(0).normal(scale=1.5e-3, size=full.full.vertices.shape)
+
+
+def test_goals_that_a_similarity_tells_are_made_exact(full: Proxy) -> None:
+    found, nearness = settled(full, rough(full))
+    assert np.abs(found - full.full.vertices).max() < 1e-4
+    assert nearness > 1e-3
+
+
+def test_goals_that_no_similarity_tells_stay(full: Proxy) -> None:
+    shrunk = rough(full) * [1.0, 1.0, 0.7]
+    np.testing.assert_array_equal(settled(full, shrunk)[0], shrunk)
+
+
+def test_a_motion_that_does_not_end_on_the_source_is_not_taken(full: Proxy) -> None:
+    # A body whose every vertex lies a little above or below the source, in turns: no motion brings it there.
+    side = np.where(np.arange(len(full.full.vertices)) % 2, 1, -1)[:, None]
+    apart = full.full.vertices + 2e-3 * side * full.full.vertex_normals
+    found, _ = settle(apart, np.ones(len(apart), dtype=bool), apart, apart + 1, full)
+    np.testing.assert_array_equal(found, apart)
+
+
+def test_few_reliable_goals_tell_no_motion(full: Proxy) -> None:
+    goal = rough(full)
+    fits = np.arange(len(goal)) < 300
+    np.testing.assert_array_equal(settled(full, goal, fits)[0], goal)
+
+
+def test_meshes_that_stand_where_they_should_stay_there_to_the_bit(full: Proxy) -> None:
+    standing = full.full.vertices.copy()
+    np.testing.assert_array_equal(settled(full, rough(full), standing=standing)[0], standing)
+    beside = standing + 2e-3
+    found, _ = settled(full, rough(full), standing=beside)
+    assert np.abs(found - standing).max() < 1e-4
+
+
+def test_a_limb_that_has_moved_keeps_its_goals(full: Proxy) -> None:
+    goal, limb = rough(full), creature(1500).directions[:, 2] < -0.5
+    assert 0.15 < limb.mean() < 0.4
+    goal[limb] += [0, 0.1, 0]
+    found, _ = settled(full, goal)
+    np.testing.assert_array_equal(found[limb], goal[limb])
+    assert np.abs(found - full.full.vertices)[~limb].max() < 1e-4
+
+
+def test_a_few_goals_beside_all_others_were_wrong(full: Proxy) -> None:
+    goal, few = rough(full), np.zeros(len(full.full.vertices), dtype=bool)
+    few[::25] = True
+    goal[few] += [0, 0.1, 0]
+    found, _ = settled(full, goal)
+    assert np.abs(found - full.full.vertices).max() < 1e-4

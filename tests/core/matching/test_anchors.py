@@ -1,0 +1,44 @@
+"""Anchors weigh as much as the eigenfunctions that they stand beside, however many there are of either."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from zoomout_core.matching.anchors import Anchors, beside, coordinates
+
+
+@pytest.mark.parametrize(("k", "m"), [(4, 1), (4, 9), (30, 2)])
+def test_eigenfunctions_and_anchors_weigh_the_same(k: int, m: int) -> None:
+    # One place differs in every eigenfunction, another as much, or a little more, in every anchor.
+    for share, nearest in ((1.05, 0), (0.95, 1)):
+        rows = np.vstack([np.ones((1, k)), np.zeros((1, k))])
+        anchors = share * np.vstack([np.zeros((1, m)), np.ones((1, m))])
+        off = np.linalg.norm(beside(rows, anchors), axis=1)
+        assert np.argmin(off) == nearest
+
+
+def test_source_and_target_are_compared_by_their_own_anchors() -> None:
+    random = np.random.default_rng(0)
+    source_rows, C = random.standard_normal((6, 5)), np.linalg.qr(random.standard_normal((5, 5)))[0]
+    anchors = Anchors(random.standard_normal((6, 2)), random.standard_normal((6, 2)))
+    order = random.permutation(6)
+    target_rows = (source_rows @ C.T)[order]
+    same = Anchors(anchors.source, anchors.source[order])
+    queries, embedded = coordinates(target_rows, source_rows, C, same)
+    np.testing.assert_allclose(queries, embedded[order])
+    queries, embedded = coordinates(target_rows, source_rows, C, None)
+    np.testing.assert_allclose(queries, embedded[order])
+    swapped = anchors.swapped()
+    assert swapped.source is anchors.target
+    assert swapped.target is anchors.source
+
+
+def test_anchors_join_and_scale_on_both_sides() -> None:
+    one, other = Anchors(np.ones((3, 1)), 2 * np.ones((4, 1))), Anchors(np.zeros((3, 2)), np.zeros((4, 2)))
+    both = one.scaled(3.0).and_those(other)
+    np.testing.assert_array_equal(both.source, [[3, 0, 0]] * 3)
+    np.testing.assert_array_equal(both.target, [[6, 0, 0]] * 4)
+    assert one.and_those(None) is one
+    some = both.at(np.array([1]), np.array([2, 3]))
+    assert (some.source.shape, some.target.shape) == ((1, 3), (2, 3))

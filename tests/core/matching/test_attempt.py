@@ -1,0 +1,57 @@
+"""Which of several bodies a match goes on with."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zoomout_core.matching.attempt import Attempt, best_of
+from zoomout_core.matching.ranking import Candidate
+
+PLACES = np.random.default_rng(1).standard_normal((100, 3))
+
+
+def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.0) -> Attempt:
+    """An attempt that takes each place as far as `moved` (100,) from where it is."""
+    samples, images = np.arange(100), PLACES + np.stack([moved, 0 * moved, 0 * moved], axis=1)
+
+    def shape(vertices: np.ndarray) -> Any:
+        full = SimpleNamespace(to_surface=lambda points: scale * points, scale=scale)
+        return SimpleNamespace(
+            proxy=SimpleNamespace(full=full, vertices=vertices), search=SimpleNamespace(samples=samples)
+        )
+
+    pair: Any = SimpleNamespace(source_shape=shape(images), target_shape=shape(PLACES))
+    nothing = np.zeros((0, 0))
+    return Attempt(pair, [Candidate("", False, False, nothing, nothing, samples, None, None, certainty, {})], coverage)
+
+
+def is_taken_for_the_same(moved: np.ndarray, scale: float = 1.0) -> bool:
+    """Whether an attempt that covers more lends its surer, but narrower, rival's certainty."""
+    wide, narrow = body(0.4, 1.0, 0 * moved, scale), body(0.9, 0.5, moved, scale)
+    chosen = best_of([narrow, wide])
+    return chosen.coverage == 1.0 and chosen.candidates[0].certainty == 0.9
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_two_maps_are_one_where_most_places_go_to_nearly_the_same_place(scale: float) -> None:
+    assert is_taken_for_the_same(np.full(100, 0.1), scale)
+    assert not is_taken_for_the_same(np.full(100, 0.25), scale)
+    few, many = np.zeros(100), np.zeros(100)
+    few[:15], many[:40] = 1, 1
+    assert is_taken_for_the_same(few, scale)
+    assert not is_taken_for_the_same(many, scale)
+
+
+def test_a_map_is_worth_what_it_is_sure_of_times_what_it_tells_of() -> None:
+    far = np.ones(100)
+    assert best_of([body(0.6, 1.0, 0 * far), body(0.9, 0.5, far)]).coverage == 1.0
+    assert best_of([body(0.4, 1.0, 0 * far), body(0.9, 0.5, far)]).coverage == 0.5
+
+
+def test_the_first_map_of_an_attempt_speaks_for_it() -> None:
+    wide, narrow = body(0.9, 1.0, np.zeros(100)), body(0.4, 0.5, np.zeros(100))
+    assert best_of([wide, narrow]).candidates[0].certainty == 0.9

@@ -1,0 +1,194 @@
+"""How sure a candidate is, by its rivals and by its fit in space; which maps are compared, and in which order."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, mirrored_vertex, true_vertex
+from scipy.spatial import cKDTree
+from shapes import sheet
+
+from zoomout_core.maps.functional_map import functional_map_of
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.ranking import Candidate, _laid, _leading, in_order, rank_steps
+from zoomout_core.matching.scores import EVIDENCE, IN_SPACE
+from zoomout_core.runtime.stepping import drain
+
+COUNT = 40
+
+
+def line(sides_are_known: bool = True) -> Any:
+    """A shape whose samples lie along a line of unit length: all that certainty asks of a shape."""
+    at = np.linspace(0, 1, COUNT)
+    return SimpleNamespace(
+        distances=np.abs(at[:, None] - at),
+        nearest_distance_sample=np.arange(COUNT),
+        search=SimpleNamespace(samples=np.arange(COUNT)),
+        coordinates=at[:, None],
+        mesh=SimpleNamespace(sides_are_known=sides_are_known),
+    )
+
+
+def candidate(
+    total: float, shift: float = 0.0, place: float = 0.005, mirrored: bool = False, in_space: float = 0.0
+) -> Candidate:
+    """A map that moves all samples along the line."""
+    sample_map = np.clip(np.arange(COUNT) + round(shift * (COUNT - 1)), 0, COUNT - 1)
+    scores = {"total": total, "place": place, IN_SPACE: in_space}
+    nothing = np.zeros((0, 0))
+    return Candidate(f"{total} {shift}", mirrored, mirrored, nothing, nothing, sample_map, None, None, 0.0, scores)
+
+
+def certainties(*candidates: Candidate, sides_are_known: bool = True) -> list[float]:
+    """In the order of the candidates that are given."""
+    ranked = in_order(list(candidates), line(sides_are_known), line())
+    found = {one.origin + str(one.mirrored): one.certainty for one in ranked}
+    return [found[one.origin + str(one.mirrored)] for one in candidates]
+
+
+def test_a_map_without_rivals_is_as_sure_as_its_fit_in_space() -> None:
+    fitting, doubtful, misfit = (certainties(candidate(0.0, place=place))[0] for place in (0.005, 0.03, 0.3))
+    assert fitting > 0.99
+    assert 0.1 < doubtful < 0.95
+    assert misfit < 0.01
+
+
+def test_of_two_maps_that_are_as_good_neither_is_sure_and_a_lead_puts_rivals_out() -> None:
+    assert certainties(candidate(0.0), candidate(0.0, 0.5)) == pytest.approx([0.5, 0.5], abs=0.01)
+    ahead, behind = certainties(candidate(0.0), candidate(1.0, 0.5))
+    assert ahead > 0.95
+    assert behind < 0.05
+    three = certainties(candidate(0.0), candidate(0.0, 0.4), candidate(0.0, 0.8))
+    assert three == pytest.approx([1 / 3] * 3, abs=0.01)
+
+
+def test_maps_that_lead_to_nearly_the_same_places_are_no_rivals() -> None:
+    assert certainties(candidate(0.0), candidate(0.0, 0.06))[0] > 0.99
+    assert certainties(candidate(0.0), candidate(0.0, 0.2))[0] < 0.6
+
+
+def test_any_lead_has_a_certainty() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        first, last = certainties(candidate(0.0), candidate(1e4, 0.5))
+    assert first > 0.99
+    assert 0 <= last < 1e-6
+
+
+def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
+    off = 0.5
+    standing = candidate(0.0)
+    turned = candidate(EVIDENCE[IN_SPACE] * off, 0.5, in_space=off)
+    ranked = in_order([turned, standing], line(), line())
+    assert ranked[0].origin == standing.origin
+    assert ranked[0].certainty == pytest.approx(0.5, abs=0.01)
+
+
+def test_mirror_images_come_last_and_rival_each_other_only() -> None:
+    direct, mirrored, other = candidate(5.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
+    ranked = in_order([mirrored, direct, other], line(), line())
+    assert [one.mirrored for one in ranked] == [False, True, True]
+    assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
+
+
+def test_a_cloth_may_be_bent_the_other_way_so_its_mirror_images_are_rivals() -> None:
+    direct, mirrored = candidate(5.0), candidate(0.0, 0.5, mirrored=True)
+    ranked = in_order([direct, mirrored], line(sides_are_known=False), line())
+    assert ranked[0].mirrored
+    assert certainties(direct, mirrored, sides_are_known=False)[0] < 0.01
+
+
+def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken() -> None:
+    shape = drain(shape_steps(sheet(300).surface.working.part(0)[0], 40, 120, 0))
+    identity = np.arange(len(shape.search.samples))
+    scores = {"commutativity": 0.1, "frequency": 0.1, "distance": 0.1, "curvature": 0.0, "handedness": 0.0}
+    mirrored = replace(candidate(0.0, mirrored=True), sample_map=identity, scores=scores)
+    assert not _laid(mirrored, shape, shape).mirrored
+    assert not _laid(replace(mirrored, mirrored=False), shape, shape).mirrored
+
+
+def leading(scores: list[float], quotas: tuple[tuple[int, int], tuple[int, int]], **others: Any) -> list[float]:
+    """Scores of the maps that go on, each of which leads elsewhere unless `shifts` says where."""
+    count = len(scores)
+    shifts = others.get("shifts", np.linspace(0, 0.9, count))
+    reverses = others.get("reverses", [False] * count)
+    maps = [replace(candidate(t, s), reverses_orientation=r) for t, s, r in zip(scores, shifts, reverses, strict=True)]
+    return [one.scores["total"] for one in _leading(maps, scores, line(), quotas)]
+
+
+def test_some_maps_go_on_in_any_case_and_more_if_they_are_nearly_as_good() -> None:
+    scores = [3.0, 0.0, 1.2, 0.5, 2.0, 0.9]
+    assert leading(scores, ((2, 4), (1, 1))) == [0.0, 0.5, 0.9, 1.2]
+    assert leading(scores, ((2, 6), (1, 1))) == [0.0, 0.5, 0.9, 1.2]
+    assert leading(scores, ((5, 6), (1, 1))) == [0.0, 0.5, 0.9, 1.2, 2.0]
+    assert leading(scores, ((0, 2), (1, 1))) == [0.0, 0.5]
+
+
+def test_mirror_images_are_measured_by_the_best_of_them() -> None:
+    scores, reverses = [0.0, 0.1, 8.0, 8.2, 9.9], [False, False, True, True, True]
+    assert leading(scores, ((1, 9), (1, 2)), reverses=reverses) == [0.0, 0.1, 8.0, 8.2]
+    assert leading(scores, ((1, 9), (3, 3)), reverses=reverses) == scores
+
+
+def test_maps_that_are_the_same_go_on_once() -> None:
+    assert leading([0.3, 0.1, 0.2], ((3, 9), (1, 1)), shifts=[0.0, 0.0, 0.5]) == [0.1, 0.2]
+
+
+@pytest.fixture(scope="module")
+def creatures() -> tuple[Creature, Creature]:
+    return creature(500, seed=0), creature(480, seed=1, bend=0.3)
+
+
+@pytest.fixture(scope="module")
+def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], Shape, Shape]:
+    """The true map, its mirror image, and one that turns about, each told by few functions, and what comes of them."""
+    source, target = (drain(shape_steps(one.surface.working.part(0)[0], 90, 300, 0)) for one in creatures)
+    about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
+    maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
+    guesses = [
+        Hypothesis(name, functional_map_of(vertex, source.basis, target.basis, 8, 8)) for name, vertex in maps.items()
+    ]
+    return drain(rank_steps(guesses, source, target)), source, target
+
+
+def test_the_true_map_comes_first_and_its_mirror_image_is_kept_after_it(ranked) -> None:
+    candidates, *_ = ranked
+    assert candidates[0].origin == "true"
+    assert (candidates[-1].origin, candidates[-1].reverses_orientation) == ("mirrored", True)
+    assert not candidates[0].reverses_orientation
+    assert candidates[0].certainty == max(one.certainty for one in candidates if not one.reverses_orientation)
+
+
+def test_candidates_are_refined_both_ways(ranked, creatures) -> None:
+    (first, *_), source, target = ranked
+
+    def missed(images: np.ndarray, there: Creature, vertices: np.ndarray, here: Creature) -> float:
+        return float(np.linalg.norm(there.directions[images] - here.directions[vertices], axis=1).mean())
+
+    samples = source.search.samples, target.search.samples
+    assert missed(samples[0][first.sample_map], creatures[0], samples[1], creatures[1]) < 0.2
+    rows, k = source.search.rows, len(first.reverse_functional_map)
+    embedded = target.search.rows[:, : first.reverse_functional_map.shape[1]] @ first.reverse_functional_map.T
+    back = cKDTree(embedded).query(rows[:, :k])[1]
+    assert missed(samples[1][back], creatures[1], samples[0], creatures[0]) < 0.2
+    assert min(first.functional_map.shape) == min(first.reverse_functional_map.shape) > 50
+
+
+@pytest.mark.parametrize(("agreement", "reverses"), [(-0.6, True), (-0.1, False), (0.1, False)])
+def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, monkeypatch, agreement, reverses) -> None:
+    # It mirrors some limbs only, which laying it over the source turns back.
+    (first, *_), *shapes = ranked
+    monkeypatch.setattr("zoomout_core.matching.ranking.orientation_agreement", lambda *_: agreement)
+    (found,) = drain(rank_steps([Hypothesis("known", first.functional_map[:8, :8])], *shapes))
+    assert found.reverses_orientation is reverses
+
+
+def test_a_closed_shape_is_not_laid_the_other_way_whatever_fits_better(ranked) -> None:
+    candidates, *shapes = ranked
+    assert _laid(replace(candidates[0], mirrored=True), *shapes).mirrored

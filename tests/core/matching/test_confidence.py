@@ -1,0 +1,147 @@
+"""Confidence falls where both witnesses speak against the map, and where it turns triangles over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.confidence import (
+    confidence_of,
+    cycle_error,
+    share_without_partner,
+    spectral_distance,
+)
+from zoomout_core.runtime.stepping import drain
+
+MADE = creature(500, seed=0)
+TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
+
+
+@pytest.fixture(scope="module")
+def shape() -> Shape:
+    return drain(shape_steps(MADE.surface.working.part(0)[0], 60, 200, 0))
+
+
+def vertex_map(vertex: np.ndarray, shape: Shape) -> SurfaceMap:
+    found = SurfaceMap.from_vertices(vertex, MADE.surface)
+    return SurfaceMap(found.triangle, found.barycentric, shape.mesh.triangles)
+
+
+def identity(shape: Shape) -> SurfaceMap:
+    return vertex_map(np.arange(len(shape.mesh.vertices)), shape)
+
+
+def shuffled(shape: Shape, where: np.ndarray) -> SurfaceMap:
+    """The identity, but for some vertices that change places with each other."""
+    vertex = np.arange(len(where))
+    vertex[where] = np.random.default_rng(0).permutation(vertex[where])
+    return vertex_map(vertex, shape)
+
+
+def elsewhere(shape: Shape, where: np.ndarray) -> SurfaceMap:
+    """The identity, but for some vertices, which all go to the first vertex that is none of them."""
+    vertex = np.arange(len(where))
+    vertex[where] = np.flatnonzero(~where)[0]
+    return vertex_map(vertex, shape)
+
+
+def test_a_map_that_all_agree_on_is_trusted(shape: Shape) -> None:
+    confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, False)
+    assert confidence.min() > 0.99
+    assert over == 0
+
+
+def test_where_both_witnesses_speak_against_a_map_it_is_not_trusted(shape: Shape) -> None:
+    there, back = elsewhere(shape, TAIL), identity(shape)
+    confidence, _ = confidence_of(there, back, np.eye(40), shape, shape, False)
+    assert confidence[TAIL].mean() < 0.3
+    assert np.median(confidence[~TAIL]) > 0.8
+
+
+def test_one_witness_that_vouches_for_a_map_is_enough(shape: Shape) -> None:
+    # A way back that was lost, where the eigenfunctions at both ends agree.
+    confidence, _ = confidence_of(identity(shape), elsewhere(shape, TAIL), np.eye(40), shape, shape, False)
+    assert confidence[TAIL].mean() > 0.95
+    # And eigenfunctions that disagree, where the way back leads to where it came from.
+    signs = np.diag(np.where(np.arange(40) % 2, -1.0, 1.0))
+    confidence, _ = confidence_of(identity(shape), identity(shape), signs, shape, shape, False)
+    assert confidence.mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("cycle", "spectral", "low", "high"),
+    [(0.004, 0.004, 0.9, 1.0), (0.022, 0.022, 0.4, 0.6), (0.025, 0.5, 0.0, 0.1), (0.004, 0.12, 0.4, 0.6)],
+)
+def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
+    shape: Shape, cycle: float, spectral: float, low: float, high: float
+) -> None:
+    # The way back ends beside the start, along an edge.
+    there = identity(shape)
+    corner = np.argmax(there.barycentric, axis=1)
+    neighbour = shape.mesh.triangles[there.triangle, (corner + 1) % 3]
+    edge = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[neighbour], axis=1)
+    share = np.minimum(cycle / edge, 1)[:, None]
+    back = SurfaceMap(
+        there.triangle, (1 - share) * np.eye(3)[corner] + share * np.eye(3)[(corner + 1) % 3], shape.mesh.triangles
+    )
+    # The functional map is off in the constant function, and so everywhere alike.
+    C = np.eye(40)
+    C[0, 0] += spectral * np.sqrt(shape.basis.eigenvalues[:40].sum() / 2)
+    confidence, _ = confidence_of(there, back, C, shape, shape, False)
+    assert low <= np.median(confidence) <= high
+
+
+def test_what_lies_beside_an_error_is_doubted_too() -> None:
+    # So many functions that nothing is smooth unless it is made so.
+    shape = drain(shape_steps(MADE.surface.working.part(0)[0], 400, 400, 0))
+    distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
+    confidence, _ = confidence_of(elsewhere(shape, TAIL), identity(shape), np.eye(40), shape, shape, False)
+    beside, far = (distance > 0.07) & (distance < 0.1), distance > 0.3
+    assert confidence[far].mean() > 0.99
+    assert confidence[beside].mean() < 0.9
+
+
+def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Shape) -> None:
+    confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, True)
+    assert over == pytest.approx(1)
+    assert confidence.max() < 0.01
+    # Two neighbours that change places turn the triangles around them over, and no others.
+    a, b = shape.mesh.triangles[100, :2]
+    vertex = np.arange(len(shape.mesh.vertices))
+    vertex[[a, b]] = b, a
+    swapped = vertex_map(vertex, shape)
+    confidence, over = confidence_of(swapped, swapped, np.eye(40), shape, shape, False)
+    assert 0 < over < 0.05
+    assert ((confidence > 0.05) & (confidence < 0.95)).any()  # as much as is turned over around each vertex
+
+
+def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: Shape) -> None:
+    share = share_without_partner(elsewhere(shape, TAIL), identity(shape), shape)
+    assert share == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
+    assert share_without_partner(identity(shape), identity(shape), shape) == 0
+
+
+def test_small_errors_do_not_make_a_place_lonely(shape: Shape) -> None:
+    distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices, axis=2)
+    np.fill_diagonal(distance, np.inf)
+    beside = np.where(distance.min(axis=1) < 0.04, distance.argmin(axis=1), np.arange(len(distance)))
+    assert (beside != np.arange(len(beside))).mean() > 0.2
+    assert share_without_partner(vertex_map(beside, shape), identity(shape), shape) < 0.02
+
+
+def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: Shape) -> None:
+    back = shuffled(shape, TAIL)
+    error = cycle_error(identity(shape), back, 10 * shape.mesh.vertices)
+    moved = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[back.vertex], axis=1)
+    np.testing.assert_allclose(error, 10 * moved, atol=1e-9)
+
+
+def test_a_step_along_the_surface_changes_eigenfunctions_by_its_length(shape: Shape) -> None:
+    a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
+    step = np.linalg.norm(shape.mesh.vertices[a] - shape.mesh.vertices[b], axis=1)
+    rows, values = shape.basis.eigenvectors[:, :30], shape.basis.eigenvalues[:30]
+    ratio = spectral_distance(rows[a], rows[b], values) / step
+    assert 0.6 < np.median(ratio) < 1.4

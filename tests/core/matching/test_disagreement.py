@@ -1,0 +1,125 @@
+"""How far a map disagrees with each thing that a user knows of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.constraints import Evidence, pinned
+from zoomout_core.matching.pair import Pair
+from zoomout_core.runtime.stepping import drain
+
+MADE = creature(500, seed=0)
+NOTHING = Evidence(None, np.zeros((0, 3)), [])
+LEG, TAIL = MADE.directions[:, 2] < -0.7, MADE.directions[:, 1] > 0.8
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    shape = drain(shape_steps(MADE.surface.working.part(0)[0], 60, 500, 0))
+    return Pair(MADE.surface, MADE.surface, shape, shape, 60, 20)
+
+
+def disagreement(pair: Pair, evidence: Evidence, vertex: np.ndarray) -> dict[str, float]:
+    """Of a map of all vertices, as far as the samples tell it."""
+    shape = pair.source_shape
+    samples = shape.search.samples
+    image = vertex[samples]
+    sample_map = np.linalg.norm(shape.mesh.vertices[image][:, None] - shape.mesh.vertices[samples], axis=2).argmin(
+        axis=1
+    )
+    C = shape.basis.coefficients(shape.basis.eigenvectors[vertex, :40])[:40]
+    return evidence.disagreement(pair)(C, sample_map, None)
+
+
+def by_directions(factors: list[float]) -> np.ndarray:
+    """The map that sends each place to where its direction, times factors, leads."""
+    return np.linalg.norm((MADE.directions * factors)[:, None] - MADE.directions, axis=2).argmin(axis=1)
+
+
+SAME, UPSIDE_DOWN, MIRRORED = (by_directions(factors) for factors in ([1, 1, 1], [1, -1, -1], [-1, 1, 1]))
+
+
+def test_nothing_known_is_nothing_said(pair: Pair) -> None:
+    assert disagreement(pair, NOTHING, SAME) == {}
+
+
+def test_a_common_axis_speaks_against_what_stands_on_its_head_only(pair: Pair) -> None:
+    up = replace(NOTHING, common_axes=np.array([[0.0, 0, 1]]))
+    same, turned, mirrored = (disagreement(pair, up, vertex)["axes"] for vertex in (SAME, UPSIDE_DOWN, MIRRORED))
+    assert same < 0.05
+    assert mirrored < 0.2
+    assert turned > 1
+
+
+def test_regions_speak_against_maps_that_leave_them(pair: Pair) -> None:
+    both = replace(
+        NOTHING, regions=[(np.flatnonzero(LEG), np.flatnonzero(LEG)), (np.flatnonzero(TAIL), np.flatnonzero(TAIL))]
+    )
+    assert disagreement(pair, both, SAME)["regions"] < 0.05
+    assert disagreement(pair, both, MIRRORED)["regions"] < 0.4
+    assert disagreement(pair, both, UPSIDE_DOWN)["regions"] > 0.8
+    # What is everywhere, or nowhere, tells nothing.
+    all_of_it = np.arange(len(LEG))
+    assert disagreement(pair, replace(NOTHING, regions=[(all_of_it, np.flatnonzero(LEG))]), UPSIDE_DOWN) == {}
+
+
+def test_an_earlier_map_speaks_by_the_distance_along_the_surface(pair: Pair) -> None:
+    samples = pair.target_shape.search.samples
+    earlier = replace(NOTHING, earlier=SAME[samples])
+    assert disagreement(pair, earlier, SAME)["earlier map"] < 0.1
+    assert disagreement(pair, earlier, UPSIDE_DOWN)["earlier map"] > 0.3
+
+
+def test_where_the_two_stand_speaks_by_the_distance_in_space(pair: Pair) -> None:
+    standing = replace(NOTHING, standing=pair.source_shape.proxy.vertices[pair.target_shape.search.samples])
+    found = [disagreement(pair, standing, vertex)["place in space"] for vertex in (SAME, MIRRORED)]
+    assert found[0] < 0.01
+    off = np.linalg.norm(MADE.surface.working.vertices[MIRRORED] - MADE.surface.working.vertices, axis=1)
+    assert found[1] == pytest.approx(pair.target_shape.basis.areas @ off, rel=0.1)
+
+
+def test_landmarks_speak_by_the_sum_of_their_distances(pair: Pair) -> None:
+    tips = np.array([np.argmax(MADE.directions @ axis) for axis in ([0, 0, -1], [0, 1, 0], [0, 0, 1])])
+    one, all_three = (replace(NOTHING, landmarks=(tips[:n], tips[:n])) for n in (1, 3))
+    assert disagreement(pair, all_three, SAME)["landmarks"] < 0.3
+    assert disagreement(pair, one, UPSIDE_DOWN)["landmarks"] > 0.5
+    assert (
+        disagreement(pair, all_three, UPSIDE_DOWN)["landmarks"]
+        > 1.5 * disagreement(pair, one, UPSIDE_DOWN)["landmarks"]
+    )
+
+
+def test_anchors_of_regions_are_of_unit_scale_and_fade_beyond_them(pair: Pair) -> None:
+    anchors = replace(NOTHING, regions=[(np.flatnonzero(TAIL), np.flatnonzero(TAIL))]).anchors(pair)
+    assert anchors is not None
+    np.testing.assert_array_equal(anchors.source, anchors.target)
+    values = anchors.source[:, 0]
+    distance = np.linalg.norm(pair.source_shape.mesh.vertices[:, None] - pair.source_shape.mesh.vertices[TAIL], axis=2)
+    far = distance.min(axis=1) > 0.3
+    assert values[TAIL].mean() > 1
+    assert np.abs(values[far]).mean() < 0.1
+    beside = (distance.min(axis=1) > 0.02) & (distance.min(axis=1) < 0.07)
+    assert 0.1 < values[beside].mean() < values[TAIL].mean()
+    assert NOTHING.anchors(pair) is None
+
+
+def test_a_pinned_landmark_takes_its_surroundings_along_and_nothing_else(pair: Pair) -> None:
+    shape: Shape = pair.target_shape
+    corner_at = np.zeros(len(LEG), dtype=int)
+    corner_at[shape.mesh.triangles.ravel()] = np.arange(shape.mesh.triangles.size)
+    identity = SurfaceMap(corner_at // 3, np.eye(3)[corner_at % 3], shape.mesh.triangles)
+    target = int(np.argmax(MADE.directions[:, 1]))
+    distance = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[target], axis=1)
+    source = int(np.abs(distance - 0.08).argmin())
+    images = pinned(identity, pair, ([source], [target])).interpolate(shape.mesh.vertices)
+    moved = np.linalg.norm(images - shape.mesh.vertices, axis=1)
+    assert np.linalg.norm(images[target] - shape.mesh.vertices[source]) < 1e-9
+    near = np.argsort(distance)[1:5]
+    assert moved[near].mean() > 0.2 * moved[target]
+    assert moved[distance > 0.4].max() < 1e-6

@@ -1,0 +1,173 @@
+"""Shapes on disk: the same map as without, whatever happens to the files, and no more room than allowed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.matching import memory_cache
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.runtime.stepping import drain
+
+COUNT = 6000  # large enough to be decimated
+NUMBERS = {"k_final": 40, "proxy_vertices": 2000}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path) -> Iterator[Path]:
+    zo.forget_shapes()
+    zo.store_shapes(tmp_path)
+    yield tmp_path
+    zo.store_shapes(None)
+    zo.forget_shapes()
+
+
+@pytest.fixture
+def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Grows by one with each shape that is prepared anew."""
+    calls: list[int] = []
+    original = memory_cache.shape_steps
+    monkeypatch.setattr(memory_cache, "shape_steps", lambda *args: (calls.append(1), original(*args))[1])
+    return calls
+
+
+def prepared(count: int = COUNT, proxy_vertices: int | None = 2000) -> Shape:
+    zo.forget_shapes()
+    part, _ = creature(count).surface.working.part(0)
+    return drain(memory_cache.kept_shape_steps(part, 40, 300, 0, proxy_vertices))
+
+
+@pytest.mark.parametrize("proxy_vertices", [None, 2000])
+def test_a_shape_that_was_stored_is_the_one_that_was_prepared(computed: list[int], proxy_vertices: int | None) -> None:
+    first, again = prepared(COUNT, proxy_vertices), prepared(COUNT, proxy_vertices)
+    assert len(computed) == 1
+    assert again is not first
+    for name in ("basis.eigenvectors", "basis.eigenvalues", "basis.areas", "sampled.rows", "distances"):
+        holder, _, attribute = f".{name}".rpartition(".")
+        ours, theirs = (getattr(getattr(s, holder[1:]) if holder[1:] else s, attribute) for s in (first, again))
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(first.stiffness.toarray(), again.stiffness.toarray())
+    np.testing.assert_array_equal(first.proxy.place.triangle, again.proxy.place.triangle)
+    np.testing.assert_array_equal(first.mesh.oriented_triangles, again.mesh.oriented_triangles)
+    assert again.mesh.scale == first.mesh.scale
+    assert (again.mesh is again.proxy.full) == (proxy_vertices is None)
+
+
+def test_a_match_in_another_process_finds_them_and_gives_the_same_map(folder: Path, tmp_path: Path) -> None:
+    source, target = (creature(COUNT, seed=seed).surface for seed in (0, 1))
+    first = zo.match(source, target, **NUMBERS).surface_map
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
+    assert len(before) == 2
+    np.savez(
+        tmp_path / "meshes",
+        **{f"{n}{i}": a for i, s in enumerate((source, target)) for n, a in (("v", s.vertices), ("t", s.triangles))},
+    )
+    code = f"""
+import numpy as np, zoomout_core as zo
+from zoomout_core.matching import memory_cache
+def shape_steps(*args): raise AssertionError("prepared anew")
+memory_cache.shape_steps = shape_steps
+zo.store_shapes({str(folder)!r})
+m = np.load({str(tmp_path / "meshes.npz")!r})
+result = zo.match(*(zo.Surface(m[f"v{{i}}"], m[f"t{{i}}"]) for i in (0, 1)), **{NUMBERS!r})
+np.savez({str(tmp_path / "map")!r}, triangle=result.surface_map.triangle)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    with np.load(tmp_path / "map.npz") as file:
+        np.testing.assert_array_equal(file["triangle"], first.triangle)
+
+
+@pytest.mark.parametrize("damage", ["cut off", "no zip", "other arrays"])
+def test_a_file_that_cannot_be_read_is_prepared_anew_and_mended(
+    folder: Path, computed: list[int], damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = prepared()
+    (path,) = folder.rglob("*.npz")
+    if damage == "cut off":
+        path.write_bytes(path.read_bytes()[:5000])
+    elif damage == "no zip":
+        path.write_bytes(b"nothing of use")
+    else:
+        np.savez(path, eigenvalues=np.zeros(3))
+    with caplog.at_level(logging.WARNING):
+        again = prepared()
+    assert "cannot be read" in caplog.text
+    assert len(computed) == 2
+    np.testing.assert_array_equal(first.basis.eigenvectors, again.basis.eigenvectors)
+    prepared()
+    assert len(computed) == 2
+
+
+def test_files_hold_no_pickles(folder: Path) -> None:
+    prepared()
+    (path,) = folder.rglob("*.npz")
+    with np.load(path, allow_pickle=False) as file:
+        assert all(file[name].dtype != object for name in file.files)
+
+
+def test_the_shapes_used_longest_ago_make_room(folder: Path, computed: list[int]) -> None:
+    prepared(COUNT)
+    (path,) = folder.rglob("*.npz")
+    zo.store_shapes(folder, int(2.5 * path.stat().st_size))
+    prepared(COUNT + 1)
+    for age, file in enumerate(sorted(folder.rglob("*.npz"), key=lambda file: file.stat().st_mtime)):
+        os.utime(file, (age, age))
+    prepared(COUNT)  # used again, so the other is the one that goes
+    prepared(COUNT + 2)
+    assert len(list(folder.rglob("*.npz"))) == 2
+    assert len(computed) == 3
+    prepared(COUNT)
+    assert len(computed) == 3
+    prepared(COUNT + 1)
+    assert len(computed) == 4
+
+
+def test_what_a_dead_process_left_behind_goes(folder: Path) -> None:
+    prepared(COUNT)
+    (path,) = folder.rglob("*.npz")
+    old, young = path.with_name("a.part"), path.with_name("b.part")
+    old.touch()
+    young.touch()
+    os.utime(old, (0, 0))
+    prepared(COUNT + 1)
+    assert not old.exists()
+    assert young.exists()  # another process may be writing it
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_does_no_harm(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").touch()
+    zo.store_shapes(tmp_path / "file")
+    with caplog.at_level(logging.WARNING):
+        assert len(prepared().basis.eigenvalues) == 40
+    assert "cannot be stored" in caplog.text
+
+
+def test_processes_that_write_at_the_same_time_do_each_other_no_harm(folder: Path) -> None:
+    code = f"""
+import sys; sys.path[:0] = {sys.path!r}
+import zoomout_core as zo
+from creatures import creature
+from zoomout_core.matching.memory_cache import kept_shape_steps
+zo.store_shapes({str(folder)!r}, 3_000_000)
+for number in range(12):
+    zo.forget_shapes()
+    part, _ = creature(1300 + number % 3).surface.working.part(0)
+    assert len(zo.drain(kept_shape_steps(part, 30, 100, 0, None)).basis.eigenvalues) == 30
+"""
+    running = [subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE) for _ in range(3)]
+    for process in running:
+        _, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors.decode()
+        assert b"cannot" not in errors
+    assert not list(folder.rglob("*.part"))

@@ -1,0 +1,59 @@
+"""A target is laid over its source turned, never mirrored, and so its map mirrors no limb."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature
+from scipy.spatial.transform import Rotation
+
+import zoomout_core as zo
+from zoomout_core.evaluation import flipped_share
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.local_rigid_alignment import lay
+
+WIDTH = 0.08
+
+
+@pytest.fixture(scope="module")
+def shape() -> Shape:
+    mesh, _ = creature(2500, seed=1, bend=0.4).surface.working.part(0)
+    steps = shape_steps(mesh, 120, 400, 0)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as finished:
+            return finished.value
+
+
+def laid_over(images: np.ndarray, shape: Shape, mirrored: bool = False) -> np.ndarray:
+    return lay(shape.basis.coefficients(images), shape, WIDTH, mirrored).positions
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a - b, axis=1).mean())
+
+
+def test_a_turned_copy_is_laid_onto_itself(shape: Shape) -> None:
+    turned = shape.mesh.vertices @ Rotation.from_euler("xyz", [0.5, 2.0, -1.0]).as_matrix().T
+    assert distance(laid_over(turned, shape), turned) < 0.005
+
+
+def test_a_mirrored_limb_is_laid_with_its_own_sense(shape: Shape) -> None:
+    vertices = shape.mesh.vertices
+    arm = vertices[:, 0] > 0.6 * vertices[:, 0].max()
+    images = vertices.copy()
+    images[arm, 1] = 2 * vertices[arm, 1].mean() - vertices[arm, 1]  # front and back of the arm exchanged
+    assert distance(images[arm], vertices[arm]) > 0.02
+    assert distance(laid_over(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
+
+
+def test_maps_that_reverse_the_orientation_are_laid_mirrored(shape: Shape) -> None:
+    mirrored = shape.mesh.vertices * [1, -1, 1]
+    assert distance(laid_over(mirrored, shape, mirrored=True), mirrored) < 0.005
+    assert distance(laid_over(mirrored, shape, mirrored=False), mirrored) > 0.02
+
+
+def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:
+    result = zo.match(resting.surface, bent.surface)
+    assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.03

@@ -1,0 +1,339 @@
+"""`match` finds the right map with no hint, whatever the mesh, and says what it is unsure of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, directions, mirrored_vertex, on_limb, true_vertex
+from scipy.spatial import ConvexHull
+
+import zoomout_core as zo
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.spectral import eigenbasis
+
+# Mean geodesic error over sqrt(area) that a right map of the bent creature stays below; flips cost ten times it.
+RIGHT = 0.03
+
+
+def mean_error(result: zo.MatchResult, source: Surface, truth: np.ndarray) -> float:
+    return float(zo.geodesic_error(result.surface_map, source, np.arange(len(truth)), truth).mean())
+
+
+@pytest.fixture(scope="module")
+def result(resting: Creature, bent: Creature) -> zo.MatchResult:
+    return zo.match(resting.surface, bent.surface)
+
+
+def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, result) -> None:
+    truth = true_vertex(resting, bent)
+    assert mean_error(result, resting.surface, truth) < RIGHT
+    assert mean_error(result, resting.surface, mirrored_vertex(resting, bent)) > 5 * RIGHT
+    assert result.surface_map.barycentric.min() >= 0
+    np.testing.assert_allclose(result.surface_map.barycentric.sum(axis=1), 1, atol=1e-9)
+
+
+def test_precise_points_beat_their_nearest_vertices(resting: Creature, bent: Creature, result) -> None:
+    # On the same pose the true image is known to be the vertex's own place in space.
+    again = creature(2500, seed=1)
+    images = zo.match(resting.surface, again.surface).surface_map
+    precise = np.linalg.norm(images.interpolate(resting.surface.vertices) - again.surface.vertices, axis=1)
+    rounded = np.linalg.norm(resting.surface.vertices[images.vertex] - again.surface.vertices, axis=1)
+    assert np.median(precise) < 0.9 * np.median(rounded)
+
+
+def test_the_mirrored_map_is_kept_as_a_candidate_and_can_be_used(resting, bent, result) -> None:
+    mirrored = mirrored_vertex(resting, bent)
+    flips = [i for i, candidate in enumerate(result.candidates) if candidate.reverses_orientation]
+    assert flips
+    assert min(mean_error(result.use(i), resting.surface, mirrored) for i in flips) < RIGHT
+    assert not result.candidates[0].reverses_orientation
+    with pytest.raises(ValueError, match="no candidate 99"):
+        result.use(99)
+
+
+def test_an_outline_tells_where_a_candidate_leads_before_its_map_is_worked_out(resting, bent, result) -> None:
+    flip = next(i for i, candidate in enumerate(result.candidates) if candidate.reverses_orientation)
+    points = resting.surface.vertices
+    for number, truth in ((0, true_vertex(resting, bent)), (flip, mirrored_vertex(resting, bent))):
+        vertices, images = result.outline(number)
+        apart = np.linalg.norm(points[images] - points[truth[vertices]], axis=1)
+        assert np.median(apart) < 2 * RIGHT * np.sqrt(resting.surface.area)
+
+
+def test_an_outline_is_in_the_vertices_of_the_surfaces_some_of_which_no_face_uses(resting, bent, result) -> None:
+    padded = [
+        Surface(np.vstack([[0.0, 0, 0], made.surface.vertices]), made.surface.triangles + 1) for made in (resting, bent)
+    ]
+    for ours, known in zip(zo.match(*padded).outline(0), result.outline(0), strict=True):
+        np.testing.assert_array_equal(ours, known + 1)
+
+
+def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
+    again = creature(2500, seed=1, bend=0.4)
+    sure = zo.match(resting.surface, again.surface)
+    assert sure.certainty > 0.9
+    assert not sure.notes
+    rivals = [other.certainty for other in sure.candidates[1:] if not other.reverses_orientation]
+    assert rivals
+    assert max(rivals) < sure.certainty
+    assert sorted(rivals)[0] < 0.1
+
+
+def test_a_round_shape_is_called_uncertain() -> None:
+    spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
+    result = zo.match(*spheres)
+    assert result.certainty < 0.5
+    assert any("probability" in note for note in result.notes)
+
+
+def test_confidence_is_lower_where_the_map_is_wrong(resting: Creature) -> None:
+    # A target without an arm and a leg: what lies at the cuts cannot be matched well.
+    whole = creature(3000, seed=2, bend=0.4)
+    removed = (np.abs(whole.surface.vertices[:, 0]) > 1.5)[whole.surface.triangles].any(axis=1)
+    partial = Surface(whole.surface.vertices, whole.surface.triangles[~removed])
+    result = zo.match(resting.surface, partial)
+    used = np.unique(partial.triangles)
+    error = zo.geodesic_error(result.surface_map, resting.surface, used, true_vertex(resting, whole)[used], len(used))
+    confidence = result.confidence[used]
+    assert (
+        error[confidence < np.quantile(confidence, 0.2)].mean() > 1.3 * error[confidence > np.median(confidence)].mean()
+    )
+    assert (result.confidence >= 0).all()
+    assert (result.confidence <= 1).all()
+
+
+ARM, LEG = 0, 2
+
+
+@pytest.mark.parametrize("limb", [ARM, LEG])
+def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_right(limb: int) -> None:
+    source, target = creature(2500, seed=0, without=limb), creature(2000, seed=1, bend=0.6)
+    result = zo.match(source.surface, target.surface)
+    alone = on_limb(target, limb)
+    common = np.flatnonzero(~alone)
+    error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
+    assert error.mean() < 2 * RIGHT
+    assert (result.confidence[alone] < 0.5).mean() > 0.9
+    assert np.median(result.confidence[common]) > np.median(result.confidence[alone]) + 0.3
+    assert any("of the target seems to have no partner" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("limb", [ARM, LEG])
+def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
+    source, target = creature(2500, seed=0), creature(2000, seed=1, bend=0.6, without=limb)
+    result = zo.match(source.surface, target.surface)
+    common = np.flatnonzero(~on_limb(target, limb))
+    error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
+    assert error.mean() < 2 * RIGHT
+    assert any("of the source seems to have no partner" in note for note in result.notes)
+
+
+def test_the_result_does_not_depend_on_unit_place_or_vertex_order(resting, bent, result) -> None:
+    random = np.random.default_rng(0)
+    rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    order = random.permutation(len(bent.surface.vertices))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    moved = Surface((bent.surface.vertices @ rotation * 0.001 + 5)[order], place[bent.surface.triangles])
+    other = zo.match(resting.surface, moved)
+    distance = np.linalg.norm(
+        other.surface_map.interpolate(resting.surface.vertices)
+        - result.surface_map.interpolate(resting.surface.vertices)[order],
+        axis=1,
+    )
+    assert np.median(distance) < 1e-3
+    assert (distance < 0.05).mean() > 0.99
+
+
+def test_two_runs_agree_to_the_bit(resting: Creature, bent: Creature, result: zo.MatchResult) -> None:
+    again = zo.match(resting.surface, bent.surface)
+    assert np.array_equal(again.surface_map.triangle, result.surface_map.triangle)
+    assert np.array_equal(again.confidence, result.confidence)
+
+
+def test_progress_never_falls_and_ends_with_the_result(resting: Creature, bent: Creature) -> None:
+    seen, results = [], []
+
+    def watched():
+        results.append((yield from zo.match_steps(resting.surface, bent.surface)))
+
+    seen.extend(watched())
+    assert isinstance(results[0], zo.MatchResult)
+    fractions = [progress.fraction for progress in seen]
+    assert fractions == sorted(fractions)
+    assert fractions[0] >= 0
+    assert 0.9 < fractions[-1] <= 1
+    assert len(fractions) > 50
+    assert len({progress.stage for progress in seen}) >= 4
+
+
+def test_a_match_can_be_abandoned_at_any_step(resting: Creature, bent: Creature) -> None:
+    steps = zo.match_steps(resting.surface, bent.surface)
+    for _ in range(20):
+        next(steps)
+    steps.close()
+    with pytest.raises(StopIteration):
+        next(steps)
+
+
+# --- other starts -------------------------------------------------------------------------------------------
+
+
+def test_landmarks_settle_the_side(resting: Creature, bent: Creature) -> None:
+    truth, mirrored = true_vertex(resting, bent), mirrored_vertex(resting, bent)
+    tips = np.array([bent.directions @ axis for axis in ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])]).argmax(
+        axis=1
+    )
+    right = zo.match(resting.surface, bent.surface, initial="landmarks", landmarks=(truth[tips], tips))
+    assert mean_error(right, resting.surface, truth) < RIGHT
+    assert right.candidates[0].scores["landmarks"] < 3 * 0.15  # of three landmarks
+    # Landmarks on the wrong side bring up the map that honours them best, not the one that they contradict.
+    wrong = zo.match(resting.surface, bent.surface, initial="landmarks", landmarks=(mirrored[tips], tips))
+    assert wrong.candidates[0].scores["landmarks"] < 3 * 0.15
+    assert mean_error(wrong, resting.surface, truth) > 3 * RIGHT
+
+
+def test_proximity_follows_what_lies_nearest(resting: Creature) -> None:
+    same_pose = creature(2500, seed=1)
+    result = zo.match(resting.surface, same_pose.surface, initial="proximity")
+    assert mean_error(result, resting.surface, true_vertex(resting, same_pose)) < RIGHT
+    turned = Surface(same_pose.surface.vertices * [-1, 1, 1], same_pose.surface.triangles[:, ::-1])
+    flipped = zo.match(resting.surface, turned, initial="proximity")
+    assert mean_error(flipped, resting.surface, mirrored_vertex(resting, same_pose)) < RIGHT
+
+
+def test_a_given_map_is_refined_in_every_form(resting: Creature, bent: Creature) -> None:
+    truth = true_vertex(resting, bent)
+    bases = zo.eigenbasis(resting.surface, 20), zo.eigenbasis(bent.surface, 20)
+    functional_map = bases[1].coefficients(bases[0].eigenvectors[truth])
+    for given in (truth, zo.SurfaceMap.from_vertices(truth, resting.surface), functional_map):
+        result = zo.match(resting.surface, bent.surface, initial="given", initial_map=given)
+        assert mean_error(result, resting.surface, truth) < RIGHT
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"initial": "magic"}, "choose one of"),
+        ({"initial": "landmarks"}, "needs `landmarks`"),
+        ({"initial": "given"}, "needs `initial_map`"),
+        ({"landmarks": ([1, 2], [3])}, "come in pairs"),
+        ({"landmarks": ([10**6], [3])}, "numbers of its 4000 vertices"),
+        ({"initial": "given", "initial_map": [1, 2, 3]}, "for each of 2500"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(resting: Creature, bent: Creature, arguments, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        zo.match(resting.surface, bent.surface, **arguments)
+    assert "\n" not in str(refusal.value)
+
+
+# --- real meshes --------------------------------------------------------------------------------------------
+
+
+def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creature, bent: Creature) -> None:
+    """Split at every face, wound inwards in part, with an unused vertex: as an importer may deliver it."""
+    triangles = bent.surface.triangles.copy()
+    triangles[::3] = triangles[::3, ::-1]
+    soup = Surface(
+        np.vstack([bent.surface.vertices[triangles].reshape(-1, 3), [[np.nan] * 3], [[9.0, 9, 9]]]),
+        np.arange(triangles.size).reshape(-1, 3),
+    )
+    result = zo.match(resting.surface, soup)
+    truth = true_vertex(resting, bent)[triangles.ravel()]
+    error = zo.geodesic_error(result.surface_map, resting.surface, np.arange(len(truth)), truth)
+    assert error.mean() < RIGHT
+    assert result.confidence[-2] == 0
+    assert len(result.surface_map.triangle) == len(soup.vertices)
+
+
+def with_parts(body: Creature, places: np.ndarray, sizes: list[float]) -> tuple[Surface, list[np.ndarray]]:
+    """A creature with small copies of itself floating above some of its vertices, and their vertex numbers."""
+    eye = creature(80, seed=5).surface
+    vertices, triangles, parts = [body.surface.vertices], [body.surface.triangles], []
+    for place, size in zip(places, sizes, strict=True):
+        count = sum(len(points) for points in vertices)
+        normal = body.surface.working.vertex_normals[place]
+        vertices.append(eye.vertices * size + body.surface.vertices[place] + 3 * size * normal)
+        triangles.append(eye.triangles + count)
+        parts.append(np.arange(count, count + len(eye.vertices)))
+    return Surface(np.vstack(vertices), np.vstack(triangles)), parts
+
+
+def test_loose_parts_are_paired_by_place_and_size(resting: Creature, bent: Creature) -> None:
+    where = np.array([[0.3, -0.5, 1], [-0.3, -0.5, 1], [0, -1, 0.2]])  # two eyes and a button
+    places = [(found.directions @ where.T).argmax(axis=0) for found in (resting, bent)]
+    source, source_parts = with_parts(resting, places[0], [0.05, 0.05, 0.08])
+    target, target_parts = with_parts(bent, places[1], [0.05, 0.05, 0.08])
+    result = zo.match(source, target)
+    assert mean_error(result, source, true_vertex(resting, bent)) < RIGHT
+    for ours, theirs in zip(target_parts, source_parts, strict=True):
+        image = result.surface_map.vertex[ours]
+        assert set(image) <= set(theirs)
+        assert (result.confidence[ours] > 0.3).all()
+        distance = np.linalg.norm(source.vertices[image] - source.vertices[theirs], axis=1)
+        assert np.median(distance) < 0.05
+    assert any(note.startswith("3 loose parts paired") for note in result.notes)
+
+
+def test_loose_parts_without_a_partner_follow_the_body_and_are_reported(resting: Creature, bent: Creature) -> None:
+    tip = np.array([int(np.argmax(bent.surface.vertices[:, 2]))])
+    target, (loose,) = with_parts(bent, tip, [0.02])
+    result = zo.match(resting.surface, target)
+    assert mean_error(result, resting.surface, true_vertex(resting, bent)) < RIGHT
+    images = result.surface_map.interpolate(resting.surface.vertices)
+    assert np.linalg.norm(images[loose] - images[tip], axis=1).max() < 0.6
+    assert (result.confidence[loose] == 0).all()
+    assert any("1 loose part of the target without a partner" in note for note in result.notes)
+
+
+def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: Creature) -> None:
+    coarse = creature(30, seed=6)
+    result = zo.match(resting.surface, coarse.surface)
+    assert len(result.confidence) == 30
+    cube = Surface(
+        np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)]),
+        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]],
+    )
+    with pytest.raises(MeshError, match="too few to know it by"):
+        zo.match(resting.surface, cube)
+
+
+def test_benchmark_humans_are_matched(benchmark_data) -> None:
+    from zoomout_core.mesh.files import read_surface
+
+    truth = np.load(benchmark_data / "faust_r" / "correspondence.npz")
+    names = ("tr_reg_002", "tr_reg_007")
+    target, source = (read_surface(benchmark_data / "faust_r" / f"{name}.off") for name in names)
+    result = zo.match(source, target)
+    error = zo.geodesic_error(result.surface_map, source, truth[names[0]], truth[names[1]])
+    assert error.mean() < 0.04
+
+
+def test_a_large_mesh_is_matched_by_a_stand_in_as_exactly_as_in_full() -> None:
+    source, target = creature(20000, seed=0), creature(15000, seed=1, bend=0.9)
+    truth = true_vertex(source, target)
+    by_proxy = zo.match(source.surface, target.surface, proxy_vertices=4000)
+    in_full = zo.match(source.surface, target.surface, proxy_vertices=None)
+    errors = [mean_error(result, source.surface, truth) for result in (by_proxy, in_full)]
+    assert errors[0] < 1.1 * errors[1] + 1e-3
+    assert len(by_proxy.confidence) == 15000
+
+
+def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def without_memory(matrix: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(eigenbasis, "_factorised", without_memory)
+    fine = creature(3000).surface
+    zo.forget_shapes()
+    with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 3000 vertices: match it by a smaller"):
+        zo.match(fine, fine, proxy_vertices=None)
+
+
+def test_finer_meshes_have_finer_stand_ins(resting: Creature) -> None:
+    fine = creature(50_000).surface
+    result = zo.match(fine, resting.surface, initial="proximity")
+    assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(6000, rel=0.02)
+    assert result.pair.target_shape.proxy.full is result.pair.target_shape.mesh

@@ -1,0 +1,122 @@
+"""What was prepared for one match serves the next, as long as the mesh is the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.matching import memory_cache
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.memory_cache import kept_shape_steps, kept_working_mesh
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.stepping import drain
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept() -> Iterator[None]:
+    zo.forget_shapes()
+    yield
+    zo.forget_shapes()
+
+
+@pytest.fixture(scope="module")
+def part() -> WorkingMesh:
+    return creature(1500).surface.working
+
+
+def as_new(surface: Surface) -> Surface:
+    return Surface(surface.vertices, surface.triangles)
+
+
+def prepared(part: WorkingMesh, k: int = 30) -> Shape:
+    return drain(kept_shape_steps(part, k, 100, 0, None))
+
+
+def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
+    again = Surface(*(array.copy() for array in (creature(1500).surface.vertices, part.triangles))).working
+    assert again is not part
+    assert prepared(again) is prepared(part)
+
+
+def test_a_surface_of_the_same_arrays_is_read_once() -> None:
+    first, again, other = (as_new(creature(count).surface) for count in (1500, 1500, 1400))
+    assert kept_working_mesh(first) is first.working
+    assert kept_working_mesh(again) is first.working
+    assert again.working is first.working
+    assert kept_working_mesh(other) is not first.working
+    zo.forget_shapes()
+    assert kept_working_mesh(as_new(first)) is not first.working
+
+
+@pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
+def test_any_difference_makes_it_another_shape(part: WorkingMesh, field: str) -> None:
+    value = getattr(part, field)
+    if isinstance(value, float):
+        other = 2 * value
+    else:
+        other = value.copy()
+        other[:2] = value[1::-1] if value.dtype != bool else ~value[:2]
+    assert prepared(part) is not prepared(replace(part, **{field: other}))
+
+
+def test_other_numbers_make_it_another_shape(part: WorkingMesh) -> None:
+    assert len(prepared(part, 30).basis.eigenvalues) == 30
+    assert len(prepared(part, 20).basis.eigenvalues) == 20
+
+
+def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = prepared(part, 20), prepared(part, 21)
+    monkeypatch.setattr(memory_cache, "MOST_BYTES", 2.5 * memory_cache._bytes(second))
+    assert prepared(part, 20) is first
+    prepared(part, 22)  # there is no room for three
+    assert prepared(part, 20) is first
+    assert prepared(part, 21) is not second
+
+
+def test_a_shape_that_is_too_large_is_not_kept(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory_cache, "MOST_BYTES", 1000)
+    assert prepared(part) is not prepared(part)
+
+
+def test_a_second_match_gives_the_same_map() -> None:
+    source, target = creature(1500).surface, creature(1200, seed=1).surface
+    maps = [zo.match(source, target).surface_map for _ in range(2)]
+    np.testing.assert_array_equal(maps[0].triangle, maps[1].triangle)
+    np.testing.assert_array_equal(maps[0].barycentric, maps[1].barycentric)
+
+
+@pytest.mark.parametrize("changed", ["k", "samples", "seed", "proxy_vertices"])
+def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
+    monkeypatch: pytest.MonkeyPatch, part: WorkingMesh, changed: str
+) -> None:
+    asked: list[tuple[int | None, ...]] = []
+
+    def prepare(part: WorkingMesh, *numbers: int | None) -> Iterator[float]:
+        asked.append(numbers)
+        yield from ()
+        return first
+
+    first = prepared(part)
+    monkeypatch.setattr(memory_cache, "shape_steps", prepare)
+    numbers = {"k": 31, "samples": 100, "seed": 0, "proxy_vertices": None}
+    other = numbers | {changed: 700}
+    for each in (numbers, other, numbers, other):
+        drain(kept_shape_steps(part, **each))
+    assert asked == [tuple(numbers.values()), tuple(other.values())]
+
+
+def test_what_a_shape_takes_is_reckoned_with_all_that_it_holds(part: WorkingMesh) -> None:
+    small, large = prepared(part, 20), prepared(creature(3000).surface.working, 60)
+    for shape in (small, large):
+        held = shape.distances.nbytes + shape.basis.eigenvectors.nbytes + shape.proxy.full.vertices.nbytes
+        assert held < memory_cache._bytes(shape) < 10 * held
+    assert 2 * part.vertices.nbytes < memory_cache._bytes(part) < 20 * part.vertices.nbytes
+    by_stand_in = drain(memory_cache.shape_steps(creature(3000).surface.working, 20, 100, 0, 1000))
+    by_itself = drain(memory_cache.shape_steps(by_stand_in.mesh, 20, 100, 0, None))
+    assert memory_cache._bytes(by_stand_in) > memory_cache._bytes(by_itself) + by_stand_in.proxy.full.vertices.nbytes

@@ -1,0 +1,136 @@
+"""What a user pairs and hands in is understood, or refused in one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, true_vertex
+
+import zoomout_core as zo
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.hypotheses.given import given_hypothesis
+from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.runtime.stepping import drain
+
+
+def shape_of(surface: Surface, proxy_vertices: int | None = None) -> Shape:
+    part, _ = surface.working.part(0)
+    return drain(shape_steps(part, k=20, samples=50, seed=0, proxy_vertices=proxy_vertices))
+
+
+@pytest.fixture(scope="module")
+def pair(resting: Creature, bent: Creature) -> Pair:
+    """The source scaled and moved, with a small loose part at its end; its stand-in has 1,000 vertices."""
+    body, eye = resting.surface, creature(80, seed=5).surface
+    n = len(body.vertices)
+    vertices = np.vstack([body.vertices, 0.05 * eye.vertices + [0, 0, 9]]) * 100 + [500, 0, -3]
+    source = Surface(vertices, np.vstack([body.triangles, eye.triangles + n]))
+    return Pair(source, bent.surface, shape_of(source, 1000), shape_of(bent.surface), 20, 5)
+
+
+def test_vertices_and_points_of_the_surfaces_lead_to_the_same_landmarks(pair: Pair) -> None:
+    vertices = np.array([0, 100, 2000, 3999])
+    by_number = landmarks_on_parts(pair, (vertices, vertices // 2))
+    by_place = landmarks_on_parts(pair, (pair.source.vertices[vertices], pair.target.vertices[vertices // 2].tolist()))
+    np.testing.assert_array_equal(by_place, by_number)
+    assert np.array_equal(by_number[1], vertices // 2)  # the target is matched in full
+    stand_in = pair.source_shape.proxy.vertices
+    assert len(stand_in) < 1200
+    places = pair.source_shape.proxy.full.vertices[vertices]
+    distance = np.linalg.norm(stand_in - places[:, None], axis=2)
+    assert np.array_equal(by_number[0], distance.argmin(axis=1))
+
+
+def test_a_point_inside_a_face_goes_to_the_nearest_vertex(pair: Pair) -> None:
+    corners = pair.target.triangles[::50]
+    inside = np.einsum("c,mcx->mx", [0.2, 0.1, 0.7], pair.target.vertices[corners])
+    normals = triangle_normals(pair.target.vertices, corners)
+    lifted = inside + 1e-3 * np.sqrt(pair.target.area) * normals  # as from a tool that picks beside the surface
+    for points in (inside, lifted):
+        _, found = landmarks_on_parts(pair, (np.arange(len(points)), points))
+        distance = np.linalg.norm(pair.target.vertices - inside[:, None], axis=2)
+        np.testing.assert_allclose(distance[np.arange(len(points)), found], distance.min(axis=1), rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "sentence"),
+    [
+        (([0, 1], [2]), "2 source and 1 target"),
+        (([0, 4080], [2, 3]), "Landmarks on the source must be numbers of its 4080 vertices, counted from 0, and 4080"),
+        (([0, 1], [2, -7]), "Landmarks on the target .* -7 is none"),
+        (([0.0, 1.5], [2, 3]), "1.5 is none"),
+        (([0.0, np.nan], [2, 3]), "nan is none"),
+        (([], []), "no landmarks on the source"),
+        ((["a"], [2]), "list of numbers"),
+        (([[0, 1], [2, 3], [4, 5]], [1, 2, 3]), r"vertices \(m,\) or finite points \(m, 3\).*\(3, 2\)"),
+        (([[0, 0, np.nan]], [1]), "finite points"),
+        (np.array([[0, 1], [2, 3], [4, 5]]), "two lists"),
+        (np.array([[0, 1], [2, 3]]), "two lists"),
+        (([0], [1], [2]), "two lists"),
+    ],
+)
+def test_landmarks_that_are_none_are_refused(pair: Pair, landmarks: object, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        landmarks_on_parts(pair, landmarks)
+    assert "\n" not in str(refusal.value)
+
+
+def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> None:
+    for landmark in ([4000], pair.source.vertices[[0, 4000]]):
+        with pytest.raises(MeshError, match=r"on the source, at vertex 40\d\d, is off its main part"):
+            landmarks_on_parts(pair, (landmark, list(range(len(landmark)))))
+    off = pair.target.vertices[[7, 8]].copy()
+    tip = np.argmax(pair.target.vertices[:, 2])
+    off[1] = pair.target.vertices[tip] + [0, 0, 0.06 * np.sqrt(pair.target.area)]
+    with pytest.raises(LandmarkError, match=r"Landmark 1 on the target, at .* away from its surface") as error:
+        landmarks_on_parts(pair, ([0, 1], off))
+    assert (error.value.role, error.value.number) == ("target", 1)  # for those who number them otherwise
+
+
+def test_points_as_landmarks_settle_the_side(resting: Creature, bent: Creature) -> None:
+    truth = true_vertex(resting, bent)
+    axes = ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])
+    tips = np.array([bent.directions @ axis for axis in axes]).argmax(axis=1)
+    places = resting.surface.vertices[truth[tips]], bent.surface.vertices[tips]
+    result = zo.match(resting.surface, bent.surface, initial="landmarks", landmarks=places, k_final=30)
+    by_number = zo.match(resting.surface, bent.surface, initial="landmarks", landmarks=(truth[tips], tips), k_final=30)
+    assert np.array_equal(result.surface_map.triangle, by_number.surface_map.triangle)
+
+
+# --- given maps ---------------------------------------------------------------------------------------------
+
+
+def wrong_map(name: str, pair: Pair) -> object:
+    n = len(pair.target.vertices)
+    others = {
+        "another source": zo.SurfaceMap(np.zeros(n, int), np.tile([1.0, 0, 0], (n, 1)), pair.source.triangles[::-1]),
+        "too few": zo.SurfaceMap(np.zeros(3, int), np.tile([1.0, 0, 0], (3, 1)), pair.source.triangles),
+        "number": 5,
+        "cube": np.zeros((2, 2, 2)),
+        "nan": np.full((4, 4), np.nan),
+        "fraction": np.full(n, 1.5),
+        "beyond": np.full(n, 4080),
+        "large": np.eye(n),
+    }
+    return others[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("another source", "another surface than this source"),
+        ("too few", "for each of 2500 target vertices, not for 3"),
+        ("number", "vector or a matrix"),
+        ("cube", "vector or a matrix"),
+        ("nan", "finite numbers"),
+        ("fraction", "1.5 is none"),
+        ("beyond", "4080 is none"),
+        ("large", "larger than the meshes allow"),
+    ],
+)
+def test_given_maps_that_do_not_fit_are_refused(pair: Pair, name: str, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        given_hypothesis(pair, wrong_map(name, pair))
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,160 @@
+"""Each criterion and each kind of evidence counts, in the sense that it is meant to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature, true_vertex
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.maps.functional_map import functional_map_of
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.scores import (
+    EVIDENCE,
+    correlation,
+    fit_in_space,
+    laid_over,
+    orientation_agreement,
+    scores_of,
+    total_score,
+)
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+
+SCORES = {
+    "place": 0.05,
+    "facing": 0.1,
+    "commutativity": 0.1,
+    "frequency": 0.1,
+    "distance": 0.1,
+    "curvature": 0.5,
+    "handedness": 0.3,
+}
+
+
+def shape_of(surface: Surface) -> Shape:
+    return drain(shape_steps(surface.working.part(0)[0], 60, 200, 0))
+
+
+@pytest.fixture(scope="module")
+def shapes() -> tuple[Shape, Shape]:
+    return shape_of(creature(500, seed=0).surface), shape_of(creature(480, seed=1).surface)
+
+
+@pytest.mark.parametrize("criterion", SCORES)
+def test_a_map_is_ranked_by_each_criterion(criterion: str) -> None:
+    better = 0.1 if criterion in ("curvature", "handedness") else -0.04
+    assert total_score(SCORES | {criterion: SCORES[criterion] + better}) < total_score(SCORES) - 0.05
+
+
+@pytest.mark.parametrize("kind", ["landmarks", "earlier map", "place in space", "axes", "regions"])
+def test_a_map_that_disagrees_with_what_is_known_is_ranked_behind(kind: str) -> None:
+    # A tenth of complete disagreement, or of the square root of the area, counts in each of them.
+    assert kind in EVIDENCE
+    assert total_score(SCORES | {kind: 0.1}) > total_score(SCORES) + 0.1
+
+
+def test_landmarks_outweigh_what_a_map_and_its_mirror_image_differ_by() -> None:
+    # A flip is worth two to four of the total score; a landmark on the wrong hand is off by much more than a tenth.
+    for criterion, off in (("landmarks", 0.25), ("earlier map", 0.45)):
+        assert total_score(SCORES | {criterion: off}) > total_score(SCORES) + 4
+
+
+def test_what_is_not_known_of_a_map_says_nothing() -> None:
+    unknown = {name: score for name, score in SCORES.items() if name not in ("place", "facing")}
+    assert total_score(unknown) == pytest.approx(total_score(unknown | {"place": 1.0, "facing": 1.0}))
+    assert total_score(SCORES | dict.fromkeys(EVIDENCE, 0.0)) == pytest.approx(total_score(SCORES))
+
+
+def test_handedness_weighs_the_same_wherever_it_begins_and_a_perfect_map_has_a_score() -> None:
+    steps = [
+        total_score(SCORES | {"handedness": start}) - total_score(SCORES | {"handedness": start + 0.1})
+        for start in (0.0, 0.6)
+    ]
+    assert steps[0] == pytest.approx(steps[1])
+    assert np.isfinite(total_score(dict.fromkeys(SCORES, 0.0) | {"curvature": 1.0}))
+
+
+def test_a_correlation_is_blind_to_offset_and_scale_and_knows_its_sign() -> None:
+    random = np.random.default_rng(0)
+    x, weights = random.standard_normal((400, 3)), np.full(400, 1 / 400)
+    assert correlation(x, 3 * x + 5, weights) == pytest.approx(1)
+    assert correlation(x, 2 - 0.1 * x, weights) == pytest.approx(-1)
+    assert abs(correlation(x, random.standard_normal((400, 3)), weights)) < 0.2
+    both = np.column_stack([x[:, 0], x[:, 1]])
+    assert correlation(both, both * [1, -1], weights) == pytest.approx(0, abs=1e-9)
+
+
+def test_a_correlation_counts_places_by_what_they_stand_for() -> None:
+    x, y = np.array([[0.0], [1], [2], [9]]), np.array([[0.0], [1], [2], [-9]])
+    assert correlation(x, y, np.array([1, 1, 1, 0]) / 3) == pytest.approx(1)
+    assert correlation(x, y, np.full(4, 0.25)) < 0
+
+
+def test_a_function_that_is_constant_but_for_rounding_correlates_with_nothing() -> None:
+    x = np.random.default_rng(0).standard_normal((50, 1))
+    flat = 1 + 1e-9 * x
+    assert abs(correlation(flat, x, np.full(50, 0.02))) < 1e-3
+
+
+def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(shapes: tuple[Shape, Shape]) -> None:
+    shape = shapes[0]
+    identity = np.arange(len(shape.search.samples))
+    kept = scores_of(np.eye(40), identity, shape, shape, False)
+    for name, value in (("commutativity", 0), ("frequency", 0), ("distance", 0), ("curvature", 1), ("handedness", 1)):
+        assert kept[name] == pytest.approx(value, abs=1e-5), name
+    shuffled = np.random.default_rng(0).permutation(identity)
+    C = shape.search.fit(shape.search.rows[shuffled, :40], 40)
+    lost = scores_of(C, shuffled, shape, shape, False)
+    assert lost["commutativity"] > 0.1
+    assert lost["frequency"] > 0.1
+    assert lost["distance"] > 0.1
+    assert abs(lost["curvature"]) < 0.3
+    assert abs(lost["handedness"]) < 0.3
+
+
+def test_orientation_is_a_matter_of_sign(shapes: tuple[Shape, Shape]) -> None:
+    shape = shapes[0]
+    identity = np.arange(len(shape.search.samples))
+    mirror = shape_of(Surface(shape.mesh.vertices * [-1, 1, 1], shape.mesh.oriented_triangles[:, ::-1]))
+    assert orientation_agreement(identity, shape, shape) > 0.9
+    near = np.linalg.norm(
+        (shape.mesh.vertices[shape.search.samples] * [-1, 1, 1])[None]
+        - mirror.mesh.vertices[mirror.search.samples][:, None],
+        axis=2,
+    ).argmin(axis=1)
+    assert orientation_agreement(near, shape, mirror) < -0.9
+
+
+def test_the_target_fits_in_space_where_the_map_is_right_in_whatever_way_it_is_turned(
+    shapes: tuple[Shape, Shape],
+) -> None:
+    shape = shapes[0]
+    identity = np.arange(len(shape.search.samples))
+    turn = Rotation.from_rotvec([0.3, -1.2, 0.7]).as_matrix()
+    turned = shape_of(Surface(shape.mesh.vertices @ turn.T, shape.mesh.oriented_triangles))
+    right = fit_in_space(identity, None, False, shape, turned)
+    assert right["place"] < 0.01
+    assert right["facing"] < 0.02
+    wrong = fit_in_space(np.random.default_rng(0).permutation(identity), None, False, shape, turned)
+    assert wrong["place"] > 3 * right["place"]
+    assert wrong["facing"] > 3 * right["facing"]
+
+
+def test_laying_a_target_over_the_source_makes_a_rough_map_better() -> None:
+    source, target = creature(500, seed=0), creature(480, seed=1, bend=0.4)
+    shapes = shape_of(source.surface), shape_of(target.surface)
+    truth = true_vertex(source, target)
+    C = functional_map_of(truth, shapes[0].basis, shapes[1].basis, 12, 12)
+    rows = shapes[1].search.rows[:, :12]
+    embedded = shapes[0].search.rows[:, :12] @ C.T
+    rough = np.linalg.norm(rows[:, None] - embedded, axis=2).argmin(axis=1)
+    vertex, laid = laid_over(rough, None, False, *shapes)
+
+    def missed(images: np.ndarray) -> float:
+        return float(
+            np.linalg.norm(source.directions[images] - target.directions[shapes[1].search.samples], axis=1).mean()
+        )
+
+    assert missed(vertex) < 0.8 * missed(shapes[0].search.samples[rough])
+    assert laid.positions.shape == (len(rough), 3)

@@ -1,0 +1,71 @@
+"""Decimation: the size asked for, the surface kept, and every vertex accounted for."""
+
+from __future__ import annotations
+
+import numpy as np
+from creatures import creature
+from scipy.spatial import cKDTree
+from trimesh.remesh import subdivide
+
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.stepping import drain
+
+
+def fine_creature() -> Surface:
+    """Some 120,000 vertices."""
+    coarse = creature(30000).surface
+    return Surface(*subdivide(coarse.vertices, coarse.triangles))
+
+
+def test_a_large_mesh_keeps_its_surface_and_its_topology() -> None:
+    working = fine_creature().working
+    points, triangles, _ = drain(decimated_steps(working.vertices, working.oriented_triangles, 3000))
+    assert 2900 < len(points) < 3100
+    result = Surface(points, triangles).working
+    assert result.component.max() == 0
+    assert not result.flipped.any()
+    assert len(points) - len(triangles) / 2 == len(working.vertices) - len(working.triangles) / 2  # Euler
+    assert abs(triangle_areas(points, triangles).sum() - 1) < 0.02
+    triangle, barycentric = closest_points(working.vertices, points, triangles)
+    foot = np.einsum("nc,ncx->nx", barycentric, points[triangles[triangle]])
+    off = np.linalg.norm(foot - working.vertices, axis=1)
+    assert np.quantile(off, 0.99) < 0.004
+    assert off.max() < 0.03
+
+
+def test_every_vertex_went_into_one_nearby() -> None:
+    working = fine_creature().working
+    points, _, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, 3000))
+    away = np.linalg.norm(points[merged] - working.vertices, axis=1)
+    nearest = cKDTree(points).query(working.vertices)[0]
+    assert merged.shape == (len(working.vertices),)
+    assert np.median(away) < 2 * np.median(nearest)
+    assert np.quantile(away, 0.999) < 0.1
+
+
+def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
+    """A tube of four long sides on a body of very many vertices: its vertices are far apart, so none merge."""
+    body = fine_creature().working
+    ring = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]) * 0.02
+    tube = np.concatenate([np.add(ring, (0, 0, 2 + 0.1 * level)) for level in range(9)])
+    quads = np.array(
+        [[4 * i + j, 4 * i + (j + 1) % 4, 4 * i + 4 + (j + 1) % 4, 4 * i + 4 + j] for i in range(8) for j in range(4)]
+    )
+    sides = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]) + len(body.vertices)
+    vertices = np.concatenate([body.vertices, tube])
+    triangles = np.concatenate([body.oriented_triangles, sides])
+    points, faces, _ = drain(decimated_steps(vertices, triangles, 3000))
+    on_tube = points[faces].mean(axis=1)[:, 2] > 1.95
+    area = triangle_areas(points, faces)[on_tube].sum()
+    assert area > 0.9 * triangle_areas(vertices, sides).sum()
+
+
+def test_a_mesh_that_is_small_already_stays() -> None:
+    working = creature(2000).surface.working
+    points, triangles, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, 4000))
+    np.testing.assert_allclose(points, working.vertices, atol=1e-6)
+    np.testing.assert_array_equal(merged, np.arange(2000))
+    assert len(triangles) == len(working.triangles)

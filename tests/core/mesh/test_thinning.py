@@ -1,0 +1,76 @@
+"""Decimation in stages and by thinning, on small meshes: stages are made small instead."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.mesh import decimation
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.stepping import drain
+
+
+@pytest.fixture(autouse=True)
+def small_stages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decimation, "PER_STAGE", 300)
+
+
+def plane(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """A flat grid of unit size."""
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
+    first = (i * side + j)[(i < side - 1) & (j < side - 1)]
+    triangles = np.concatenate(
+        [np.stack([first, first + side, first + side + 1], 1), np.stack([first, first + side + 1, first + 1], 1)]
+    )
+    return np.column_stack([i, j, 0 * i]) / (side - 1.0), triangles
+
+
+@pytest.mark.parametrize("count", [100, 400, 1500])
+def test_what_is_asked_for_is_left_and_every_vertex_is_accounted_for(count: int) -> None:
+    working = creature(2500).surface.working
+    points, triangles, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, count))
+    assert 0.9 * count < len(points) < 1.1 * count
+    assert triangles.max() == len(points) - 1
+    assert merged.shape == (2500,)
+    assert merged.min() >= 0
+    spacing = np.sqrt(1 / count)
+    assert np.median(np.linalg.norm(points[merged] - working.vertices, axis=1)) < spacing
+
+
+def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given: list[np.ndarray] = []
+    plain = decimation._simplified
+
+    def watched(vertices: np.ndarray, triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        given.append(vertices)
+        return plain(vertices, triangles, count)
+
+    monkeypatch.setattr(decimation, "_simplified", watched)
+    dense, triangles = plane(60)
+    drain(decimated_steps(dense, triangles, 40))
+    thinned = given[0]
+    assert 40 < len(thinned) < 0.6 * len(dense)  # a spacing of 0.16 against one of 0.017
+    given.clear()
+    drain(decimated_steps(dense, triangles, 1200))
+    assert len(given[0]) == len(dense)  # 0.029 against 0.017
+
+
+def test_fractions_rise_to_one_and_stages_follow_each_other() -> None:
+    working = creature(2500).surface.working
+    fractions = list(decimated_steps(working.vertices, working.oriented_triangles, 200))
+    assert len(fractions) > 4
+    assert fractions[0] == 0
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1, abs=0.05)
+
+
+def test_a_flat_square_stays_flat_and_whole() -> None:
+    dense, triangles = plane(60)
+    points, faces, _ = drain(decimated_steps(dense, triangles, 200))
+    np.testing.assert_allclose(points[:, 2], 0, atol=1e-6)
+    # Thinning rounds off corners of the border, by a part of the result's spacing of 0.07.
+    assert 0.95 < triangle_areas(points, faces).sum() <= 1.001

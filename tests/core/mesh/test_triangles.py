@@ -1,0 +1,86 @@
+"""Edges, areas and normals of triangles, and polygons cut into them: known shapes, by hand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.mesh.triangles import (
+    edge_graph,
+    sides_by_edge,
+    triangle_areas,
+    triangle_normals,
+    unique_edges,
+    vertex_normals,
+)
+from zoomout_core.mesh.triangulation import triangulate
+
+TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+CORNER = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+
+
+def test_each_edge_is_listed_once_and_known_from_each_side() -> None:
+    edges, edge_of = unique_edges(TETRAHEDRON)
+    assert sorted(map(tuple, edges.tolist())) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+    for triangle, numbers in zip(TETRAHEDRON, edge_of, strict=True):
+        for (a, b), number in zip(pairwise([*triangle, triangle[0]]), numbers, strict=True):
+            assert edges[number].tolist() == sorted([a, b])
+    sides = sides_by_edge(TETRAHEDRON)
+    assert np.diff(sides.first).tolist() == [2] * 6
+    assert sorted(sides.side.tolist()) == list(range(12))
+    fin = np.concatenate([TETRAHEDRON, [[0, 1, 4]]])
+    assert sorted(np.diff(sides_by_edge(fin).first).tolist()) == [1, 1, 2, 2, 2, 2, 2, 3]
+
+
+def test_the_graph_of_edges_has_their_lengths_both_ways() -> None:
+    graph = edge_graph(CORNER, TETRAHEDRON).toarray()
+    distance = np.linalg.norm(CORNER[:, None] - CORNER, axis=2)
+    np.testing.assert_allclose(graph, distance)
+
+
+def test_areas_and_normals_of_a_corner() -> None:
+    np.testing.assert_allclose(triangle_areas(CORNER, TETRAHEDRON), [1, 1.5, 3.5, 3])
+    np.testing.assert_allclose(triangle_normals(CORNER, TETRAHEDRON[[0, 1, 3]]), [[0, 0, -1], [0, -1, 0], [-1, 0, 0]])
+    # Each face counts by its area.
+    np.testing.assert_allclose(vertex_normals(CORNER, TETRAHEDRON)[0], -np.array([3, 1.5, 1]) / 3.5)
+    flat = np.array([[0, 1, 1]])
+    assert (triangle_normals(CORNER, flat) == 0).all()
+    assert (vertex_normals(CORNER, TETRAHEDRON[:1])[3] == 0).all()
+
+
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize("notch", [0.2, 0.9])
+def test_quads_are_cut_along_the_diagonal_that_folds_nothing(first: int, notch: float) -> None:
+    # An arrowhead or a kite, from whichever corner it is listed.
+    ring = np.roll(np.array([[0.0, 0, 0], [1, 0, 0], [notch, notch, 0], [0, 1, 0]]), first, axis=0)
+    triangles = triangulate(ring, np.arange(4), np.array([0, 4]))
+    area = triangle_areas(ring, triangles).sum()
+    assert area == pytest.approx(notch)
+    assert (triangle_normals(ring, triangles)[:, 2] > 0.99).all()
+    assert sorted(np.unique(triangles)) == [0, 1, 2, 3]
+
+
+def test_polygons_of_several_sizes_keep_their_corners() -> None:
+    turn = np.linspace(0, 2 * np.pi, 6, endpoint=False)
+    hexagon = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    vertices = np.concatenate([hexagon, hexagon[:4] + np.array([5, 0, 0]), hexagon[:3] + np.array([9, 0, 0])])
+    triangles = triangulate(vertices, np.arange(13), np.array([0, 6, 10, 13]))
+    assert len(triangles) == 4 + 2 + 1
+    assert [len(np.unique(part)) for part in (triangles[:4], triangles[4:6], triangles[6:])] == [6, 4, 3]
+    assert triangles[:4].max() < 6 <= triangles[4:6].min()
+    assert triangles[4:6].max() < 10 <= triangles[6:].min()
+
+
+def test_the_nearest_rotation_is_one_and_a_reflection_where_it_is_asked_for() -> None:
+    matrices = np.random.default_rng(0).normal(size=(40, 3, 3))
+    for handed in (1.0, -1.0):
+        found = nearest_rotations(matrices, np.full(40, handed))
+        np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
+        np.testing.assert_allclose(np.linalg.det(found), handed)
+        # No other one of many is nearer.
+        others = nearest_rotations(np.random.default_rng(1).normal(size=(500, 3, 3)), np.full(500, handed))
+        best = np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)
+        assert (np.linalg.norm(matrices - found, axis=(1, 2)) <= best + 1e-12).all()

@@ -1,0 +1,67 @@
+"""Outside and inside: told by volume where there is one, and left open where a cloth may bend either way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import directions
+from scipy.spatial import ConvexHull
+
+from zoomout_core.mesh.surface import Surface
+
+
+def cap(lowest: float, inwards: bool = False) -> Surface:
+    """The part of a ball above a height from -1 to 1, wound outwards or inwards."""
+    where = directions(800, 0)
+    corners = ConvexHull(where).simplices
+    a, b, c = (where[corners[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    corners = np.where((inward ^ inwards)[:, None], corners[:, ::-1], corners)
+    return Surface(where, corners[where[corners][:, :, 2].min(axis=1) > lowest])
+
+
+def outward(surface: Surface) -> float:
+    """The share of triangles that the working mesh turns away from the centre of the ball."""
+    mesh = surface.working
+    corners = mesh.to_surface(mesh.vertices)[mesh.oriented_triangles]
+    a, b, c = corners.transpose(1, 0, 2)
+    return float((np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) > 0).mean())
+
+
+@pytest.mark.parametrize("lowest", [-2.0, -0.8, 0.0])
+def test_what_encloses_a_volume_is_turned_outwards(lowest: float) -> None:
+    assert outward(cap(lowest, inwards=True)) == 1
+    assert outward(cap(lowest)) == 1
+
+
+def test_what_is_nearly_flat_stays_as_it_is_wound() -> None:
+    for inwards in (False, True):
+        bowl = cap(0.8, inwards)
+        saucer = Surface(bowl.vertices * [1, 1, 0.01], bowl.triangles)
+        assert outward(saucer) == (not inwards)
+
+
+@pytest.mark.parametrize(("lowest", "known"), [(-2.0, True), (-0.9, True), (0.0, False), (0.8, False)])
+def test_sides_are_known_where_a_volume_tells_them(lowest: float, known: bool) -> None:
+    assert cap(lowest).working.sides_are_known is known
+    assert cap(lowest, inwards=True).working.sides_are_known is known
+
+
+def test_borders_that_coincide_are_one_and_those_apart_are_two() -> None:
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    for gap, parts in ((0.0, 1), (1e-9, 1), (1e-3, 2)):
+        both = np.vstack([square, square + np.array([1 + gap, 0, 0])])
+        mesh = Surface(both, [[0, 1, 2, 3], [4, 5, 6, 7]]).working
+        assert mesh.component.max() + 1 == parts
+
+
+def test_a_part_keeps_its_place_in_the_surface() -> None:
+    near, far = cap(-2.0), cap(-2.0)
+    both = Surface.joined([near, Surface(0.5 * far.vertices + [5.0, 0, 0], far.triangles)])
+    for number, centre in enumerate(([0, 0, 0], [5, 0, 0])):
+        part, _ = both.working.part(number)
+        np.testing.assert_allclose(part.to_surface(part.vertices).mean(axis=0), centre, atol=0.01)
+        points = np.random.default_rng(0).standard_normal((4, 3))
+        np.testing.assert_allclose(part.from_surface(part.to_surface(points)), points)
+        a, b, c = part.vertices[part.triangles].transpose(1, 0, 2)
+        assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(1)

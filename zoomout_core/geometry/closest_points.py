@@ -1,0 +1,346 @@
+"""Closest points on triangle meshes: in space, and in the high-dimensional embeddings of spectral bases.
+
+A point is closest to the interior of a triangle, to an edge or to a corner; which one follows from inner
+products alone (Ericson, Real-Time Collision Detection, 5.1.5), so the same code serves any dimension.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.runtime.threads import threads
+
+# Pairs of a point and a triangle that are looked at together: bounds the memory.
+BLOCK = 1 << 17
+# A query that still has rivals after this many triangles is as far off the surface as these are wide.
+MOST_CANDIDATES = 256
+# So many triangles are at a vertex, as a rule.
+RING = 6
+MANY_QUERIES = 10_000
+SMALLEST = np.finfo(np.float64).tiny
+# In fewer dimensions than this, single precision cannot tell neighbours apart.
+SINGLE_PRECISION_DIMENSION = 16
+
+
+def closest_points(
+    points: Floats, vertices: Floats, triangles: Integers, tolerance: float = 0.0
+) -> tuple[Integers, Floats]:
+    """The closest point of a triangle mesh in space, for every query point.
+
+    Exact, but for points so far from the surface that more than 256 triangles are about as close.
+
+    Args:
+        points: (q, 3) queries.
+        vertices: (n, 3) positions, in the same unit.
+        triangles: (m, 3) vertex numbers.
+        tolerance: by how much more than the least a distance may be, in the same unit.
+
+    Returns:
+        (q,) triangle numbers and (q, 3) barycentric coordinates in them, non-negative, summing to one.
+    """
+    return SurfaceSearch(vertices, triangles).closest(points, tolerance)
+
+
+class SurfaceSearch:
+    """A triangle mesh, prepared once to look for its points that are closest to places in space.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+    """
+
+    def __init__(self, vertices: Floats, triangles: Integers) -> None:
+        self.vertices, self.triangles = vertices, triangles
+        self._used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))
+        self._tree = _tree(vertices[self._used])
+        self._at_vertex = _triangles_at(triangles, len(vertices))
+
+    def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
+        """The closest point for every query point, as `closest_points` finds it."""
+        found = _Closest(points, self.vertices, self.triangles)
+        # The triangles at the nearest vertex are a good first guess, and rule out most others.
+        nearest = self._used[_query(self._tree, points, 1)[1]]
+        for block in np.array_split(np.arange(len(points)), 1 + len(points) * RING // BLOCK):
+            query, candidate, _ = _lists(*self._at_vertex, nearest[block])
+            found.improve(block[query], candidate)
+        far = np.flatnonzero(found.distance > tolerance)
+        if len(far):
+            for group in self._groups:
+                # A small triangle cannot be closer by more than the tolerance than the vertex that is nearest.
+                if group.radius.max() > tolerance:
+                    _search(found, far, group)
+        return found.triangle, found.barycentric
+
+    @cached_property
+    def _groups(self) -> list[_Group]:
+        """The triangles by size, so that a few large ones do not widen the search among the small ones."""
+        corners = self.vertices[self.triangles]
+        centre = corners.mean(axis=1)
+        radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+        size = np.clip(np.floor(np.log2(np.maximum(radius, 1e-300) / np.median(radius))), -2, 6)
+        members = (np.flatnonzero(size == each) for each in np.unique(size))
+        return [_Group(centre[chosen], radius[chosen], chosen) for chosen in members]
+
+
+class _Group:
+    """Triangles of about one size.
+
+    Attributes:
+        centre: (g, 3) their centres of gravity.
+        radius: (g,) how far their corners are from there.
+        members: (g,) their numbers.
+    """
+
+    def __init__(self, centre: Floats, radius: Floats, members: Integers) -> None:
+        self.centre, self.radius, self.members = centre, radius, members
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the centres; large meshes are hardly ever asked for that of their small triangles."""
+        return _tree(self.centre)
+
+
+def _tree(points: Floats) -> cKDTree:
+    """A search tree that is not balanced: built in a third of the time, and searched as fast."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
+def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
+    """Distances and numbers of a tree's points nearest to each query, by several threads for many."""
+    distance, number = tree.query(points, count, workers=threads() if len(points) > MANY_QUERIES else 1)
+    return np.asarray(distance), np.asarray(number)
+
+
+def _triangles_at(triangles: Integers, n: int) -> tuple[Integers, Integers]:
+    """(n + 1,) where each vertex's entries begin, and (3m,) the triangles at the vertices, one after the other."""
+    m = len(triangles)
+    ones = np.ones(3 * m, dtype=np.int8)
+    table = csc_array((ones, triangles.ravel(), 3 * np.arange(m + 1)), shape=(n, m)).tocsr()
+    return table.indptr, table.indices
+
+
+class _Closest:
+    """The closest points found so far, as `closest_points` returns them, and their distances (q,)."""
+
+    def __init__(self, points: Floats, vertices: Floats, triangles: Integers) -> None:
+        self.points, self.vertices, self.triangles = points, vertices, triangles
+        self.triangle = np.zeros(len(points), dtype=np.int64)
+        self.barycentric = np.zeros((len(points), 3))
+        self.distance = np.full(len(points), np.inf)
+
+    def improve(self, queries: Integers, candidates: Integers) -> None:
+        """Look at pairs (p,) of a query, in ascending order, and a triangle."""
+        if len(queries) == 0:
+            return
+        # Coordinates apart, (3, p): sums over a last axis of three take twice as long.
+        a, ab, ac = self.vertices[self.triangles[candidates]].transpose(1, 2, 0).copy()
+        ap = self.points[queries].T - a
+        ab -= a
+        ac -= a
+        dots = tuple((u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) for u, v in _pairs_of(ap, ab, ac))
+        weights = barycentric_of_closest(dots)
+        off = ap - weights[:, 1] * ab - weights[:, 2] * ac
+        distance = np.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
+        pick = _first_least(distance, queries)
+        pick = pick[distance[pick] < self.distance[queries[pick]]]
+        chosen = queries[pick]
+        self.triangle[chosen], self.barycentric[chosen] = candidates[pick], weights[pick]
+        self.distance[chosen] = distance[pick]
+
+
+def _pairs_of(ap: Floats, ab: Floats, ac: Floats) -> tuple[tuple[Floats, Floats], ...]:
+    """The vectors whose inner products `barycentric_of_closest` takes."""
+    return (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
+
+
+def _search(found: _Closest, queries: Integers, group: _Group) -> None:
+    """Look among triangles of about one size, more and more of them, until none can be closer to some queries."""
+    members, radius = group.members, group.radius
+    reach = float(radius.max())
+    count = min(4, len(members))
+    while len(queries):
+        unresolved = []
+        for block in np.array_split(queries, 1 + len(queries) * count // BLOCK):
+            parts = _query(group.tree, found.points[block], count)
+            distance, near = (np.reshape(part, (len(block), count)) for part in parts)
+            row, column = np.nonzero(distance - radius[near] < found.distance[block, None])
+            found.improve(block[row], members[near[row, column]])
+            unresolved.append(block[distance[:, -1] - reach < found.distance[block]])
+        queries = np.concatenate(unresolved)
+        if count == min(len(members), MOST_CANDIDATES):
+            break
+        count = min(4 * count, len(members), MOST_CANDIDATES)
+
+
+def _first_least(values: Floats, group: Integers) -> Integers:
+    """The position of the least value (p,) of each group, given by ascending numbers (p,)."""
+    begin = np.flatnonzero(np.diff(group, prepend=-1))
+    least = np.repeat(np.minimum.reduceat(values, begin), np.diff(begin, append=len(group)))
+    hit = np.flatnonzero(values <= least)
+    return hit[np.flatnonzero(np.diff(group[hit], prepend=-1))]
+
+
+class Neighbourhoods:
+    """The triangles within a few edges of each vertex of a mesh, prepared for many projections.
+
+    Args:
+        triangles: (m, 3) vertex numbers.
+        n: number of vertices.
+        edges: how far the triangles' nearest corners are at most, counted in edges, from 0.
+
+    Attributes:
+        triangles: (m, 3) vertex numbers.
+        first_triangle: (n + 1,) where each vertex's entries in `triangle` begin.
+        triangle: numbers of the triangles near each vertex, one vertex after the other.
+        first_vertex: (n + 1,) where each vertex's entries in `vertex` begin.
+        vertex: numbers of those triangles' corners, each once, one vertex after the other.
+        corners: (len(triangle), 3) where among its vertex's entries in `vertex` a triangle's corners stand.
+    """
+
+    def __init__(self, triangles: Integers, n: int, edges: int = 1) -> None:
+        m = len(triangles)
+        ones, number = np.ones(3 * m, bool), np.repeat(np.arange(m), 3)
+        at_vertex = coo_array((ones, (triangles.ravel(), number)), shape=(n, m)).tocsr()
+        near = at_vertex
+        for _ in range(edges):
+            near = (near @ at_vertex.T @ at_vertex).tocsr()
+        around = (near @ at_vertex.T).tocsr()
+        around.sort_indices()
+        self.triangles = triangles
+        self.first_triangle, self.triangle = near.indptr, near.indices
+        self.first_vertex, self.vertex = around.indptr, around.indices
+        owner, of_triangle = (np.repeat(np.arange(n), np.diff(first)) for first in (around.indptr, near.indptr))
+        found = np.searchsorted(owner * n + self.vertex, of_triangle[:, None] * n + triangles[self.triangle])
+        self.corners = found - self.first_vertex[of_triangle, None]
+
+
+def project_to_embedding(
+    points: Floats, embedding: Floats, neighbourhoods: Neighbourhoods, nearest: Integers
+) -> tuple[Integers, Floats]:
+    """Precise map: the closest point on an embedded surface, sought around the nearest vertex.
+
+    Looks at the neighbourhood of the nearest vertex, as Ezuz and Ben-Chen (Deblurring and
+    denoising of maps between shapes, 2017) do in their local variant; memory stays bounded. Where there are many
+    dimensions, it reckons in single precision.
+
+    Args:
+        points: (q, k) queries in the embedding.
+        embedding: (n, k) the surface's vertices in the embedding.
+        neighbourhoods: of the surface's triangles; every vertex is used.
+        nearest: (q,) the vertex of the embedding nearest to each query.
+
+    Returns:
+        (q,) triangle numbers and (q, 3) barycentric coordinates.
+    """
+    return EmbeddedSurface(embedding, neighbourhoods).closest(points, nearest)
+
+
+class EmbeddedSurface:
+    """A surface prepared once to have many points projected onto it: see `project_to_embedding`.
+
+    Args:
+        embedding: (n, k) the surface's vertices in the embedding.
+        neighbourhoods: of the surface's triangles; every vertex is used.
+    """
+
+    def __init__(self, embedding: Floats, neighbourhoods: Neighbourhoods) -> None:
+        dtype: type = np.float32 if embedding.shape[1] >= SINGLE_PRECISION_DIMENSION else np.float64
+        self._embedding: Floats = embedding.astype(dtype)
+        self._neighbourhoods = neighbourhoods
+        a, b, c = (self._embedding[corner] for corner in neighbourhoods.triangles.T)
+        ab, ac = b - a, c - a
+        pairs = (ab, ab), (ab, ac), (ac, ac), (a, ab), (a, ac), (a, a)
+        self._products = [np.einsum("mk,mk->m", x, y).astype(np.float64) for x, y in pairs]
+
+    def closest(self, points: Floats, nearest: Integers) -> tuple[Integers, Floats]:
+        """(q,) triangle numbers and (q, 3) barycentric coordinates of what is closest to points (q, k).
+
+        It is sought around the vertex nearest to each (q,).
+        """
+        embedding, neighbourhoods = self._embedding, self._neighbourhoods
+        points = points.astype(embedding.dtype)
+        ab_ab, ab_ac, ac_ac, a_ab, a_ac, a_a = self._products
+        triangle = np.zeros(len(points), dtype=np.int64)
+        barycentric = np.zeros((len(points), 3))
+        # Queries that share a nearest vertex share its candidates' rows in the cache.
+        order = np.argsort(nearest, kind="stable")
+        pairs_each = max(1, len(neighbourhoods.vertex) // max(1, len(embedding)))
+        per_block = max(1, BLOCK * 2 // (pairs_each * max(8, embedding.shape[1])))
+        for block in np.array_split(order, max(1, len(order) // per_block)):
+            # Inner products of each query with each vertex near it, once a pair.
+            query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
+            all_products = np.einsum("pk,pk->p", points[block][query], embedding[pair_vertex])
+            query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
+            _, corners, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.corners, nearest[block])
+            product = all_products[first[query, None] + corners].astype(np.float64)
+            ap_ab = product[:, 1] - product[:, 0] - a_ab[candidate]
+            ap_ac = product[:, 2] - product[:, 0] - a_ac[candidate]
+            dots = ap_ab, ap_ac, ab_ab[candidate], ab_ac[candidate], ac_ac[candidate]
+            weights = barycentric_of_closest(dots)
+            v, w = weights[:, 1], weights[:, 2]
+            # |p - foot|^2 less |p - a|^2, and that less |p|^2, so that candidates of a query compare
+            offset = a_a[candidate] - 2 * product[:, 0]
+            distance = offset - 2 * (v * ap_ab + w * ap_ac) + v * v * dots[2] + 2 * v * w * dots[3] + w * w * dots[4]
+            hit = _first_least(distance, query)
+            triangle[block] = candidate[hit]
+            barycentric[block] = weights[hit]
+        return triangle, barycentric
+
+
+def _lists(first: Integers, entries: Integers, chosen: Integers) -> tuple[Integers, Integers, Integers]:
+    """The lists of some owners, of those that are kept one after the other, again one after the other.
+
+    Args:
+        first: (n + 1,) where each owner's list begins.
+        entries: (e, ...) all lists.
+        chosen: (c,) owners.
+
+    Returns:
+        (p,) the position in `chosen` of each entry, (p, ...) the entries, and (c,) where each list begins among them.
+    """
+    size = np.diff(first)[chosen]
+    begin = np.cumsum(size) - size
+    return (
+        np.repeat(np.arange(len(chosen)), size),
+        entries[np.arange(size.sum()) - np.repeat(begin - first[chosen], size)],
+        begin,
+    )
+
+
+def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:
+    """Barycentric coordinates of the point of a triangle abc that is closest to p.
+
+    Args:
+        dots: the inner products ap.ab, ap.ac, ab.ab, ab.ac, ac.ac, of any common shape.
+
+    Returns:
+        (..., 3) weights of a, b, c, non-negative, summing to one; a degenerate triangle gives a point of it.
+    """
+    ap_ab, ap_ac, ab_ab, ab_ac, ac_ac = dots
+    bc_bc = ab_ab - 2 * ab_ac + ac_ac
+    bp_bc = ap_ac - ab_ac - ap_ab + ab_ab
+
+    def clipped(along: Floats, length: Floats) -> Floats:
+        return np.minimum(np.maximum(along / np.maximum(length, SMALLEST), 0), 1)
+
+    # The closest point of each side, and the square of its distance less |p - a|^2.
+    on_ab, on_ac, on_bc = clipped(ap_ab, ab_ab), clipped(ap_ac, ac_ac), clipped(bp_bc, bc_bc)
+    to_ab = on_ab * (on_ab * ab_ab - 2 * ap_ab)
+    to_ac = on_ac * (on_ac * ac_ac - 2 * ap_ac)
+    to_bc = on_bc * (on_bc * bc_bc - 2 * bp_bc) + ab_ab - 2 * ap_ab
+    is_bc, is_ab = to_bc < np.minimum(to_ab, to_ac), to_ab <= to_ac
+    v = np.where(is_bc, 1 - on_bc, on_ab * is_ab)
+    w = np.where(is_bc, on_bc, on_ac * ~is_ab)
+    # Over the inside the foot of the perpendicular is closer than all sides.
+    whole: Floats = ab_ab * ac_ac - ab_ac * ab_ac
+    of_b: Floats = ac_ac * ap_ab - ab_ac * ap_ac
+    of_c: Floats = ab_ab * ap_ac - ab_ac * ap_ab
+    inside = (of_b > 0) & (of_c > 0) & (of_b + of_c < whole)
+    np.divide(of_b, whole, out=v, where=inside)
+    np.divide(of_c, whole, out=w, where=inside)
+    return np.stack([np.maximum(1 - v - w, 0), v, w], axis=-1)

@@ -1,0 +1,117 @@
+"""Closest points on triangle soups next to normals that agree, as where two layers of a surface lie close together.
+
+Triangles may be of any size: points spread over them stand for them where neighbours are sought.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.mesh.triangles import area_normals, triangle_areas, unit_vectors
+from zoomout_core.runtime.threads import threads
+
+# So many points stand for a surface, and at least so many for each group of its triangles.
+POINTS, LEAST_POINTS = 120_000, 48
+# The triangles of so many points near a query are looked at.
+CANDIDATES = 6
+# Groups are this far apart in a coordinate of their own, in units of the surface's extent.
+APART = 1e3
+# Queries are looked up on several cores where they are many, and so many at once.
+MANY_QUERIES, QUERIES_AT_ONCE = 10_000, 1 << 16
+
+
+def surface_samples(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers]:
+    """Points spread over triangles by area, the same each time.
+
+    They are stratified along the triangles' order; within a triangle they follow the additive recurrence of the
+    plastic number (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018).
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        count: how many.
+
+    Returns:
+        (count, 3) points, each of which stands for as much of the area, and (count,) the triangles that they lie on.
+    """
+    cumulative = np.cumsum(triangle_areas(vertices, triangles))
+    at = (np.arange(count) + 0.5) / count * cumulative[-1]
+    chosen = np.minimum(np.searchsorted(cumulative, at), len(triangles) - 1)
+    u, v = np.modf(np.arange(1, count + 1)[:, None] * np.array([0.7548776662466927, 0.5698402909980532]))[0].T
+    beyond = u + v > 1
+    u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
+    a, b, c = (vertices[triangles[chosen, i]] for i in range(3))
+    return a + u[:, None] * (b - a) + v[:, None] * (c - a), chosen
+
+
+class OrientedSurface:
+    """Triangles, prepared to look for their points that are closest to places with normals.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        flipped: (m,) which of them wind inwards.
+        normal_weight: the distance that counts as much as normals that differ by a unit vector.
+        group: (m,) whole numbers from 0, if closest points are to be sought within a group of triangles only.
+    """
+
+    def __init__(
+        self,
+        vertices: Floats,
+        triangles: Integers,
+        flipped: Booleans,
+        normal_weight: float,
+        group: Integers | None = None,
+    ) -> None:
+        self._vertices, self._triangles, self._weight = vertices, triangles, normal_weight
+        of_group = np.zeros(len(triangles), dtype=np.int64) if group is None else group
+        area = np.bincount(of_group, triangle_areas(vertices, triangles))
+        members = np.split(np.argsort(of_group, kind="stable"), np.cumsum(np.bincount(of_group))[:-1])
+        points, on = [], []
+        for chosen, share in zip(members, area / max(area.sum(), 1e-300), strict=True):
+            if len(chosen):
+                place, at = surface_samples(vertices, triangles[chosen], LEAST_POINTS + int(POINTS * share))
+                points.append(place)
+                on.append(chosen[at])
+        self._on = np.concatenate(on)
+        normals = unit_vectors(area_normals(vertices, triangles[self._on]))
+        normals = normals * np.where(flipped[self._on], -1, 1)[:, None]
+        self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
+        rows = self._rows(np.concatenate(points), normals, of_group[self._on])
+        self._tree = cKDTree(rows, balanced_tree=False, compact_nodes=False)
+
+    def closest(
+        self, points: Floats, normals: Floats, group: Integers | None = None
+    ) -> tuple[Integers, Floats, Floats]:
+        """The closest points for places (q, 3) with unit normals (q, 3), in groups (q,).
+
+        Returns:
+            (q,) triangle numbers, (q, 3) barycentric coordinates, and (q,) distances.
+        """
+        of_group = np.zeros(len(points), dtype=np.int64) if group is None else group
+        pieces = [
+            self._closest(points[some], self._rows(points[some], normals[some], of_group[some]))
+            for some in np.array_split(np.arange(len(points)), 1 + len(points) // QUERIES_AT_ONCE)
+        ]
+        triangle, barycentric, distance = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        return triangle, barycentric, distance
+
+    def _rows(self, points: Floats, normals: Floats, group: Integers) -> Floats:
+        """(q, 7) where points are in the tree."""
+        return np.hstack([points, self._weight * normals, self._apart * group[:, None]])
+
+    def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:
+        near = self._tree.query(rows, CANDIDATES, workers=threads() if len(rows) > MANY_QUERIES else 1)[1]
+        candidate = self._on[np.asarray(near)]
+        a, b, c = (self._vertices[self._triangles[candidate, i]] for i in range(3))
+        ap, ab, ac = points[:, None] - a, b - a, c - a
+        pairs = (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
+        weights = barycentric_of_closest(tuple(np.einsum("qcx,qcx->qc", u, v) for u, v in pairs))
+        off = ap - weights[..., 1:2] * ab - weights[..., 2:] * ac
+        distance = np.sqrt(np.einsum("qcx,qcx->qc", off, off))
+        best = np.argmin(distance, axis=1)
+        query = np.arange(len(points))
+        return candidate[query, best], weights[query, best], distance[query, best]

@@ -1,0 +1,193 @@
+"""A map between surfaces: for every vertex of the target a point on the source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike, fspath
+from os.path import isfile
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import triangle_normals
+
+# Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
+BARYCENTRIC_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """Where on the source surface each vertex of the target lies.
+
+    Attributes:
+        triangle: (n_t,) the source triangle that holds the image.
+        barycentric: (n_t, 3) the image in that triangle, non-negative, summing to one.
+        source_triangles: (m_s, 3) vertex numbers of the source's triangles.
+    """
+
+    triangle: Integers
+    barycentric: Floats
+    source_triangles: Integers
+
+    @classmethod
+    def from_vertices(cls, vertex: ArrayLike, source: Surface) -> SurfaceMap:
+        """The map that sends each target vertex to a source vertex (n_t,).
+
+        Raises:
+            ValueError: these are no numbers of the source's vertices.
+            MeshError: one is of a vertex that no face of the source uses.
+        """
+        triangles = source.triangles
+        vertex = vertex_numbers(vertex, len(source.vertices), "Images on the source")
+        corner_at = np.full(len(source.vertices), -1)
+        corner_at[triangles.ravel()] = np.arange(triangles.size)
+        corner = corner_at[vertex]
+        if (corner < 0).any():
+            raise MeshError(
+                f"The map leads to vertex {vertex[corner < 0][0]} of the source, which belongs to no face: correct it."
+            )
+        barycentric = np.zeros((len(vertex), 3))
+        barycentric[np.arange(len(vertex)), corner % 3] = 1
+        return cls(corner // 3, barycentric, triangles)
+
+    @property
+    def vertex(self) -> Integers:
+        """(n_t,) the source vertex nearest to each image."""
+        corner = np.argmax(self.barycentric, axis=1)
+        return self.source_triangles[self.triangle, corner]
+
+    def interpolate(self, values: Floats) -> Floats:
+        """Values (n_s,) or (n_s, d) at the source's vertices, read at the images: (n_t,) or (n_t, d)."""
+        corners = np.asarray(values)[self.source_triangles[self.triangle]]
+        return np.einsum("nc,nc...->n...", self.barycentric, corners)
+
+    def at(self, source: Surface, target: Surface, triangle: Integers, barycentric: Floats) -> SurfaceMap:
+        """The map at any points of the target, such as corners or samples inside its faces.
+
+        The images of the corners are mixed in space, and the mixture brought back to the source.
+
+        Args:
+            source: the surface that the images lie on.
+            target: the surface that the points lie on.
+            triangle: (q,) target triangles.
+            barycentric: (q, 3) the points in them.
+        """
+        images = self.interpolate(source.vertices)[target.triangles[triangle]]
+        points = np.einsum("qc,qcx->qx", barycentric, images)
+        return SurfaceMap(*closest_points(points, source.vertices, self.source_triangles), self.source_triangles)
+
+    def invert(self, source: Surface, target: Surface) -> SurfaceMap:
+        """The map the other way: for every vertex of the source a point on the target.
+
+        The target is laid onto the source by this map, and each source vertex takes the closest point of it.
+        """
+        laid = self.interpolate(source.vertices)
+        return SurfaceMap(*closest_points(source.vertices, laid, target.triangles), target.triangles)
+
+    def save(self, path: str | PathLike[str], **extra: Any) -> None:
+        """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file.
+
+        A path without that ending gets it; `load` looks there, too.
+        """
+        arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
+        np.savez_compressed(_npz(path), **arrays, **extra)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], source: Surface) -> SurfaceMap:
+        """Read a map that `save` wrote.
+
+        Raises:
+            MeshError: the file is missing, or holds no map, or one onto another source.
+        """
+        path = path if isfile(path) else _npz(path)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in ("triangle", "barycentric") if name in file.files}
+        except FileNotFoundError:
+            raise MeshError(f"There is no file {path}: check the path.") from None
+        except Exception as error:  # what numpy raises on a broken file depends on where it stumbles
+            raise MeshError(f"{path} holds no map: it is no .npz file, or a broken one; give another.") from error
+        missing = {"triangle", "barycentric"}.difference(arrays)
+        if missing:
+            raise MeshError(f"{path} holds no map: it lacks {' and '.join(sorted(missing))}; give another file.")
+        fault = _fault(arrays["triangle"], arrays["barycentric"], len(source.triangles))
+        if fault:
+            raise MeshError(f"{path} cannot be used as a map onto this source: {fault}.")
+        return cls(arrays["triangle"], arrays["barycentric"], source.triangles)
+
+
+def read_vertex_map(path: str | PathLike[str]) -> Integers:
+    """The source vertex (n_t,) of each target vertex, from a file that `SurfaceMap.save` or `zoomout match` wrote.
+
+    Vertices, unlike triangles, are numbered alike by whatever read the meshes.
+
+    Raises:
+        MeshError: the file is missing, or not one of these.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return np.asarray(file["vertex"])
+    except FileNotFoundError:
+        raise MeshError(f"There is no file {path}: check the path.") from None
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
+
+
+def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
+    """Numbers (m,) of vertices, checked; whole floats will do.
+
+    Args:
+        numbers: as the user gave them.
+        count: how many vertices there are.
+        what: what they are, in words, for the message.
+
+    Raises:
+        ValueError: they are no list of whole numbers from 0 to count - 1; the message names the first that is none.
+    """
+    array = np.asarray(numbers)
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise ValueError(
+            f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
+        )
+    wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # a NaN among them
+    if len(wrong):
+        raise ValueError(f"{what} must be numbers of its {count} vertices, counted from 0, and {wrong[0]} is none.")
+    return array.astype(np.int64)
+
+
+def _npz(path: str | PathLike[str]) -> str:
+    """The path as numpy completes it when it writes."""
+    name = fspath(path)
+    return name if name.endswith(".npz") else f"{name}.npz"
+
+
+def _fault(triangle: Integers, barycentric: Floats, count: int) -> str:
+    """What is wrong with the arrays of a map onto `count` triangles, or nothing."""
+    if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
+        return f"its triangles are of type {triangle.dtype} and its barycentric coordinates of {barycentric.dtype}"
+    if triangle.ndim != 1 or barycentric.shape != (len(triangle), 3):
+        return f"its triangles {triangle.shape} and barycentric coordinates {barycentric.shape} do not fit together"
+    wrong = triangle[(triangle < 0) | (triangle >= count)]
+    if len(wrong):
+        return f"it names triangle {wrong[0]} of {count}, so it was made for another source"
+    off = np.maximum(np.abs(barycentric.sum(axis=1) - 1), -barycentric.min(axis=1, initial=0))
+    if not (off <= BARYCENTRIC_TOLERANCE).all():
+        return "its barycentric coordinates are not all numbers from 0 to 1 that sum to one"
+    return ""
+
+
+def turned_over(images: Floats, normals: Floats, triangles: Integers) -> Booleans:
+    """(m,) which triangles a map turns over: their images face against the surface that these lie on.
+
+    Args:
+        images: (n_t, 3) of the target's vertices.
+        normals: (n_t, 3) of the source at the images; not necessarily of unit length.
+        triangles: (m, 3) of the target.
+    """
+    facing = np.einsum("mx,mcx->m", triangle_normals(images, triangles), normals[triangles])
+    return np.asarray(facing < 0)

@@ -1,0 +1,79 @@
+"""Candidates by several bodies, such as a main part and the skin around all parts: which of them to go on with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.ranking import Candidate
+
+# The maps of two bodies are one where most places go to places nearer than this, at unit area of the source.
+SAME_PLACE, MOSTLY = 0.15, 0.75
+# A later attempt, such as that by a tight skin, which loses what is thin, has to be of more worth by this factor to be
+# taken (`benchmarks characters`: the character in a roll).
+CLEARLY_SURER = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A pair of bodies and what was found between them.
+
+    Attributes:
+        pair: of the bodies' shapes.
+        candidates: maps between them, the most likely first.
+        coverage: the part of both surfaces, in [0, 1], that the bodies tell of.
+    """
+
+    pair: Pair
+    candidates: Sequence[Candidate]
+    coverage: float
+
+    @property
+    def worth(self) -> float:
+        """The part of the surfaces that the first candidate is expected to be right for."""
+        return self.candidates[0].certainty * self.coverage
+
+    def outline(self) -> tuple[Floats, Floats]:
+        """(s, 3) places of the target, in its frame and unit, and (s, 3) where the first candidate has them go."""
+        source, target = self.pair.source_shape, self.pair.target_shape
+        image = source.search.samples[self.candidates[0].sample_map]
+        return (
+            target.proxy.full.to_surface(target.proxy.vertices[target.search.samples]),
+            source.proxy.full.to_surface(source.proxy.vertices[image]),
+        )
+
+
+def best_of(attempts: Sequence[Attempt]) -> Attempt:
+    """The attempt of the most worth; or the one that tells of more, where all found the same map.
+
+    They are witnesses for each other then: it is as sure as the surest of them.
+
+    Args:
+        attempts: the most promising first; one that is not clearly better than an earlier one is not taken.
+    """
+    most = max(attempt.coverage for attempt in attempts)
+    widest = _first_of_the_best([attempt for attempt in attempts if attempt.coverage == most])
+    if not all(_agree(widest, attempt) for attempt in attempts if attempt is not widest):
+        return _first_of_the_best(attempts)
+    first, *others = widest.candidates
+    sure = max(attempt.candidates[0].certainty for attempt in attempts)
+    return replace(widest, candidates=[replace(first, certainty=sure), *others])
+
+
+def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
+    """The first attempt that none is clearly better than."""
+    most = max(attempt.worth for attempt in attempts)
+    return next(attempt for attempt in attempts if CLEARLY_SURER * attempt.worth >= most)
+
+
+def _agree(one: Attempt, other: Attempt) -> bool:
+    """Whether the first candidates of two attempts lead to the same places."""
+    (places, images), (their_places, their_images) = one.outline(), other.outline()
+    near = cKDTree(places).query(their_places)[1]
+    apart = np.linalg.norm(images[near] - their_images, axis=1) / one.pair.source_shape.proxy.full.scale
+    return bool(np.mean(apart < SAME_PLACE) > MOSTLY)

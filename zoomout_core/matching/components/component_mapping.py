@@ -1,0 +1,272 @@
+"""The map of loose parts: along with the body, then onto their partners, onto other parts, or onto a whole crowd."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points, project_to_embedding
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.components.boundary_loops import hemmed
+from zoomout_core.matching.components.parts import MAP_ERROR, MOST_PARTS, Part, Side, paired
+from zoomout_core.matching.components.similarity_field import Moments, Motion, moved, products
+from zoomout_core.matching.pair import Pair
+
+# Smaller parts than this, at unit area of the body, move as a whole: its map may bend them by mistake alone.
+RIGID = 0.06
+# Parts lie in one place where their distance is no more than this part of their size.
+WITHIN = 0.25
+# A normal that is off by a right angle weighs as much as a place that is off by about this part of the size, or of
+# what the map may be off if that is less.
+NORMAL_WEIGHT = 0.35
+# Trust in a partner that fits exactly, and in other parts that do; the misfit at which half of it is left.
+FULL_TRUST, TRUST_IN_OTHERS, HALF_MISFIT = 0.9, 0.5, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """Where some vertices of the target lie on loose parts of the source.
+
+    Attributes:
+        vertices: (n,) of the target's working mesh.
+        triangle: (n,) of the source's working mesh.
+        barycentric: (n, 3) in it.
+        trust: (n,) in [0, 1].
+    """
+
+    vertices: Integers
+    triangle: Integers
+    barycentric: Floats
+    trust: Floats
+
+    @classmethod
+    def joined(cls, images: Sequence[Image]) -> Image:
+        """Several as one."""
+        none = cls(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+        return cls(
+            *(np.concatenate([getattr(image, field.name) for image in (none, *images)]) for field in fields(cls))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LooseParts:
+    """What was found of the loose parts.
+
+    Attributes:
+        image: of those that lie somewhere on the source.
+        paired: number of the target's parts that have a partner.
+        others: number of those that lie on other parts.
+        alone: number of those that lie on none.
+        left: number of the source's parts that nothing lies on.
+        too_many: number of parts, of the surface that has more, that were too many to be paired one by one.
+    """
+
+    image: Image
+    paired: int
+    others: int
+    alone: int
+    left: int
+    too_many: int
+
+
+def map_parts(pair: Pair, body: SurfaceMap, confidence: Floats) -> LooseParts:
+    """Pair the loose parts of two surfaces, and map them.
+
+    Args:
+        pair: the two surfaces.
+        body: from the target's body, at full resolution, to the source's.
+        confidence: (n,) in it at the vertices of the target shape's mesh.
+    """
+    source = Side.of(pair.source, pair.source_shape.proxy.full)
+    target = Side.of(pair.target, pair.target_shape.proxy.full)
+    theirs = source.parts(source.points)
+    if not theirs or not target.loose.any():
+        return LooseParts(Image.joined([]), 0, 0, len(target.parts(target.points)), len(theirs), 0)
+    points, normals, around = _carried(target, _motion(pair, source, target, body, confidence))
+    ours = target.parts(points)
+    partners, misfit = paired(
+        ours[:MOST_PARTS],
+        theirs[:MOST_PARTS],
+        target.members([of_target for _, of_target in pair.regions])[:MOST_PARTS],
+        source.members([of_source for of_source, _ in pair.regions])[:MOST_PARTS],
+    )
+    found, rest, met, others = [], ours[MOST_PARTS:], set(partners.values()), 0
+    for i, part in enumerate(ours[:MOST_PARTS]):
+        partner, strange = partners.get(i), np.isinf(misfit[i])
+        pieces = _pieces(part, partner, theirs[:MOST_PARTS], set(partners.values()), strange)
+        image = _onto_pieces(part, normals[part.vertices], pieces, partner, misfit[i], theirs, source)
+        if image is None:
+            rest += [] if strange.any() else [part]
+            continue
+        found.append(image if part.size < RIGID else _beside_body(image, around))
+        others += partner is None
+        met.update(pieces)
+    among_all = _onto_all(rest, source)
+    number = np.cumsum(np.arange(source.mesh.component.max() + 1) != source.body) - 1
+    for image in among_all:
+        met.update(number[source.mesh.component[source.mesh.triangles[image.triangle, 0]]].tolist())
+        found.append(_beside_body(image, around))
+    others += len(among_all)
+    alone = len(ours) - len(partners) - others
+    unpaired = max(len(ours), len(theirs)) - MOST_PARTS
+    return LooseParts(Image.joined(found), len(partners), others, alone, len(theirs) - len(met), max(unpaired, 0))
+
+
+def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> Motion:
+    """How the target's body moves to the source's, in the frames of the two sides."""
+    nodes = pair.target_shape.proxy.full_vertex
+    images = body.interpolate(source.points[source.body_vertices])[nodes]
+    return Motion(target.points[target.body_vertices][nodes], images, confidence, pair.target_shape.basis)
+
+
+def _carried(target: Side, motion: Motion) -> tuple[Floats, Floats, Floats]:
+    """(n, 3) points, (n, 3) normals and (n,) trust of the target's mesh as the body takes its loose parts along."""
+    loose = np.flatnonzero(target.loose)
+    before, turned_from = target.points[loose], target.mesh.vertex_normals[loose]
+    after, turned_to, trust = motion.carry(before, turned_from)
+    _, label = np.unique(target.mesh.component[loose], return_inverse=True)
+    areas = target.areas[loose]
+    share = csr_array((areas / np.bincount(label, areas)[label], (label, np.arange(len(loose)))))
+    moments = Moments.of(share @ products(before, after))
+    small = np.flatnonzero((np.sqrt(moments.spread) < RIGID)[label])
+    affine = moments.affine(motion.handedness)[label[small]]
+    after[small], turned_to[small] = moved(affine, before[small], turned_from[small])
+    everywhere = np.zeros((len(target.points), 7))
+    everywhere[loose] = np.column_stack([after, turned_to, trust])
+    return everywhere[:, :3], everywhere[:, 3:6], everywhere[:, 6]
+
+
+def _pieces(
+    part: Part, partner: int | None, theirs: Sequence[Part], partners: set[int], strange: Booleans
+) -> list[int]:
+    """Numbers of the source's parts that one of the target's lies on.
+
+    Its partner and, where that is a piece of it only, the other pieces; or else what it is a piece of; never
+    those that are strange to it.
+    """
+    pieces = [] if partner is None else [partner]
+    for j, other in enumerate(theirs):
+        inside = j not in partners and not strange[j] and _lies_on(other, part)
+        if inside and not any(_lies_on(other, theirs[piece]) for piece in pieces):
+            pieces.append(j)
+    if not pieces:
+        wholes = [j for j, other in enumerate(theirs) if not strange[j] and _lies_on(part, other)]
+        pieces = sorted(wholes, key=lambda j: part.distance_to(theirs[j]))[:1]
+    return pieces
+
+
+def _lies_on(part: Part, whole: Part) -> bool:
+    """Whether a part is in the place of another one, or of a piece of it."""
+    far = WITHIN * part.size
+    offset = part.centre - whole.centre
+    return bool(offset @ offset <= (whole.reach + far) ** 2) and part.distance_to(whole) <= far
+
+
+def _onto_pieces(
+    part: Part,
+    normals: Floats,
+    pieces: list[int],
+    partner: int | None,
+    misfit: Floats,
+    theirs: Sequence[Part],
+    source: Side,
+) -> Image | None:
+    """The image of a part on some of the source's parts, by number, or None if it does not fit them.
+
+    Args:
+        part: of the target.
+        normals: (n, 3) of its vertices, on the source.
+        pieces: what it lies on.
+        partner: its partner among them, if it has one.
+        misfit: (q,) with each of the source's parts.
+        theirs: the source's parts.
+        source: that they are parts of.
+    """
+    if not pieces:
+        return None
+    onto = [theirs[j] for j in pieces]
+    if pieces == [partner]:
+        most = FULL_TRUST / (1 + (float(misfit[pieces[0]]) / HALF_MISFIT) ** 2)
+        return _onto(part, _drawn_to(part, onto[0]), normals, onto, source, most)[0]
+    image, residual = _onto(part, part.points, normals, onto, source, TRUST_IN_OTHERS)
+    return image if partner is not None or _fits(part, residual) else None
+
+
+def _drawn_to(part: Part, partner: Part) -> Floats:
+    """(n, 3) a part's points without what is left of the body map's error, as far as its partner tells.
+
+    A small one is moved to its partner's centre and size, a large one's hems to its partner's hems.
+    """
+    if part.size < RIGID:
+        return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
+    return hemmed(part, partner)
+
+
+def _onto(
+    part: Part, points: Floats, normals: Floats, pieces: Sequence[Part], source: Side, most: float
+) -> tuple[Image, Floats]:
+    """The closest points of some pieces of the source, in place and normal, and the distances to them.
+
+    Args:
+        part: whose image is sought.
+        points: (n, 3) its vertices on the source.
+        normals: (n, 3) there.
+        pieces: of the source.
+        source: that they are pieces of.
+        most: trust in an image that fits exactly.
+    """
+    first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
+    positions = np.concatenate([piece.points for piece in pieces])
+    corners = np.concatenate([piece.corners + start for piece, start in zip(pieces, first[:-1], strict=True)])
+    facing = source.mesh.vertex_normals[np.concatenate([piece.vertices for piece in pieces])]
+    # An open sheet has no outside: the side of each piece that agrees with the part is the one that is meant.
+    piece_of = np.repeat(np.arange(len(pieces)), np.diff(first))
+    near = nearest(points, positions)
+    agreement = np.bincount(piece_of[near], np.einsum("ij,ij->i", normals, facing[near]), minlength=len(pieces))
+    facing = facing * np.where(agreement < 0, -1, 1)[piece_of, None]
+    weight = NORMAL_WEIGHT * min(part.size, MAP_ERROR)
+    embedded, queries = np.hstack([positions, weight * facing]), np.hstack([points, weight * normals])
+    triangle, barycentric = project_to_embedding(
+        queries, embedded, Neighbourhoods(corners, len(embedded)), nearest(queries, embedded)
+    )
+    residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, positions[corners[triangle]]) - points, axis=1)
+    of_source = np.concatenate([piece.triangles for piece in pieces])[triangle]
+    return Image(part.vertices, of_source, barycentric, _trust(most, residual)), residual
+
+
+def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
+    """The closest points of all loose parts of the source together, of those parts that lie there."""
+    if not parts:
+        return []
+    triangles = np.flatnonzero(source.loose[source.mesh.triangles[:, 0]])
+    corners = source.mesh.triangles[triangles]
+    points = np.concatenate([part.points for part in parts])
+    triangle, barycentric = closest_points(points, source.points, corners)
+    residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, source.points[corners[triangle]]) - points, axis=1)
+    ends = np.cumsum([len(part.vertices) for part in parts])
+    split = (np.split(array, ends[:-1]) for array in (triangles[triangle], barycentric, residual))
+    return [
+        Image(part.vertices, onto, at, _trust(TRUST_IN_OTHERS, off))
+        for part, onto, at, off in zip(parts, *split, strict=True)
+        if _fits(part, off)
+    ]
+
+
+def _fits(part: Part, residual: Floats) -> bool:
+    """Whether a part lies where its image is, distances (n,) away."""
+    return float(np.sqrt(part.weights @ residual**2)) <= WITHIN * (part.size + MAP_ERROR)
+
+
+def _trust(most: float, residual: Floats) -> Floats:
+    """(n,) what is left of the trust in an image that is distances (n,) off."""
+    return np.asarray(most / (1 + (residual / MAP_ERROR) ** 2))
+
+
+def _beside_body(image: Image, around: Floats) -> Image:
+    """An image whose trust owes as much to the body around it, (n,) for all vertices, as to its own fit."""
+    return replace(image, trust=np.sqrt(image.trust * around[image.vertices]))

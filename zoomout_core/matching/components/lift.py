@@ -1,0 +1,158 @@
+"""From the map between two shapes' meshes to the map between whole surfaces, loose parts and all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.components.component_mapping import LooseParts, map_parts
+from zoomout_core.matching.components.parts import MOST_PARTS
+from zoomout_core.matching.components.shells import LaidShells, map_shells
+from zoomout_core.matching.pair import Pair, standing
+from zoomout_core.matching.registration.nonrigid_icp import Fit, lifted_fit
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+
+# A larger part of the target without anything on the source comes with a note.
+NOTABLE_SHARE = 0.03
+TOO_MANY = f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."
+
+
+class Assembled(NamedTuple):
+    """The map between two surfaces.
+
+    Attributes:
+        surface_map: from the target to the source.
+        confidence: (n_t,) in it.
+        placed: the part of the target's area, in [0, 1], for which there is something on the source.
+        notes: what a user should know about parts, a sentence each.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    placed: float
+    notes: tuple[str, ...]
+
+
+def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> Assembled:
+    """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
+
+    Args:
+        pair: the surfaces and their shapes.
+        fit: of the target shape to the source shape.
+        confidence: (n,) of the target shape's vertices.
+    """
+    if pair.target_shape.proxy.full.is_skin:
+        return _from_shells(pair, map_shells(pair, fit, confidence))
+    source, target = pair.source_shape.proxy, pair.target_shape.proxy
+    between_parts = lifted_fit(fit, source, target, standing(pair))
+    loose = map_parts(pair, between_parts, confidence)
+    confidence = target.place.interpolate(confidence)
+    vertex_of = target.full.vertex_of
+    on_body = vertex_of >= 0
+    n = len(pair.target.vertices)
+    triangle, barycentric, trust = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
+    triangle[on_body] = source.full.triangle_of[between_parts.triangle[vertex_of[on_body]]]
+    barycentric[on_body] = between_parts.barycentric[vertex_of[on_body]]
+    trust[on_body] = confidence[vertex_of[on_body]]
+    number = np.full(len(pair.target.working.vertices), -1)
+    number[loose.image.vertices] = np.arange(len(loose.image.vertices))
+    number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
+    placed = number >= 0
+    triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[number[placed]]]
+    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.trust[number[placed]]
+    whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
+    areas = triangle_areas(pair.target.vertices, pair.target.triangles)
+    share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
+    return Assembled(_with_the_rest(pair, whole, on_body, on_body | placed), trust, share, _notes(pair, loose))
+
+
+def _from_shells(pair: Pair, laid: LaidShells) -> Assembled:
+    """The map of shells in the surfaces' own numbers; vertices that no face uses take the nearest one's image."""
+    of = pair.target.working.vertex_of
+    used = np.flatnonzero(of >= 0)
+    rest = np.flatnonzero((of < 0) & np.isfinite(pair.target.vertices).all(axis=1))
+    near = np.zeros(len(of), dtype=np.int64)
+    near[used] = of[used]
+    if len(rest):
+        near[rest] = of[used[cKDTree(pair.target.vertices[used]).query(pair.target.vertices[rest])[1]]]
+    confidence = np.where(of >= 0, laid.confidence[near], 0)
+    triangle = pair.source.working.triangle_of[laid.surface_map.triangle[near]]
+    whole = SurfaceMap(triangle, laid.surface_map.barycentric[near], pair.source.triangles)
+    return Assembled(whole, confidence, 1 - laid.alone, _notes_on_shells(pair, laid))
+
+
+def _notes_on_shells(pair: Pair, laid: LaidShells) -> tuple[str, ...]:
+    """What a user should know about how shells were mapped, a sentence each."""
+    count = int(pair.target.working.component.max()) + 1
+    notes = []
+    if laid.in_place:
+        notes.append("The two lie over each other as they stand: each place was mapped to what lies there.")
+    if laid.paired:
+        others = "; the others lie on what is nearest" if laid.paired < count else ""
+        notes.append(f"{laid.paired} of {count} parts laid on their like by place, size and shape{others}.")
+    if laid.alone > NOTABLE_SHARE:
+        notes.append(
+            f"About {laid.alone:.0%} of the target lies where the source has nothing: it takes the nearest place, with "
+            "low confidence."
+        )
+    return tuple(notes)
+
+
+def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Booleans) -> SurfaceMap:
+    """The map, extended from the body to the vertices that have no place of their own: to the nearest one's."""
+    source, target = pair.source, pair.target
+    rest = ~placed & np.isfinite(target.vertices).all(axis=1)
+    if not rest.any():
+        return known
+    main = np.flatnonzero(on_body[target.triangles[:, 0]])
+    place, weights = closest_points(target.vertices[rest], target.vertices, target.triangles[main])
+    carried = known.at(source, target, main[place], weights)
+    triangle, barycentric = known.triangle.copy(), known.barycentric.copy()
+    triangle[rest], barycentric[rest] = carried.triangle, carried.barycentric
+    return SurfaceMap(triangle, barycentric, source.triangles)
+
+
+def _notes(pair: Pair, loose: LooseParts) -> tuple[str, ...]:
+    """What a user should know about the parts of the two surfaces, a sentence each."""
+    if pair.source is pair.target:
+        smaller = ["The main part, whose symmetry decides, is not the largest."]
+        return (
+            *(smaller if _is_smaller(pair.source, pair.source_shape) else ()),
+            *_worded(
+                (loose.paired, "{} mapped to their like, or to themselves, by place, size and shape."),
+                (loose.others, "{} mapped to other parts that lie in the same place."),
+                (loose.too_many, TOO_MANY),
+                (loose.alone, "{} without a partner: the nearest place of the body, with no confidence."),
+            ),
+        )
+    roles = (("source", pair.source, pair.source_shape), ("target", pair.target, pair.target_shape))
+    smaller = [
+        f"The main part of the {role} is not its largest, but the one that is more like the other surface's."
+        for role, surface, shape in roles
+        if _is_smaller(surface, shape)
+    ]
+    worded = _worded(
+        (loose.paired, "{} paired with parts of the source by place, size and shape."),
+        (loose.others, "{} of the target mapped to other parts of the source that lie in the same place."),
+        (loose.too_many, TOO_MANY),
+        (loose.alone, "{} of the target without a partner: the nearest place of the body, with no confidence."),
+        (loose.left, "{} of the source without a partner: nothing was matched to them."),
+    )
+    return (*smaller, *worded)
+
+
+def _is_smaller(surface: Surface, shape: Shape) -> bool:
+    """Whether a surface's main part is not its largest."""
+    return bool(surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0)
+
+
+def _worded(*counted: tuple[int, str]) -> tuple[str, ...]:
+    """Sentences about numbers of loose parts, of those that there are."""
+    return tuple(text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in counted if count)

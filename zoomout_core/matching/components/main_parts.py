@@ -1,0 +1,78 @@
+"""Which component of a surface is its body: the largest, unless a cloak or a dress is larger."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.matching.proxy import proxy_steps
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.stepping import drain, scaled
+from zoomout_core.runtime.threads import for_each
+from zoomout_core.spectral.eigenbasis import working_basis_steps
+
+SMALLEST_PART = 12
+# A component whose area is at least this part of the largest one's may be the body.
+COMPARABLE = 0.4
+# Components are compared by so many eigenvalues of stand-ins of so many vertices.
+EIGENVALUES, VERTICES = 20, 1500
+# Spectra that differ by less than this, in the mean logarithm, may be the same body's in two poses.
+ALIKE = 0.1
+
+
+def main_part_steps(
+    source: Surface, target: Surface, seed: int
+) -> Generator[float, None, tuple[WorkingMesh, WorkingMesh]]:
+    """The component of each of two surfaces that is matched, and takes the others along.
+
+    Those of the largest area, unless others have spectra that are clearly more alike, or are not sheets.
+
+    Args:
+        source: a surface.
+        target: another one.
+        seed: of the eigensolver.
+
+    Yields:
+        The fraction done.
+
+    Returns:
+        A component of the source, and one of the target.
+
+    Raises:
+        MeshError: a component is too small.
+    """
+    roles = ((source, "mesh"),) * 2 if source is target else ((source, "source"), (target, "target"))
+    ours, theirs = yield from scaled(for_each(lambda each: _comparable(*each), roles), 0.0, 0.2)
+    if len(ours) == len(theirs) == 1:
+        return ours[0], theirs[0]
+    count = min(EIGENVALUES + 1, *(len(part.vertices) - 1 for part in (*ours, *theirs)))
+    comparing = for_each(lambda part: _spectrum(part, count, seed), (*ours, *theirs))
+    spectra = yield from scaled(comparing, 0.2, 1.0)
+    of_source, of_target = np.array(spectra[: len(ours)]), np.array(spectra[len(ours) :])
+    difference = np.abs(of_source[:, None] - of_target).mean(axis=2)
+    pairs = [(ours[i], theirs[j]) for i, j in np.argwhere(difference <= difference.min() + ALIKE)]
+    return max(pairs, key=lambda pair: (sum(part.sides_are_known for part in pair), pair[0].scale * pair[1].scale))
+
+
+def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
+    """The components that may be the body, the largest first."""
+    working = surface.working
+    area = np.bincount(working.component[working.triangles[:, 0]], triangle_areas(working.vertices, working.triangles))
+    parts = [working.part(int(number))[0] for number in np.flatnonzero(area >= COMPARABLE * area[0])]
+    enough = [part for part in parts if len(part.vertices) >= SMALLEST_PART]
+    if not enough:
+        raise MeshError(
+            f"The largest part of the {role} has {len(parts[0].vertices)} vertices, too few to know it by: "
+            f"subdivide it to {SMALLEST_PART} or more."
+        )
+    return enough
+
+
+def _spectrum(part: WorkingMesh, count: int, seed: int) -> Floats:
+    """(count - 1,) logarithms of the eigenvalues but the first, at unit area: the same in every pose."""
+    basis = drain(working_basis_steps(drain(proxy_steps(part, VERTICES)).mesh, count, seed))
+    return np.log(np.maximum(basis.eigenvalues[1:], 1e-12))

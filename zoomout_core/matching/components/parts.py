@@ -1,0 +1,223 @@
+"""Loose parts (eyes, teeth, buttons, clothes, hair): which of two surfaces belong together.
+
+A part has too little shape of its own for its spectrum to tell a left eye from a right one. The body's map
+does: it takes the parts of the target to the source, where partners lie in one place and are of one size; parts
+that share a place, such as a coat and a shirt, differ in shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.matching.components.skins import turned_outwards
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.spectral.sampling import farthest_points
+
+# More parts than these are not paired one by one: what has so many is debris, or hair.
+MOST_PARTS = 300
+# A part is compared by so many of its vertices, and with so many others that might be its partners.
+SAMPLES, RIVALS = 32, 6
+# How far off the body's map may carry a part, at unit area of the body.
+MAP_ERROR = 0.045
+# A partner's place, size and shape may be off by this part of its own size.
+TOLERANCE = 0.5
+# Shapes are compared by how geodesic distances are distributed, at unit area: a factor makes it one to the size.
+SHAPE_WEIGHT = 2.0
+QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+DISTANCE_SOURCES = 8
+# The misfit of parts that lie in all the same regions is reduced by so much.
+REGION_BONUS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A component of a mesh.
+
+    Attributes:
+        mesh: of which it is a component.
+        vertices: (n,) of the mesh.
+        triangles: (m,) of the mesh.
+        points: (n, 3) the vertices in the frame where parts are compared: the source's.
+        weights: (n,) parts of its area that the vertices stand for, summing to one.
+    """
+
+    mesh: WorkingMesh
+    vertices: Integers
+    triangles: Integers
+    points: Floats
+    weights: Floats
+
+    @cached_property
+    def corners(self) -> Integers:
+        """(m, 3) its triangles by the places of the corners in `vertices`, which ascend."""
+        return np.searchsorted(self.vertices, self.mesh.triangles[self.triangles])
+
+    @property
+    def rest(self) -> Floats:
+        """(n, 3) the vertices where the mesh has them."""
+        return self.mesh.vertices[self.vertices]
+
+    @cached_property
+    def centre(self) -> Floats:
+        """(3,) centroid of its area."""
+        return np.asarray(self.weights @ self.points)
+
+    @cached_property
+    def size(self) -> float:
+        """Root mean square distance from the centre."""
+        return float(np.sqrt(self.weights @ ((self.points - self.centre) ** 2).sum(axis=1)))
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance from the centre."""
+        return float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).max()))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of its points."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def samples(self) -> Integers:
+        """(s,) some vertices, evenly spread, by their place in `vertices`."""
+        return farthest_points(self.rest, SAMPLES)
+
+    def distance_to(self, other: Part) -> float:
+        """Root mean square distance from its samples to the nearest vertex of another part."""
+        return float(np.sqrt(np.mean(np.square(other.tree.query(self.points[self.samples])[0]))))
+
+    @cached_property
+    def distances(self) -> Floats:
+        """(5,) quantiles of the geodesic distances between samples, at unit area: the same in every pose."""
+        area = triangle_areas(self.rest, self.corners).sum()
+        distance = dijkstra(edge_graph(self.rest, self.corners), indices=self.samples[:DISTANCE_SOURCES])[
+            :, self.samples
+        ]
+        return np.asarray(np.quantile(distance, QUANTILES) / np.sqrt(max(area, 1e-300)))
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A surface as its loose parts are looked at.
+
+    Attributes:
+        mesh: its working copy.
+        points: (n, 3) the mesh's vertices in a frame in which the body's area is one.
+        areas: (n,) of the vertices, positive.
+        body_vertices: (b,) the mesh's vertex for each of the body's; none where the body is a skin around all parts.
+    """
+
+    mesh: WorkingMesh
+    points: Floats
+    areas: Floats
+    body_vertices: Integers
+
+    @classmethod
+    def of(cls, surface: Surface, body: WorkingMesh) -> Side:
+        """A surface and its body: one of its parts, or the skin around it, whose frame is taken then."""
+        mesh = surface.working
+        area = triangle_areas(mesh.vertices, mesh.triangles)
+        areas = np.bincount(mesh.triangles.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
+        areas = np.maximum(areas, 1e-9 * areas.mean())
+        if body.is_skin:
+            points = body.from_surface(mesh.to_surface(mesh.vertices))
+            return cls(turned_outwards(mesh, body), points, areas, np.zeros(0, dtype=np.int64))
+        used = body.vertex_of >= 0
+        body_vertices = np.empty(len(body.vertices), dtype=np.int64)
+        body_vertices[body.vertex_of[used]] = mesh.vertex_of[used]
+        return cls(mesh, mesh.vertices * (mesh.scale / body.scale), areas, body_vertices)
+
+    @property
+    def body(self) -> int:
+        """The number of the component that is the body, or -1 where none is."""
+        return int(self.mesh.component[self.body_vertices[0]]) if len(self.body_vertices) else -1
+
+    @cached_property
+    def loose(self) -> Booleans:
+        """(n,) which vertices belong to loose parts."""
+        return self.mesh.component != self.body
+
+    def parts(self, points: Floats) -> list[Part]:
+        """The loose parts, the largest first, their vertices moved to the points (n, 3)."""
+        mesh = self.mesh
+        triangles = _grouped(mesh.component[mesh.triangles[:, 0]])
+        return [
+            Part(mesh, inside, triangles[number], points[inside], self.areas[inside] / self.areas[inside].sum())
+            for number, inside in enumerate(_grouped(mesh.component))
+            if number != self.body
+        ]
+
+    def members(self, regions: Sequence[Integers]) -> Booleans:
+        """(p, r) which loose parts lie, for the most part, in which regions, given by the surface's vertices."""
+        count = np.bincount(self.mesh.component)
+        inside = np.zeros((len(count), len(regions)), dtype=bool)
+        for number, region in enumerate(regions):
+            vertices = np.unique(self.mesh.vertex_of[region])
+            component = self.mesh.component[vertices[vertices >= 0]]
+            inside[:, number] = np.bincount(component, minlength=len(count)) > count / 2
+        return inside if self.body < 0 else np.delete(inside, self.body, axis=0)
+
+
+def paired(
+    target: Sequence[Part], source: Sequence[Part], of_target: Booleans, of_source: Booleans
+) -> tuple[dict[int, int], Floats]:
+    """Partners one to one.
+
+    Args:
+        target: parts as the body carries them to the source.
+        source: parts.
+        of_target: (p, r) which target parts lie in which regions.
+        of_source: (q, r) which source parts lie in them.
+
+    Returns:
+        The number of the source's part by that of the target's, and (p, q) misfits, infinite for what regions part.
+    """
+    place, size = _apart(target, source)
+    rough = np.minimum(place, 2 * TOLERANCE) + size
+    relation = relation_of(of_target, of_source)
+    misfit = np.where(np.isinf(relation), np.inf, 10 * TOLERANCE)
+    possible = (rough <= 2 * TOLERANCE) & np.isfinite(relation)
+    possible &= rough <= np.sort(rough, axis=1)[:, :RIVALS][:, -1:]
+    close = possible & (rough <= TOLERANCE)
+    contested = (close.sum(axis=1) > 1)[:, None] | (close.sum(axis=0) > 1)
+    for i, j in np.argwhere(possible):
+        ours, theirs = target[i], source[j]
+        apart = max(ours.distance_to(theirs), theirs.distance_to(ours)) / (max(ours.size, theirs.size) + MAP_ERROR)
+        shape = float(np.mean(np.abs(ours.distances - theirs.distances))) if contested[i, j] else 0.0
+        misfit[i, j] = relation[i, j] * (apart + size[i, j] + SHAPE_WEIGHT * shape)
+    rows, columns = linear_sum_assignment(np.minimum(misfit, 10 * TOLERANCE))
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= TOLERANCE}, misfit
+
+
+def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floats]:
+    """(p, q) distances of the centres, against the sizes and what the map may be off, and ratios of the sizes."""
+    centres = [np.array([part.centre for part in parts]) for parts in (target, source)]
+    sizes = [np.maximum([part.size for part in parts], 1e-12) for parts in (target, source)]
+    distance = np.linalg.norm(centres[0][:, None] - centres[1], axis=2)
+    ratio = np.abs(np.log(sizes[0][:, None] / sizes[1]))
+    return distance / (np.maximum(sizes[0][:, None], sizes[1]) + MAP_ERROR), ratio
+
+
+def relation_of(of_target: Booleans, of_source: Booleans) -> Floats:
+    """(p, q) what regions make of a misfit: less where they are shared, infinite where none is but both are in some."""
+    common = of_target.astype(float) @ of_source.T
+    union = of_target.sum(axis=1)[:, None] + of_source.sum(axis=1) - common
+    factor = 1 - REGION_BONUS * common / np.maximum(union, 1)
+    strangers = of_target.any(axis=1)[:, None] & of_source.any(axis=1) & (common == 0)
+    return np.where(strangers, np.inf, factor)
+
+
+def _grouped(label: Integers) -> list[Integers]:
+    """The elements of each label, ascending."""
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(label))[:-1])

@@ -1,0 +1,185 @@
+"""Pairs of shells laid on each other by similarities: many pairs at once, by iterated closest points both ways.
+
+Besl and McKay, A method for registration of 3-D shapes (1992), with the scale of Umeyama, Least-squares estimation of
+transformation parameters between two point patterns (1991).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.oriented_closest_points import surface_samples
+from zoomout_core.geometry.procrustes import nearest_rotations
+
+# Points that each shell is known by, and of these so many that look for their nearest on the other one.
+DENSE, SPARSE = 320, 48
+ROUNDS = 12
+# A start along principal axes is taken instead of the body's turn where it leaves so much less.
+CLEARLY_LESS = 0.8
+# A shell is larger or smaller than the body's map has it by no more than this factor.
+MOST_SCALE = 1.35
+# Shells are this far apart in the fourth coordinate of a tree that holds them all.
+APART = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Shells:
+    """Points on several shells, to look for the nearest among those of one of them.
+
+    Attributes:
+        dense: (p, d, 3).
+    """
+
+    dense: Floats
+
+    @classmethod
+    def of(cls, meshes: Sequence[tuple[Floats, Integers]]) -> Shells:
+        """Those of some meshes, each given by its vertices (n, 3) and triangles (m, 3)."""
+        return cls(np.stack([surface_samples(*mesh, DENSE)[0] for mesh in meshes]))
+
+    @cached_property
+    def sparse(self) -> Floats:
+        """(p, s, 3) some of them, evenly spread."""
+        step = self.dense.shape[1] // SPARSE
+        return self.dense[:, ::step][:, :SPARSE]
+
+    @cached_property
+    def centre(self) -> Floats:
+        """(p, 3)."""
+        return np.asarray(self.dense.mean(axis=1))
+
+    @cached_property
+    def size(self) -> Floats:
+        """(p,) root mean square distance from the centre."""
+        return np.asarray(np.sqrt(((self.dense - self.centre[:, None]) ** 2).sum(axis=2).mean(axis=1)))
+
+    @cached_property
+    def axes(self) -> Floats:
+        """(p, 3, 3) rows: principal axes, the longest first."""
+        offset = self.dense - self.centre[:, None]
+        return np.asarray(np.swapaxes(np.linalg.eigh(np.swapaxes(offset, 1, 2) @ offset)[1], 1, 2)[:, ::-1])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        number = np.broadcast_to(APART * np.arange(len(self.dense))[:, None, None], (*self.dense.shape[:2], 1))
+        return cKDTree(np.concatenate([self.dense, number], axis=2).reshape(-1, 4))
+
+    def nearest(self, points: Floats, shell: Integers) -> tuple[Floats, Floats]:
+        """Distances (q, s) from points (q, s, 3) to the nearest ones of the shells (q,), and these (q, s, 3)."""
+        number = np.broadcast_to(APART * shell[:, None, None], (*points.shape[:2], 1))
+        distance, near = self._tree.query(np.concatenate([points, number], axis=2).reshape(-1, 4))
+        return np.reshape(distance, points.shape[:2]), self.dense.reshape(-1, 3)[near].reshape(points.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Similarities:
+    """x -> scale * turn x + shift, many of them.
+
+    Attributes:
+        scale: (q,).
+        turn: (q, 3, 3).
+        shift: (q, 3).
+    """
+
+    scale: Floats
+    turn: Floats
+    shift: Floats
+
+    def __call__(self, points: Floats) -> Floats:
+        """Points (q, s, 3), moved."""
+        return self.scale[:, None, None] * (points @ np.swapaxes(self.turn, 1, 2)) + self.shift[:, None]
+
+    def inverse(self, points: Floats) -> Floats:
+        """Points (q, s, 3), moved back."""
+        return (points - self.shift[:, None]) @ self.turn / self.scale[:, None, None]
+
+    def __getitem__(self, chosen: slice | Integers) -> Similarities:
+        return Similarities(self.scale[chosen], self.turn[chosen], self.shift[chosen])
+
+    @classmethod
+    def between(
+        cls, points: Floats, images: Floats, handed: float, least: ArrayLike = 0.0, most: ArrayLike = np.inf
+    ) -> Similarities:
+        """Those that take points (q, s, 3) nearest to images (q, s, 3).
+
+        Args:
+            points: of each.
+            images: of these.
+            handed: -1 for mirror images, else 1.
+            least: (q,) the least scale,
+            most: (q,) and the largest.
+        """
+        centre, image_centre = points.mean(axis=1, keepdims=True), images.mean(axis=1, keepdims=True)
+        offset, goal = points - centre, images - image_centre
+        turn = nearest_rotations(np.swapaxes(goal, 1, 2) @ offset, handed)
+        turned = offset @ np.swapaxes(turn, 1, 2)
+        scale = (goal * turned).sum(axis=(1, 2)) / np.maximum((offset**2).sum(axis=(1, 2)), 1e-300)
+        scale = np.clip(scale, least, most)
+        shift = image_centre[:, 0] - scale[:, None] * np.einsum("qij,qj->qi", turn, centre[:, 0])
+        return cls(scale, turn, shift)
+
+    @classmethod
+    def joined(cls, several: Sequence[Similarities]) -> Similarities:
+        """One after the other."""
+        return cls(*(np.concatenate([getattr(s, name) for s in several]) for name in ("scale", "turn", "shift")))
+
+
+def registered(
+    target: Shells, source: Shells, of_target: Integers, of_source: Integers, prior: Similarities, handed: float
+) -> tuple[Similarities, Floats]:
+    """Lay shells of the target on shells of the source.
+
+    Args:
+        target: where they are at rest.
+        source: where they are.
+        of_target: (q,) which shells of the target,
+        of_source: (q,) are laid on which of the source.
+        prior: (p,) how the body's map moves each of the target's shells.
+        handed: -1 where it mirrors them, else 1.
+
+    Returns:
+        (q,) the similarities, and (q,) root mean square distances, both ways, that they leave.
+    """
+    start = prior[of_target]
+    both, left = [], []
+    for turn in (start.turn, _along_axes(start.turn, target.axes[of_target], source.axes[of_source], handed)):
+        centre = np.einsum("qij,qj->qi", turn, target.centre[of_target]) * start.scale[:, None]
+        motion = Similarities(start.scale, turn, source.centre[of_source] - centre)
+        for _ in range(ROUNDS):
+            here, there, _ = _partners(target, source, of_target, of_source, motion)
+            least, most = start.scale / MOST_SCALE, start.scale * MOST_SCALE
+            motion = Similarities.between(here, there, handed, least, most)
+        both.append(motion)
+        left.append(np.sqrt((_partners(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
+    second = left[1] < CLEARLY_LESS * left[0]
+    q = np.arange(len(of_target))
+    return Similarities.joined(both)[q + len(q) * second], np.where(second, left[1], left[0])
+
+
+def _partners(
+    target: Shells, source: Shells, of_target: Integers, of_source: Integers, motion: Similarities
+) -> tuple[Floats, Floats, Floats]:
+    """Points (q, 2s, 3) of target shells, the points (q, 2s, 3) of source shells nearest to them, and distances."""
+    here, there = target.sparse[of_target], source.sparse[of_source]
+    off, forth = source.nearest(motion(here), of_source)
+    off_back, back = target.nearest(motion.inverse(there), of_target)
+    distances = np.concatenate([off, off_back * motion.scale[:, None]], axis=1)
+    return np.concatenate([here, back], axis=1), np.concatenate([forth, there], axis=1), distances
+
+
+def _along_axes(turn: Floats, of_target: Floats, of_source: Floats, handed: float) -> Floats:
+    """(q, 3, 3) turns that lay principal axes on principal axes, their senses as near to turns (q, 3, 3) as can be."""
+    agreement = np.einsum("qax,qxy,qay->qa", of_source, turn, of_target)
+    sign = np.where(agreement < 0, -1.0, 1.0)
+    aligned = np.einsum("qax,qa,qay->qxy", of_source, sign, of_target)
+    wrong = np.linalg.det(aligned) * handed < 0
+    weakest = np.argmin(np.abs(agreement), axis=1)
+    sign[wrong, weakest[wrong]] *= -1
+    return np.asarray(np.einsum("qax,qa,qay->qxy", of_source, sign, of_target))

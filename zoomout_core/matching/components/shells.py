@@ -1,0 +1,316 @@
+"""From the map between two skins to the map between the shells below them.
+
+The skins' map moves everything along. Where a shell of the target then has its like on the source, one is laid on the
+other by a similarity; all others lie on what of the source is nearest, outer parts on outer ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
+from zoomout_core.matching.components.parts import MOST_PARTS, Part, Side, relation_of
+from zoomout_core.matching.components.shell_registration import Shells, Similarities, registered
+from zoomout_core.matching.components.similarity_field import Motion
+from zoomout_core.matching.constraints import PINNING
+from zoomout_core.matching.pair import Pair, landmark_points
+from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.mesh.triangles import unique_edges
+
+# Points that are moved along at once, which bounds the memory.
+AT_ONCE = 50_000
+# A shell is laid on so many others, of those that are nearest in place and size.
+RIVALS = 6
+# What a pair of shells may miss each other by, over the source's size; how far it may be from where the body's map has
+# it, at unit area; and by which factors its size may differ.
+MOST_MISS, MOST_MOVE, MOST_UNLIKE = 0.3, 0.17, 1.65
+# The cost of a pair: the two above, relative to their limits, a turn in radians, and the logarithm of a scale.
+MISS_COST, MOVE_COST, TURN_COST, SCALE_COST = 1.0, 1.2, 0.1, 1.0
+MOST_COST = 1.5
+# A normal that is off by a right angle counts as much as this distance, at unit area.
+NORMAL_WEIGHT = 0.02
+# A vertex is on the outside that is nearer to the skin than this, at unit area; one that is not lies on an inner part
+# of the source if there is one as near as the next.
+OUTSIDE, INNER_REACH = 0.02, 0.05
+# Half of the trust in the skins' map is left where the source is as far from where that leads as this, at unit area.
+HALF_DISTANCE = 0.045
+# A shell lies on its partner already where half of its vertices are nearer to it than this, at unit area.
+FLUSH = 0.015
+# What of a shell its partner lacks, being farther from it than this at unit area, lies where the body's map has it.
+# Below 0.15 parts of other builds are taken from their partners (`benchmarks characters`, one robot to another).
+BESIDE = 0.2
+# What a landmark moves by less than this part of its own move stays.
+FADED = 0.01
+# Trust in a pair whose edges keep their lengths, and the mean change of length that leaves half of it.
+FULL_TRUST, HALF_STRETCH = 0.9, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Image:
+    """Where some vertices of the target lie on the source's working mesh.
+
+    Attributes:
+        triangle: (n,).
+        barycentric: (n, 3).
+        distance: (n,) from where they were moved to, at unit area of the skin.
+    """
+
+    triangle: Integers
+    barycentric: Floats
+    distance: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LaidShells:
+    """What was found of two surfaces' shells.
+
+    Attributes:
+        surface_map: between the working meshes.
+        confidence: (n,) of the target's working vertices.
+        paired: number of the target's shells that are laid on their like.
+        alone: the part of the target's area for which nothing on the source is near where it is moved to.
+        in_place: whether the two lie over each other, and stay there.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    paired: int
+    alone: float
+    in_place: bool
+
+
+def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
+    """Map the shells of two surfaces, given the map between their skins.
+
+    Args:
+        pair: the surfaces, and the skins' shapes.
+        fit: of the target's skin to the source's.
+        confidence: (n,) at the vertices of the target shape's mesh.
+    """
+    source = Side.of(pair.source, pair.source_shape.proxy.full)
+    target = Side.of(pair.target, pair.target_shape.proxy.full)
+    motion, in_place = _motion(pair, fit, confidence)
+    points, normals, around = _carried(motion, target.points, target.mesh.vertex_normals)
+    kinds = tuple(_outside(side, shape) for side, shape in ((source, pair.source_shape), (target, pair.target_shape)))
+    image = _beneath(points, normals, source, *kinds)
+    trust = np.clip(around, 0, 1) / (1 + (image.distance / HALF_DISTANCE) ** 2)
+    ours, theirs = target.parts(points), source.parts(source.points)
+    partners, motions = _partners(pair, motion, ours[:MOST_PARTS], theirs[:MOST_PARTS], source, target)
+    if partners:
+        shells = OrientedSurface(
+            source.points,
+            source.mesh.triangles,
+            source.mesh.flipped,
+            NORMAL_WEIGHT,
+            source.mesh.component[source.mesh.triangles[:, 0]],
+        )
+    for (i, j), similarity in zip(partners, motions, strict=True):
+        part = ours[i]
+        laid, stretch = _laid_on(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
+        on = laid.distance < np.maximum(BESIDE, image.distance[part.vertices])
+        vertices = part.vertices[on]
+        image.triangle[vertices], image.barycentric[vertices] = laid.triangle[on], laid.barycentric[on]
+        image.distance[vertices] = laid.distance[on]
+        trust[vertices] = FULL_TRUST / (1 + (stretch / HALF_STRETCH) ** 2)
+    surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
+    if pair.exact_landmarks is not None:
+        surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
+    return LaidShells(
+        surface_map,
+        trust,
+        len(partners),
+        float(target.areas[image.distance > HALF_DISTANCE].sum() / target.areas.sum()),
+        in_place,
+    )
+
+
+def _pinned(
+    between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair
+) -> SurfaceMap:
+    """A map between working meshes, bent so that each landmark lands on its partner.
+
+    The displacements that this takes fade with a Gaussian of the distance on the target.
+
+    Args:
+        between: the map.
+        landmarks: (m, 3) places of the source and (m, 3) of the target, in the surfaces' frames and units.
+        source: with its shells.
+        target: with its shells.
+        pair: the surfaces, and the skins' shapes.
+    """
+    goals = pair.source_shape.proxy.full.from_surface(landmarks[0])
+    vertex = np.asarray(cKDTree(target.points).query(pair.target_shape.proxy.full.from_surface(landmarks[1]))[1])
+    images = between.interpolate(source.points)
+    distance = np.linalg.norm(target.points[:, None] - target.points[vertex], axis=2)
+    kernel = np.exp(-((distance / PINNING) ** 2))
+    moves = np.linalg.lstsq(kernel[vertex], goals - images[vertex], rcond=None)[0]
+    bent = np.flatnonzero(kernel.max(axis=1) > FADED)
+    triangle, barycentric = between.triangle.copy(), between.barycentric.copy()
+    triangle[bent], barycentric[bent] = closest_points(
+        images[bent] + kernel[bent] @ moves, source.points, source.mesh.triangles
+    )
+    return SurfaceMap(triangle, barycentric, source.mesh.triangles)
+
+
+def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[Motion, bool]:
+    """How the target's skin moves to the source's, in the frames of the skins, and whether it stays where it is."""
+    source, target = pair.source_shape.proxy, pair.target_shape.proxy
+    centre, size = source.frame
+    bent = centre + size * fit.positions
+    images = np.where(fit.fits[:, None], bent, fit.surface_map.interpolate(source.vertices))
+    places = overlapping(pair)
+    basis = pair.target_shape.basis
+    if pair.source is pair.target or places is None or not leaves_in_place(images, places, basis.areas):
+        return Motion(target.vertices, images, confidence, basis), False
+    return Motion(target.vertices, places, confidence, basis), True
+
+
+def _carried(motion: Motion, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """`Motion.carry` for any number of points."""
+    pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
+    places, turned, trust = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
+    return np.concatenate(places), np.concatenate(turned), np.concatenate(trust)
+
+
+def _outside(side: Side, shape: Shape) -> Booleans:
+    """(n,) which vertices of a surface's working mesh are on the outside."""
+    return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < OUTSIDE)
+
+
+def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans, of_target: Booleans) -> _Image:
+    """The closest points of the source, of outer triangles for outer vertices, and of inner ones for inner ones.
+
+    Args:
+        points: (n, 3) of the target's vertices, on the source.
+        normals: (n, 3) there.
+        source: with its shells.
+        of_source: (n_s,) which vertices of the source are on the outside.
+        of_target: (n,) which of the target.
+    """
+    triangles = source.mesh.triangles
+    outer = of_source[triangles].any(axis=1)
+    number, weights, distance = (
+        np.zeros(len(points), dtype=np.int64),
+        np.zeros((len(points), 3)),
+        np.zeros(len(points)),
+    )
+
+    def look(vertices: Integers, among: Integers, reach: float) -> Integers:
+        """Have vertices lie on some triangles; returns those that are farther off than the reach."""
+        if not len(vertices) or not len(among):
+            return vertices
+        surface = OrientedSurface(source.points, triangles[among], source.mesh.flipped[among], NORMAL_WEIGHT)
+        found, barycentric, apart = surface.closest(points[vertices], normals[vertices])
+        near = apart <= reach
+        chosen = vertices[near]
+        number[chosen], weights[chosen], distance[chosen] = among[found[near]], barycentric[near], apart[near]
+        return vertices[~near]
+
+    rest = look(np.flatnonzero(~of_target), np.flatnonzero(~outer), INNER_REACH)
+    rest = look(np.concatenate([np.flatnonzero(of_target), rest]), np.flatnonzero(outer), np.inf)
+    look(rest, np.arange(len(triangles)), np.inf)
+    return _Image(number, weights, distance)
+
+
+def _partners(
+    pair: Pair, motion: Motion, ours: list[Part], theirs: list[Part], source: Side, target: Side
+) -> tuple[list[tuple[int, int]], list[Similarities]]:
+    """Shells that are each other's like, one to one, by number, and how the target's are laid on the source's."""
+    here = Shells.of([(target.points, target.mesh.triangles[part.triangles]) for part in ours])
+    there = Shells.of([(source.points, source.mesh.triangles[part.triangles]) for part in theirs])
+    prior = _prior(here, motion)
+    images = prior(here.centre[:, None])[:, 0]
+    size = prior.scale * here.size
+    apart = np.linalg.norm(images[:, None] - there.centre, axis=2)
+    unlike = np.abs(np.log(size[:, None] / there.size))
+    # Only what regions part: a bonus for what they share would pair a left shoe with a right one, both of them shoes.
+    strangers = np.isinf(
+        relation_of(
+            target.members([of_target for _, of_target in pair.regions])[: len(ours)],
+            source.members([of_source for of_source, _ in pair.regions])[: len(theirs)],
+        )
+    )
+    rough = apart / MOST_MOVE + unlike / np.log(MOST_UNLIKE)
+    rough[(unlike > np.log(MOST_UNLIKE)) | (apart > MOST_MOVE + size[:, None] / 2) | strangers] = np.inf
+    rivals = np.argsort(rough, axis=1, kind="stable")[:, :RIVALS]
+    i, j = np.repeat(np.arange(len(ours)), rivals.shape[1]), rivals.ravel()
+    possible = np.isfinite(rough[i, j])
+    i, j = i[possible], j[possible]
+    if not len(i):
+        return [], []
+    laid, miss = registered(here, there, i, j, prior, motion.handedness)
+    miss = miss / there.size[j]
+    move = np.linalg.norm(laid(here.centre[i][:, None])[:, 0] - images[i], axis=1)
+    cosine = (np.einsum("qij,qij->q", laid.turn, prior.turn[i]) - 1) / 2
+    cost = (
+        MISS_COST * miss / MOST_MISS
+        + MOVE_COST * move / MOST_MOVE
+        + TURN_COST * np.arccos(np.clip(cosine, -1, 1))
+        + SCALE_COST * np.abs(np.log(laid.scale / prior.scale[i]))
+    )
+    cost[(miss > MOST_MISS) | (move > MOST_MOVE)] = np.inf
+    table = np.full((len(ours), len(theirs)), 10 * MOST_COST)
+    table[i, j] = np.minimum(cost, 10 * MOST_COST)
+    number = np.zeros(table.shape, dtype=np.int64)
+    number[i, j] = np.arange(len(i))
+    chosen = [(a, b) for a, b in zip(*linear_sum_assignment(table), strict=True) if table[a, b] <= MOST_COST]
+    return chosen, [laid[number[a, b] : number[a, b] + 1] for a, b in chosen]
+
+
+def _prior(shells: Shells, motion: Motion) -> Similarities:
+    """How the body moves each of the target's shells as a whole."""
+    flat = shells.sparse.reshape(-1, 3)
+    images = _carried(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)
+    return Similarities.between(shells.sparse, images, motion.handedness)
+
+
+def _laid_on(
+    part: Part,
+    partner: int,
+    similarity: Similarities,
+    scale: float,
+    stays: bool,
+    normals: Floats,
+    shells: OrientedSurface,
+    source: Side,
+    target: Side,
+) -> tuple[_Image, float]:
+    """A shell's image on its partner, and by how much edges change their lengths; the better of two ways to lay it.
+
+    Stiff ones are laid by the similarity, those that bend by the body's map.
+
+    Args:
+        part: of the target, its points where the body's map moves them.
+        partner: number of its partner.
+        similarity: that lays the one on the other.
+        scale: of the body against the source's, by which lengths should change.
+        stays: whether the body stays in place, and with it a shell that lies on its partner there.
+        normals: (n, 3) of all vertices of the target, where the body's map turns them.
+        shells: of the source.
+        source: that they are shells of.
+        target: that the part is of.
+    """
+    rest = target.points[part.vertices]
+    turned = target.mesh.vertex_normals[part.vertices] @ similarity.turn[0].T
+    edges, _ = unique_edges(part.corners)
+    lengths = scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
+    tried = []
+    for places, facing in ((part.points, normals[part.vertices]), (similarity(rest[None])[0], turned)):
+        image = _Image(*shells.closest(places, facing, np.full(len(rest), partner)))
+        corners = source.points[source.mesh.triangles[image.triangle]]
+        on = np.einsum("nc,ncx->nx", image.barycentric, corners)
+        change = np.abs(np.linalg.norm(on[edges[:, 0]] - on[edges[:, 1]], axis=1) - lengths)
+        tried.append((image, float(change.sum() / max(lengths.sum(), 1e-300))))
+        if stays and np.median(image.distance) < FLUSH:
+            break
+    return min(tried, key=itemgetter(1))

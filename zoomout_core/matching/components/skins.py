@@ -1,0 +1,85 @@
+"""One skin around all that belongs to a body, where a character is made of many shells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.oriented_closest_points import surface_samples
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import area_normals, triangle_areas
+from zoomout_core.mesh.voxel_remesh import voxel_remesh
+from zoomout_core.mesh.working_mesh import WorkingMesh
+
+# Voxels along the longest extent, and how far a tight skin lies below the outer sides of its voxels, in voxels.
+TIGHT_RESOLUTION, TIGHT_INSET = 192, 0.7
+# A main part lies below a place of the skin where it is nearer than this, at unit area of the skin: clothes and hair
+# stand off a body by less.
+BELOW = 0.05
+# Points of the skin that are looked at, and of the main part.
+SKIN_POINTS, MAIN_POINTS = 2000, 20_000
+# The mean normal of a closed component is shorter than this.
+CLOSED = 1e-6
+
+
+def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
+    """One closed skin around a surface; `vertex_of` tells the skin's vertex nearest to each of the surface's.
+
+    The grid that it is drawn on lies along the surface's principal axes, so that it turns with the surface.
+
+    Args:
+        surface: any mesh.
+        tight: draw it on a finer grid and a little below the surface, which parts limbs that touch, and loses what is
+            thin.
+    """
+    mesh = surface.working
+    axes = _principal_axes(mesh)
+    how = (TIGHT_RESOLUTION, TIGHT_INSET) if tight else ()
+    vertices, triangles = voxel_remesh(mesh.vertices @ axes.T, mesh.triangles, *how)
+    skin, _ = Surface(vertices @ axes, triangles).working.part(0)
+    nearest = np.asarray(cKDTree(skin.vertices).query(skin.from_surface(mesh.vertices))[1])
+    return replace(
+        skin,
+        vertex_of=np.where(mesh.vertex_of >= 0, nearest[mesh.vertex_of], -1),
+        triangle_of=np.zeros(0, dtype=np.int64),
+        scale=mesh.scale * skin.scale,
+        origin=mesh.to_surface(skin.origin),
+        is_skin=True,
+    )
+
+
+def covered_by_main_part(surface: Surface, skin: WorkingMesh) -> float:
+    """The part of a skin's area, in [0, 1], below which the largest component of its surface lies."""
+    mesh = surface.working
+    largest = mesh.triangles[mesh.component[mesh.triangles[:, 0]] == 0]
+    below, _ = surface_samples(mesh.vertices, largest, MAIN_POINTS)
+    on_skin, _ = surface_samples(skin.vertices, skin.triangles, SKIN_POINTS)
+    distance = cKDTree(skin.from_surface(mesh.to_surface(below))).query(on_skin)[0]
+    return float(np.mean(distance < BELOW))
+
+
+def turned_outwards(mesh: WorkingMesh, skin: WorkingMesh) -> WorkingMesh:
+    """A surface's working mesh with its open components wound as the skin around them is: nothing else tells."""
+    triangles = mesh.oriented_triangles
+    near = cKDTree(skin.vertices).query(skin.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
+    normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]
+    agreement = np.bincount(component, np.einsum("mx,mx->m", normals, skin.vertex_normals[near]))
+    mean = np.stack([np.bincount(component, normals[:, axis]) for axis in range(3)], axis=1)
+    area = np.bincount(component, np.linalg.norm(normals, axis=1))
+    inward = (np.linalg.norm(mean, axis=1) > CLOSED * area) & (agreement < 0)
+    return replace(mesh, flipped=mesh.flipped ^ inward[component])
+
+
+def _principal_axes(mesh: WorkingMesh) -> Floats:
+    """(3, 3) rows: directions along which a mesh's area spreads most to least, turned towards its longer tails."""
+    centres = mesh.vertices[mesh.triangles].mean(axis=1)
+    areas = triangle_areas(mesh.vertices, mesh.triangles)
+    centres = centres - areas @ centres / areas.sum()
+    axes = np.linalg.eigh(centres.T @ (areas[:, None] * centres))[1].T[::-1]
+    skew = areas @ (centres @ axes.T) ** 3
+    axes = axes * np.where(skew < 0, -1, 1)[:, None]
+    axes[2] *= np.sign(np.linalg.det(axes))
+    return np.asarray(axes)

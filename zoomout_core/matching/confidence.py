@@ -1,0 +1,94 @@
+"""How far a map can be trusted, vertex by vertex."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.maps.surface_map import SurfaceMap, turned_over
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.spectral.descriptors import sum_at_vertices
+
+# Expected error, at unit area, at which confidence halves: there half of the vertices are off by more than 0.025 and a
+# fifth by more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
+HALF_CONFIDENCE = 0.022
+# Diffusion length, at unit area, over which evidence is pooled: an error is rarely a single vertex's.
+POOLING = 0.05
+# What going there and back misses by more than this, at unit area, has no partner: gorillas and men miss by less.
+WITHOUT_PARTNER = 0.07
+
+
+def confidence_of(
+    there: SurfaceMap, back: SurfaceMap, functional_map: Floats, source: Shape, target: Shape, mirrored: bool
+) -> tuple[Floats, float]:
+    """Confidence from the error that two witnesses agree on, and from triangles that the map turns over.
+
+    The witnesses are the distance by which going there and back misses the start, and the disagreement of the
+    eigenfunctions at the two ends. Either alone is fooled: by a map that is wrong both ways alike, and by places
+    that look alike to the spectrum. Their geometric mean orders errors better than both.
+
+    Args:
+        there: from the target's mesh to the source's.
+        back: from the source's mesh to the target's, found on its own.
+        functional_map: (k_target, k_source) of the map there.
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        mirrored: the map reverses the orientation.
+
+    Returns:
+        (n_t,) in [0, 1], and the part of the target's area, in [0, 1], that the map turns over.
+    """
+    cycle = cycle_error(there, back, target.mesh.vertices)
+    witnesses = np.column_stack([cycle, _spectral_error(there, functional_map, source, target)])
+    pooled = np.maximum(target.basis.smoothed(witnesses, POOLING**2), 0)
+    expected = np.sqrt(pooled[:, 0] * pooled[:, 1])
+    triangles = target.mesh.oriented_triangles
+    normals = there.interpolate(source.mesh.vertex_normals) * (-1 if mirrored else 1)
+    over = turned_over(there.interpolate(source.mesh.vertices), normals, triangles)
+    area = triangle_areas(target.mesh.vertices, triangles)
+    shares = sum_at_vertices(triangles, np.column_stack([area * ~over, area]), len(expected))
+    upright = shares[:, 0] / np.maximum(shares[:, 1], 1e-300)
+    return upright / (1 + (expected / HALF_CONFIDENCE) ** 2), float(area[over].sum() / area.sum())
+
+
+def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: Shape) -> float:
+    """The part of the target's area, in [0, 1], to which nothing on the source seems to correspond.
+
+    A tail that the source lacks goes to its surroundings there, from where no way leads back.
+
+    Args:
+        there: from the target's mesh to the source's.
+        back: from the source's mesh to the target's, found on its own.
+        target: the shape that is asked about.
+    """
+    cycle = cycle_error(there, back, target.mesh.vertices)[:, None]
+    lost = target.basis.smoothed(cycle, POOLING**2)[:, 0] > WITHOUT_PARTNER
+    return float(target.basis.areas[lost].sum())
+
+
+def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:
+    """(n_t,) distance between each target vertex and where going there and back leads, in the vertices' unit.
+
+    Args:
+        there: from the target's vertices to the source.
+        back: from the source's vertices to the target, found on its own.
+        target_vertices: (n_t, 3) positions.
+    """
+    returned = there.interpolate(back.interpolate(target_vertices))
+    return np.asarray(np.linalg.norm(returned - target_vertices, axis=1))
+
+
+def _spectral_error(there: SurfaceMap, functional_map: Floats, source: Shape, target: Shape) -> Floats:
+    """(n_t,) disagreement of the eigenfunctions at the two ends, as a distance at unit area."""
+    k_target, k_source = functional_map.shape
+    mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T
+    return spectral_distance(target.basis.eigenvectors[:, :k_target], mapped, target.basis.eigenvalues[:k_target])
+
+
+def spectral_distance(rows: Floats, others: Floats, eigenvalues: Floats) -> Floats:
+    """(n,) difference of values of the first eigenfunctions (n, k), as a distance at unit area.
+
+    A step d changes the first k eigenfunctions, on average, by d times the root of half their eigenvalues' sum.
+    """
+    return np.asarray(np.linalg.norm(rows - others, axis=1) / np.sqrt(eigenvalues.sum() / 2))

@@ -1,0 +1,194 @@
+"""What a user knows beforehand: landmarks, common axes, regions of the same name, an earlier map.
+
+Evidence never decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
+anchors where it names places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse.csgraph import dijkstra
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.maps.surface_map import SurfaceMap, vertex_numbers
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.anchors import Anchors, coordinates
+from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_part
+from zoomout_core.matching.scores import IN_SPACE, Disagreement, correlation
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph
+
+Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
+Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
+
+# Diffusion length, at unit area, that makes a function of a region, and the factor that brings it to unit scale.
+REGION_WIDTH, REGION_SCALE = 0.05, 2.0
+# How far, at unit area, a landmark that is held exactly takes its surroundings along.
+PINNING = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known of the right map.
+
+    Attributes:
+        landmarks: places on the source and on the target that correspond, as `landmarks_on_parts` takes them.
+        common_axes: (a, 3) directions in which both surfaces stand alike, such as the up axis, or none.
+        regions: for each region of both, such as a vertex group, its source vertices and its target vertices.
+        earlier: (s,) source shape vertex of each search sample of the target by an earlier map, or None.
+        standing: (s, 3) where the search samples of the target are, in the frame of the source's part, if the two lie
+            over each other, else None.
+    """
+
+    landmarks: Landmarks | None
+    common_axes: Floats
+    regions: list[tuple[Integers, Integers]]
+    earlier: Integers | None = None
+    standing: Floats | None = None
+
+    def anchors(self, pair: Pair) -> Anchors | None:
+        """Functions of the regions that hold a map in place."""
+        sides = [
+            REGION_SCALE
+            * np.column_stack([shape.basis.smoothed(member[:, None], REGION_WIDTH**2) for member in members])
+            for shape, members in zip((pair.source_shape, pair.target_shape), self._members(pair), strict=True)
+            if members
+        ]
+        return Anchors(*sides) if sides else None
+
+    def disagreement(self, pair: Pair) -> Disagreement:
+        """What tells how far a map disagrees with each kind of evidence."""
+        source, target = pair.source_shape, pair.target_shape
+        here = target.search.samples
+        missed = None if self.landmarks is None else _landmark_distance(pair, self.landmarks)
+        members = list(zip(*self._members(pair), strict=True))
+        heights = [
+            _positions(surface, shape)[shape.search.samples] @ self.common_axes.T
+            for surface, shape in ((pair.target, target), (pair.source, source))
+            if len(self.common_axes)
+        ]
+
+        def known(functional_map: Floats, sample_map: Integers, anchors: Anchors | None) -> dict[str, float]:
+            there = source.search.samples[sample_map]
+            disagreements = {}
+            if missed is not None:
+                disagreements["landmarks"] = missed(functional_map, anchors)
+            if self.earlier is not None:
+                first = source.nearest_distance_sample[sample_map]
+                disagreements["earlier map"] = float(target.weights @ source.distances[first, self.earlier])
+            if self.standing is not None:
+                moved = np.linalg.norm(source.proxy.vertices[there] - self.standing, axis=1)
+                disagreements[IN_SPACE] = float(target.weights @ moved)
+            if heights:
+                agreement = correlation(heights[0], heights[1][sample_map], target.weights)
+                disagreements["axes"] = 1 - agreement
+            if members:
+                overlaps = [
+                    (target.weights @ (of_target[here] * of_source[there]))
+                    / max(target.weights @ np.maximum(of_target[here], of_source[there]), 1e-300)
+                    for of_source, of_target in members
+                ]
+                disagreements["regions"] = float(1 - np.mean(overlaps))
+            return disagreements
+
+        return known
+
+    def _members(self, pair: Pair) -> tuple[list[Floats], list[Floats]]:
+        """For the source's and the target's shape, (n,) indicators of the regions that both have vertices of."""
+        sides: tuple[list[Floats], list[Floats]] = [], []
+        for of_source, of_target in self.regions:
+            members = (
+                _members_on_shape(of_source, pair.source, pair.source_shape),
+                _members_on_shape(of_target, pair.target, pair.target_shape),
+            )
+            if all(member.any() and not member.all() for member in members):
+                for side, member in zip(sides, members, strict=True):
+                    side.append(member)
+        return sides
+
+
+def checked_axes(common_axes: ArrayLike | None) -> Floats:
+    """(a, 3) unit vectors.
+
+    Raises:
+        ValueError: these are no directions.
+    """
+    axes = np.zeros((0, 3)) if common_axes is None else np.atleast_2d(np.asarray(common_axes, dtype=float))
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    if axes.ndim != 2 or axes.shape[1] != 3 or not np.isfinite(axes).all() or (length == 0).any():
+        raise ValueError("common_axes must be directions such as (0, 0, 1), one or several of them.")
+    return np.asarray(axes / length)
+
+
+def checked_regions(regions: Regions | None, source: Surface, target: Surface) -> list[tuple[Integers, Integers]]:
+    """Vertex numbers of the source and of the target for each region.
+
+    Raises:
+        ValueError: a region is no pair of lists of vertices.
+    """
+    checked = []
+    for number, region in enumerate(() if regions is None else regions):
+        if len(region) != 2:
+            raise ValueError(f"Region {number} must be a pair: its vertices on the source, and those on the target.")
+        checked.append(
+            (
+                vertex_numbers(region[0], len(source.vertices), f"Region {number} of the source"),
+                vertex_numbers(region[1], len(target.vertices), f"Region {number} of the target"),
+            )
+        )
+    return checked
+
+
+def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
+    """The map between the shapes' meshes, bent so that each landmark lands on its partner.
+
+    The displacements that this takes fade with a Gaussian of the geodesic distance on the target.
+    """
+    source, target = pair.source_shape, pair.target_shape
+    source_ids, target_ids = landmarks_on_parts(pair, landmarks)
+    images = between.interpolate(source.mesh.vertices)
+    graph = edge_graph(target.mesh.vertices, target.mesh.triangles)
+    distance = np.atleast_2d(dijkstra(graph, indices=target_ids))
+    kernel = np.exp(-((distance / PINNING) ** 2))
+    missed = source.mesh.vertices[source_ids] - images[target_ids]
+    bent = images + kernel.T @ np.linalg.lstsq(kernel[:, target_ids], missed, rcond=None)[0]
+    triangles = source.mesh.triangles
+    return SurfaceMap(*closest_points(bent, source.mesh.vertices, triangles), triangles)
+
+
+def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:
+    """What gives the sum of the distances, at unit area, between the landmarks and where a map sends their partners."""
+    source, target = pair.source_shape, pair.target_shape
+    source_ids, target_ids = landmarks_on_parts(pair, landmarks)
+    graph = edge_graph(source.mesh.vertices, source.mesh.triangles)
+    distances = dijkstra(graph, indices=source_ids)
+
+    def missed(functional_map: Floats, anchors: Anchors | None) -> float:
+        at_landmarks = None if anchors is None else Anchors(anchors.source, anchors.target[target_ids])
+        rows = target.basis.eigenvectors[target_ids]
+        image = nearest(*coordinates(rows, source.basis.eigenvectors, functional_map, at_landmarks))
+        return float(distances[np.arange(len(image)), image].sum())
+
+    return missed
+
+
+def _positions(surface: Surface, shape: Shape) -> Floats:
+    """(n, 3) the vertices of a shape's mesh in the surface's own frame."""
+    return positions_of_part(surface, shape)[shape.proxy.full_vertex]
+
+
+def _members_on_shape(vertices: Integers, surface: Surface, shape: Shape) -> Floats:
+    """(n,) 1 at the vertices of a shape's mesh that stand for some of the surface's vertices."""
+    of_surface = np.zeros(len(surface.vertices), dtype=bool)
+    of_surface[vertices] = True
+    vertex_of = shape.proxy.full.vertex_of
+    of_part = np.zeros(len(shape.proxy.full.vertices))
+    of_part[vertex_of[of_surface & (vertex_of >= 0)]] = 1
+    return np.asarray(of_part[shape.proxy.full_vertex])

@@ -1,0 +1,132 @@
+"""Prepared shapes on disk, for the next process: bounded, versioned, and safe where several processes write at once.
+
+Nothing in the files can run: they are plain arrays. One that cannot be read is as good as none.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from time import time
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.proxy import Proxy
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+
+# To be raised when the same mesh is prepared differently, or stored differently.
+FORMAT = 2
+MOST_BYTES = 1 << 30
+# Seconds after which a file that was begun and not finished is one that a process left behind.
+ABANDONED = 3600
+
+MESH_ARRAYS = "vertices", "triangles", "flipped", "vertex_of", "triangle_of", "component", "origin"
+SPARSE_ARRAYS = "data", "indices", "indptr"
+
+_log = logging.getLogger(__name__)
+
+
+class ShapeFolder:
+    """A folder of prepared shapes.
+
+    Args:
+        folder: made if it is missing.
+        most_bytes: what the shapes may take; those used longest ago go first.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> None:
+        self._folder = Path(folder) / f"shapes-{FORMAT}-{_package_version()}"
+        self._most_bytes = most_bytes
+
+    def load(self, key: bytes, part: WorkingMesh) -> Shape | None:
+        """The shape of a part that was stored under a key, or None."""
+        path = self._path(key)
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                shape = _shape({name: arrays[name] for name in arrays.files}, part)
+            os.utime(path)  # used just now
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # what numpy and zip raise on a broken file depends on where they stumble
+            _log.warning("A stored shape cannot be read and is prepared anew: %s (%s)", path, error)
+            with suppress(OSError):  # another process may have removed it, or read it just now
+                path.unlink()
+            return None
+        return shape
+
+    def save(self, key: bytes, shape: Shape) -> None:
+        """Store a shape. Where that fails, as on a full disk, a warning is logged and nothing else happens."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with NamedTemporaryFile(dir=self._folder, suffix=".part", delete=False) as file:
+                np.savez(file, **_arrays(shape))
+            os.replace(file.name, self._path(key))  # all at once: no process ever reads a half-written file
+            self._make_room()
+        except OSError as error:
+            _log.warning("A prepared shape cannot be stored in %s: %s", self._folder, error)
+
+    def _path(self, key: bytes) -> Path:
+        return self._folder / f"{key.hex()}.npz"
+
+    def _make_room(self) -> None:
+        """Remove what was used longest ago, and what other processes left behind."""
+        seen = []
+        for path in self._folder.iterdir():
+            with suppress(OSError):  # another process was faster
+                status = path.stat()
+                if path.suffix == ".npz":
+                    seen.append((status.st_mtime, status.st_size, path))
+                elif time() - status.st_mtime > ABANDONED:
+                    path.unlink()
+        total = sum(size for _, size, _ in seen)
+        for _, size, path in sorted(seen):
+            if total <= self._most_bytes:
+                break
+            with suppress(OSError):  # another process removed it, or has it open
+                path.unlink()
+            total -= size
+
+
+def _package_version() -> str:
+    try:
+        return version("zoomout-core")
+    except PackageNotFoundError:  # run from its sources
+        return "sources"
+
+
+def _arrays(shape: Shape) -> dict[str, Any]:
+    """All that `_shape` needs beside the part itself."""
+    proxy, basis = shape.proxy, shape.basis
+    arrays = {
+        "eigenvalues": basis.eigenvalues,
+        "eigenvectors": basis.eigenvectors,
+        "areas": basis.areas,
+        "samples": shape.sampled.samples,
+        "distances": shape.distances,
+        **{f"stiffness.{name}": getattr(shape.stiffness, name) for name in SPARSE_ARRAYS},
+    }
+    if proxy.mesh is not proxy.full:
+        arrays |= {f"mesh.{name}": getattr(proxy.mesh, name) for name in MESH_ARRAYS}
+        arrays |= {"mesh.scale": np.array(proxy.mesh.scale), "vertices": proxy.vertices, "merged": proxy.merged}
+    return arrays
+
+
+def _shape(arrays: dict[str, Any], part: WorkingMesh) -> Shape:
+    if "merged" in arrays:
+        mesh = WorkingMesh(**{name: arrays[f"mesh.{name}"] for name in MESH_ARRAYS}, scale=float(arrays["mesh.scale"]))
+        proxy = Proxy(part, mesh, arrays["vertices"], arrays["merged"])
+    else:
+        proxy = Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
+    n = len(arrays["areas"])
+    stiffness = csc_array(tuple(arrays[f"stiffness.{name}"] for name in SPARSE_ARRAYS), shape=(n, n))
+    basis = SpectralBasis(arrays["eigenvalues"], arrays["eigenvectors"], arrays["areas"], proxy.mesh.vertices)
+    return Shape(proxy, stiffness, basis, SampledBasis.of(basis, arrays["samples"]), arrays["distances"])

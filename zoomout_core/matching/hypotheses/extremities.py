@@ -1,0 +1,290 @@
+"""Hypotheses from extremities: hands, feet, head, tail, matched by their distances along the surface.
+
+Extremities are the persistent maxima of the average geodesic distance. The ways to pair those of two shapes are
+weighed by how well they keep the distances between them; many are looked at, for a shape and its mirror image keep
+them alike, and a limb that only one shape has makes wrong ones look better. The distances to the paired extremities,
+and the sense in which these turn around each point, then give a map by nearest neighbours. What that keeps all over
+the surface decides which pairings are refined, and they hold the map in place meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice, zip_longest
+
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.matching.analysis import Shape, once_per_shape
+from zoomout_core.matching.anchors import Anchors
+from zoomout_core.matching.hypotheses.hypothesis import SAME_MAP, Hypothesis, alike
+from zoomout_core.matching.hypotheses.landmarks import anchored_hypothesis
+from zoomout_core.matching.landmark_features import Places, places_on
+from zoomout_core.matching.local_rigid_alignment import sides_are_known
+from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of, total_score
+from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.mesh.working_mesh import WorkingMesh
+
+# Rise of the average distance above the pass to a higher maximum, at unit area: heads have 0.14 and more,
+# hands and feet 0.34 and more, fingers 0.05.
+PERSISTENCE = 0.09
+FEWEST, MOST = 3, 12
+# How many pairings of all extremities are looked at, how many that leave one out, or two, or three: a limb that only
+# one shape has, and its neighbours' changed places, make the right pairing one of many.
+QUOTAS = (60, 30, 15, 8)
+# At so many levels of persistence, the leading tips are paired on their own too.
+LEVELS = 2
+# So many are kept whose distances are the most consistent, and so many in all, then those whose first maps, taken down
+# to functional maps of some size, score best.
+KEPT_CONSISTENT, KEPT, COARSE_SIZE = 8, 16, 20
+# Entries of the table of extensions that the search for pairings goes through at a time. With up to seven
+# extremities on either side no pairing is lost.
+BEAM = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Extremities:
+    """The tips of a shape.
+
+    Attributes:
+        places: the tips' vertices, the most persistent first, and their functions.
+        average_distance: (m,) to all of the surface, at unit area.
+        persistence: (m,) how far each stands out.
+    """
+
+    places: Places
+    average_distance: Floats
+    persistence: Floats
+
+    @property
+    def vertices(self) -> Integers:
+        """(m,) of the mesh, the most persistent first."""
+        return self.places.vertices
+
+    @property
+    def between(self) -> Floats:
+        """(m, m) geodesic distances between the tips."""
+        distances = self.places.distances[self.vertices]
+        return (distances + distances.T) / 2
+
+    def leading(self, count: int) -> Extremities:
+        """The most persistent ones alone."""
+        places = Places(
+            self.places.vertices[:count], self.places.distances[:, :count], self.places.turns[:, :count, :count]
+        )
+        return Extremities(places, self.average_distance[:count], self.persistence[:count])
+
+
+def extremity_hypotheses(
+    source: Shape,
+    target: Shape,
+    disagreement: Disagreement = nothing_known,
+    sides: tuple[int, ...] | None = None,
+    wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
+) -> list[Hypothesis]:
+    """The maps that pairings of extremities suggest; none where a shape has too few of them.
+
+    Args:
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        disagreement: with what is known of the map.
+        sides: 1 for maps that keep the orientation, -1 for those that reverse it. Those that keep it, when not given,
+            and where sides are not known the others too.
+        wanted: which pairings are tried, by the numbers of tips in each shape, in parallel.
+    """
+    tips_source, tips_target = extremities(source), extremities(target)
+    if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
+        return []
+    if sides is None:
+        sides = (1,) if sides_are_known(source, target) else (1, -1)
+    found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
+    tips = tips_source, tips_target
+    return [guess for side in sides for guess in _best_maps(source, target, *tips, found, side, disagreement)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A pairing's first map: its score, the biharmonic coordinates of its images, and the paired tips."""
+
+    score: float
+    place: Floats
+    of_target: Integers
+    of_source: Integers
+
+    @property
+    def pairs(self) -> str:
+        """The pairs in words."""
+        return " ".join(f"{t}-{s}" for t, s in zip(self.of_target, self.of_source, strict=True))
+
+
+def _best_maps(
+    source: Shape,
+    target: Shape,
+    tips_source: Extremities,
+    tips_target: Extremities,
+    found: list[tuple[Integers, Integers]],
+    side: int,
+    disagreement: Disagreement,
+) -> list[Hypothesis]:
+    """The distinct maps of pairings that keep best what an isometry keeps."""
+    at_source = tips_source.places.at(source.search.samples)
+    at_target = tips_target.places.at(target.search.samples)
+    size = min(COARSE_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    tried = []
+    for of_target, of_source in found:
+        sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
+        functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
+        scores = scores_of(functional_map, sample_map, source, target, side < 0)
+        scores |= disagreement(functional_map, sample_map, None)
+        tried.append(_Tried(total_score(scores), source.coordinates[sample_map], of_target, of_source))
+    by_score = np.argsort([one.score for one in tried], kind="stable")
+    by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
+    same = alike([one.place for one in tried], SAME_MAP)
+    kept: list[int] = []
+    for quota, by_merit in ((KEPT_CONSISTENT, range(len(tried))), (KEPT, by_score)):
+        for i in by_merit:
+            if len(kept) < quota and not same[i, kept].any():
+                # Of like maps always the same one, in whatever order they come: that which most pairs hold in place.
+                kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
+    return [
+        anchored_hypothesis(
+            f"extremities {one.pairs}" + ", mirrored" * (side < 0),
+            source,
+            target,
+            Anchors(tips_source.places.features(one.of_source), tips_target.places.features(one.of_target, side)),
+        )
+        for one in (tried[i] for i in kept)
+    ]
+
+
+@once_per_shape
+def extremities(shape: Shape) -> Extremities:
+    """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 12."""
+    average = _average_distance(shape)
+    vertices, persistence = _maxima(shape)
+    count = int(np.clip((persistence > PERSISTENCE).sum(), FEWEST, MOST))
+    vertices, persistence = vertices[:count], persistence[:count]
+    return Extremities(places_on(shape, vertices), average[vertices], persistence)
+
+
+def has_extremities(shape: Shape) -> bool:
+    """Whether enough tips stand out clearly to go by them."""
+    _, persistence = _maxima(shape)
+    return int((persistence > PERSISTENCE).sum()) >= FEWEST
+
+
+@once_per_shape
+def _maxima(shape: Shape) -> tuple[Integers, Floats]:
+    return _persistent_maxima(_average_distance(shape), shape.mesh)
+
+
+@once_per_shape
+def _average_distance(shape: Shape) -> Floats:
+    """(n,) geodesic distance to all of the surface."""
+    owner = np.argmin(shape.distances, axis=0)
+    mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))
+    return np.asarray(mass @ shape.distances)
+
+
+def _all_pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
+    """Pairings of all extremities, and of the leading ones alone, those first that keep distances best."""
+    counts = _levels(first.persistence, second.persistence)
+    found = [pairings(first, second), *(pairings(first.leading(count), second.leading(count)) for count in counts)]
+    # In turns, so that the most consistent ones of each come first.
+    return [pairing for turn in zip_longest(*found) for pairing in turn if pairing is not None]
+
+
+def _levels(first: Floats, second: Floats) -> list[int]:
+    """Numbers of leading tips after which the persistence of both shapes drops: there they may correspond one to one.
+
+    Claws, ears and horns come and go with pose and proportions; limbs do not.
+    """
+    counts = np.arange(FEWEST, min(len(first), len(second)))
+    drop = np.minimum(first[counts - 1] / first[counts], second[counts - 1] / second[counts])
+    best = counts[np.argsort(-drop, kind="stable")][:LEVELS]
+    return [int(count) for count in best if len(first) != len(second) or count < len(first)]
+
+
+def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
+    """The most consistent pairings of two shapes' extremities, the best first: numbers in each, in parallel."""
+    units = first.average_distance.mean(), second.average_distance.mean()
+    distances, average, persistence = (
+        (getattr(first, name) / units[0], getattr(second, name) / units[1])
+        for name in ("between", "average_distance", "persistence")
+    )
+    single = np.abs(average[0][:, None] - average[1]) / 2 + np.abs(persistence[0][:, None] - persistence[1]) / 2
+    mutual = np.abs(distances[0][:, None, :, None] - distances[1][None, :, None, :])
+    full = min(single.shape)
+    kept: list[tuple[Integers, Integers]] = []
+    for left_out, quota in enumerate(QUOTAS):
+        if full - left_out >= min(full, FEWEST):
+            kept += islice(zip(*cheapest_pairings(single, mutual, full - left_out), strict=True), quota)
+    return kept
+
+
+def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Integers, Integers]:
+    """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
+
+    Args:
+        single: (a, b) what it costs to pair an element of the first set with one of the second.
+        mutual: (a, b, a, b) what it costs to have two pairs side by side.
+        size: how many pairs; the cost is the mean over the pairs plus the mean over all twos of them.
+
+    Returns:
+        (p, size) elements of the first set, in rising order, and (p, size) their partners.
+    """
+    a, b = single.shape
+    width = BEAM // (a * b)
+    twos = max(size * (size - 1) // 2, 1)
+    left = right = np.empty((1, 0), dtype=np.int64)
+    total, extension = np.zeros(1), single[None] / size  # what each further pair would add to each pairing
+    for depth in range(size):
+        room = a - (size - depth) + 1  # leaves elements of the first set for the pairs to come
+        cost = (total[:, None, None] + extension[:, :room]).ravel()
+        count = min(width, int(np.isfinite(cost).sum()))
+        best = np.argpartition(cost, count - 1)[:count]
+        pairing, i, j = np.unravel_index(best, (len(total), room, b))
+        left, right = np.column_stack([left[pairing], i]), np.column_stack([right[pairing], j])
+        total, extension = cost[best], extension[pairing] + mutual[i, j] / twos
+        extension[np.arange(a) <= i[:, None]] = np.inf
+        extension[np.arange(count), :, j] = np.inf
+    order = np.argsort(total, kind="stable")
+    return left[order], right[order]
+
+
+def _persistent_maxima(values: Floats, mesh: WorkingMesh) -> tuple[Integers, Floats]:
+    """Local maxima of a function on the mesh and their persistence, by falling persistence.
+
+    Every vertex belongs to the hill that the steepest way up leads to. Of two hills the lower one ends at the
+    highest pass between them (Edelsbrunner, Letscher and Zomorodian 2002).
+    """
+    order = np.argsort(-values, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    ends, _ = unique_edges(mesh.triangles)
+    low, high = np.sort(rank[ends], axis=1).T[::-1]  # ranks: the lower a place, the larger its rank
+    above = np.arange(len(order))
+    np.minimum.at(above, low, high)
+    while (above != above[above]).any():
+        above = above[above]
+    passes = np.flatnonzero(above[low] != above[high])
+    passes = passes[np.argsort(low[passes], kind="stable")]
+    joined = np.arange(len(order))  # union-find of the tops, by rank: a link to a higher one
+    height = values[order]
+    tops = np.unique(above)
+    persistence = height[tops] - height[-1]
+    for top_a, top_b, saddle in zip(above[low[passes]], above[high[passes]], low[passes], strict=True):
+        a, b = _root(joined, top_a), _root(joined, top_b)
+        if a != b:
+            joined[max(a, b)] = min(a, b)
+            persistence[np.searchsorted(tops, max(a, b))] = height[max(a, b)] - height[saddle]
+    falling = np.argsort(-persistence, kind="stable")
+    return order[tops[falling]], persistence[falling]
+
+
+def _root(links: Integers, entry: int) -> int:
+    while links[entry] != entry:
+        entry = links[entry]
+    return entry

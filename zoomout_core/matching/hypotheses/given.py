@@ -1,0 +1,75 @@
+"""Starts from a map that is there already: the user's, or the nearest points in space."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.zoomout import checked_start
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.pair import Pair, positions_of_part, surface_vertices
+from zoomout_core.spectral.eigenbasis import eigenbasis
+
+# Size of the functional map that a map of all vertices is taken down to.
+SIZE = 20
+
+
+def proximity_hypothesis(pair: Pair) -> Hypothesis:
+    """Each target vertex corresponds to the nearest point of the source in their common frame."""
+    part = pair.source_shape.proxy.full
+    target_positions = positions_of_part(pair.target, pair.target_shape)[pair.target_shape.proxy.full_vertex]
+    place = closest_points(target_positions, positions_of_part(pair.source, pair.source_shape), part.triangles)
+    return _pointwise("nearest points in space", SurfaceMap(*place, part.triangles).interpolate(part.vertices), pair)
+
+
+def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothesis:
+    """The user's own map.
+
+    Args:
+        pair: the two surfaces.
+        initial_map: a SurfaceMap, a source vertex for each target vertex (n_t,), or a functional map between
+            `eigenbasis(source)` and `eigenbasis(target)`.
+
+    Raises:
+        ValueError: it does not fit the surfaces.
+    """
+    vertex = _given_vertices(pair, initial_map)
+    target = pair.target_shape
+    image = vertex[surface_vertices(target, np.arange(len(target.mesh.vertices)))]
+    # Images off the source's main part move to the nearest vertex of it.
+    on_part = pair.source_shape.proxy.full.vertex_of[image]
+    off = on_part < 0
+    if off.any():
+        tree = cKDTree(positions_of_part(pair.source, pair.source_shape))
+        on_part[off] = tree.query(pair.source.vertices[image[off]])[1]
+    return _pointwise("a given map", pair.source_shape.proxy.full.vertices[on_part], pair)
+
+
+def _given_vertices(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Integers:
+    """(n_t,) the source vertex that the given map has for each target vertex."""
+    if isinstance(initial_map, SurfaceMap):
+        if not np.array_equal(initial_map.source_triangles, pair.source.triangles):
+            raise ValueError(
+                "The given map leads to the triangles of another surface than this source: match with that one."
+            )
+        initial_map = initial_map.vertex
+    start = checked_start(initial_map, len(pair.source.vertices), len(pair.target.vertices))
+    if start.ndim == 1:
+        return start
+    k_target, k_source = start.shape
+    if k_target >= len(pair.target.vertices) or k_source >= len(pair.source.vertices):
+        raise ValueError(f"The given functional map is {start.shape}, larger than the meshes allow.")
+    return vertex_map_of(start, eigenbasis(pair.source, k_source), eigenbasis(pair.target, k_target))
+
+
+def _pointwise(origin: str, images: Floats, pair: Pair) -> Hypothesis:
+    """The hypothesis that each vertex of the target's mesh goes to a place (n_t, 3) in the source part's frame."""
+    source, target = pair.source_shape, pair.target_shape
+    vertex = np.asarray(cKDTree(source.proxy.vertices).query(images)[1])
+    size = min(SIZE, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    return Hypothesis(origin, functional_map_of(vertex, source.basis, target.basis, size, size))

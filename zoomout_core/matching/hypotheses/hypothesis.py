@@ -1,0 +1,46 @@
+"""A guess at the map between two shapes, to be refined and compared with others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.matching.anchors import Anchors
+
+# Maps whose images differ by less than this part of their variance are the same map.
+SAME_MAP = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A small functional map and where it comes from.
+
+    Attributes:
+        origin: in words, for the report.
+        functional_map: (k_target, k_source).
+        anchors: what holds the map in place while it is compared with others, if anything does.
+        final_anchors: what holds it to the end. Guesses alone would only keep it from settling.
+    """
+
+    origin: str
+    functional_map: Floats
+    anchors: Anchors | None = None
+    final_anchors: Anchors | None = None
+
+
+def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
+    """(m, m) whether each of m maps is the same as each other one.
+
+    Args:
+        places: of each map the coordinates (s, d) of the images of all samples.
+        tolerance: the largest mean squared difference of the same map, as a part of the variance of its places.
+    """
+    flat = np.stack([np.ravel(place - place.mean(axis=0)) for place in places]).astype(np.float32)
+    means = np.stack([place.mean(axis=0) for place in places])
+    spread = (flat**2).sum(axis=1)
+    shift = ((means[:, None] - means) ** 2).sum(axis=2) * len(places[0])
+    distance = spread[:, None] + spread - 2 * flat @ flat.T + shift
+    return np.asarray(distance <= tolerance * spread[:, None])

@@ -1,0 +1,47 @@
+"""Hypotheses for round shapes: eigenfunctions of one eigenvalue are known up to a turn among themselves.
+
+Where the first eigenvalues come in pairs, as on a vase, a table or a ring, no choice of signs finds the right map.
+Nor can anything else where the shape is truly symmetric; its turned images then show how uncertain any map is.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+
+# Eigenvalues closer than this, relatively, count as one.
+SAME_EIGENVALUE = 0.03
+ANGLES = 8
+# Pairs are looked for among so many leading eigenfunctions.
+LEADING = 4
+
+
+def rotation_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
+    """Turns and mirrored turns of the first pair, with all signs of what comes before; none without a pair."""
+    values = source.basis.eigenvalues[: LEADING + 1], target.basis.eigenvalues[: LEADING + 1]
+    if min(len(values[0]), len(values[1])) <= LEADING:
+        return []
+    repeated = np.all([np.diff(ascending)[1:] < SAME_EIGENVALUE * ascending[1:-1] for ascending in values], axis=0)
+    if not repeated.any():
+        return []
+    before = int(np.argmax(repeated))  # functions between the constant one and the pair
+    hypotheses = []
+    for signs in product((1.0, -1.0), repeat=before):
+        for angle, mirror in product(np.arange(ANGLES) * 2 * np.pi / ANGLES, (1, -1)):
+            functional_map = np.diag([1.0, *signs, 0, 0])
+            functional_map[-2:, -2:] = turn(angle, mirror)
+            origin = f"a turn of repeated eigenfunctions by {np.degrees(angle):.0f} degrees" + ", mirrored" * (
+                mirror < 0
+            )
+            hypotheses.append(Hypothesis(origin, functional_map))
+    return hypotheses
+
+
+def turn(angle: float, mirror: int) -> Floats:
+    """(2, 2) turn of the plane by an angle, mirrored where `mirror` is -1."""
+    return np.array([[np.cos(angle), -mirror * np.sin(angle)], [np.sin(angle), mirror * np.cos(angle)]])

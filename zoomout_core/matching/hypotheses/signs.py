@@ -1,0 +1,24 @@
+"""Hypotheses without any hint: the first eigenfunctions correspond up to their signs (ZoomOut, section 5.1)."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+
+# How many leading eigenfunctions are taken to correspond; nearly repeated ones need more than four.
+SIZES = (4, 5, 6)
+
+
+def sign_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
+    """All diagonal maps diag(1, +-1, ..., +-1) of a few sizes that both bases allow."""
+    available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    return [
+        Hypothesis("signs of eigenfunctions " + "".join("+-"[sign < 0] for sign in signs), np.diag([1.0, *signs]))
+        for k in SIZES
+        if k <= available
+        for signs in product((1.0, -1.0), repeat=k - 1)
+    ]

@@ -1,0 +1,441 @@
+"""From two surfaces to a dense map: prepare both, guess, refine and rank, bring the best to full resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise
+from numbers import Integral
+from operator import attrgetter
+from typing import Literal, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.anchors import coordinates
+from zoomout_core.matching.attempt import Attempt, best_of
+from zoomout_core.matching.components.bodies import Bodies, bodies_steps, tight_bodies_steps
+from zoomout_core.matching.components.lift import on_surfaces
+from zoomout_core.matching.components.overlap import overlapping
+from zoomout_core.matching.confidence import confidence_of, share_without_partner
+from zoomout_core.matching.constraints import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
+from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
+from zoomout_core.matching.hypotheses.extremities import extremities, extremity_hypotheses, has_extremities
+from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
+from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
+from zoomout_core.matching.hypotheses.signs import sign_hypotheses
+from zoomout_core.matching.memory_cache import kept_shape_steps, kept_working_mesh
+from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
+from zoomout_core.matching.ranking import Candidate, rank_steps
+from zoomout_core.matching.refinement import dense_steps
+from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
+from zoomout_core.matching.scores import Disagreement
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread, within
+from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
+
+Result = TypeVar("Result")
+Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
+
+SMALLEST_FINAL = 4
+SMALLEST_PROXY = 500
+# Unless asked otherwise: a vertex of the stand-in for so many vertices of the mesh, within limits. Finer meshes share
+# finer features, by which the target is bent onto the source.
+PER_PROXY_VERTEX, PROXY_VERTICES = 8, (4000, 6000)
+# The way back is a witness of the way there, and need not be as fine.
+MOST_FUNCTIONS_BACK = 120
+# A map of less certainty than this comes with a note; of less than the second, with one that says that it is lost.
+SURE, LOST = 0.9, 0.1
+UNSURE = (
+    "This map is right with a probability of {:.0%} only: check that no sides are swapped, and try another candidate "
+    "or add landmarks if they are."
+)
+NOT_RECOGNISED = (
+    "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or lay one over the other in the "
+    "same pose and start from proximity."
+)
+# Of several bodies the next is tried where the map of one is less sure than this.
+SURE_OF_BODY = 0.8
+# When each body is begun, and when they are done, as parts of the progress; and the part of each that analysing the
+# shapes takes.
+PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.65, 0.75), 0.8
+# So comes a map that turns over a larger part of the surface.
+NOTABLE_FOLDS = 0.05
+# And one that leaves more than this part of either surface without a partner.
+NOTABLE_REST = 0.03
+# How much more than those of guessed pairs a landmark's functions weigh.
+LANDMARKS_OVER_GUESSES = 2.0
+# Eigenfunctions that ranking needs, however small the final map.
+FEWEST_FUNCTIONS = 120
+
+
+# To have another kind of guess tried, add a function of the two shapes, and of what tells how far a map disagrees with
+# what is known.
+GUESSES: tuple[Callable[[Shape, Shape, Disagreement], list[Hypothesis]], ...] = (
+    extremity_hypotheses,
+    descriptor_hypotheses,
+)
+# What guesses need of each shape alone, so that it may be worked out for both at once, and is kept with them.
+ANALYSES: tuple[Callable[[Shape], object], ...] = (
+    extremities,
+    attrgetter("descriptors"),
+    attrgetter("pseudo_scalars"),
+    attrgetter("curvature"),
+    attrgetter("surroundings"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MatchResult:
+    """A map from the target to the source, and what else is known about it.
+
+    Attributes:
+        surface_map: for every target vertex a point on the source surface.
+        confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby.
+        functional_map: (k_target, k_source) between the bases of the main parts.
+        candidates: all maps that were found, the most likely first.
+        chosen: the number of the candidate that this result is made from.
+        notes: what a user should know, a sentence each.
+        pair: what other candidates are made from.
+        placed: the part of the target's area, in [0, 1], for which there is something on the source.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    functional_map: Floats
+    candidates: tuple[Candidate, ...]
+    chosen: int
+    notes: tuple[str, ...]
+    pair: Pair
+    placed: float
+
+    @property
+    def certainty(self) -> float:
+        """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
+
+        It speaks of all of the target, and falls with the part of it for which nothing was found.
+        """
+        return self.candidates[self.chosen].certainty * self.placed
+
+    def outline(self, candidate: int) -> tuple[Integers, Integers]:
+        """Where a candidate leads, roughly, before its full map is worked out.
+
+        Returns:
+            (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the source
+            for each of them.
+        """
+        source, target = self.pair.source_shape, self.pair.target_shape
+        images = source.search.samples[self.candidates[candidate].sample_map]
+        return surface_vertices(target, target.search.samples), surface_vertices(source, images)
+
+    def use(self, candidate: int) -> MatchResult:
+        """The result of another candidate, by its number."""
+        return drain(self.use_steps(candidate))
+
+    @on_one_blas_thread
+    def use_steps(self, candidate: int) -> Steps[MatchResult]:
+        """The same, stepped."""
+        if not 0 <= candidate < len(self.candidates):
+            raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(self.candidates) - 1}.")
+        return _result_steps(self.pair, self.candidates, candidate, 0.0)
+
+
+def match(
+    source: Surface,
+    target: Surface,
+    initial: Initial = "auto",
+    landmarks: Landmarks | None = None,
+    initial_map: SurfaceMap | ArrayLike | None = None,
+    k_final: int = 120,
+    step: int = 20,
+    samples: int = 1000,
+    seed: int = 0,
+    proxy_vertices: int | Literal["auto"] | None = "auto",
+    common_axes: ArrayLike | None = None,
+    regions: Regions | None = None,
+    exact_landmarks: bool = False,
+) -> MatchResult:
+    """Find for every vertex of the target the point on the source that it corresponds to.
+
+    Args:
+        source: the surface that the map lands on; it carries the attributes.
+        target: the surface that the map starts from; it receives them.
+        initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":
+            from the nearest points, where the two lie over each other. "given": from `initial_map`.
+        landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
+            or points (m, 3) on the surface, in its own frame and unit.
+        initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
+            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
+            that is evidence, not the start alone.
+        k_final: size of the final functional map; less on meshes with fewer vertices.
+        step: growth of the functional map in an iteration, beyond a size of 120.
+        samples: farthest points that the iterations run on.
+        seed: of the eigensolver.
+        proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices; "auto": 4,000
+            to 6,000, an eighth of the mesh's; None to match them at full size, which takes many times as long and
+            gains little.
+        common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
+        regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
+            same name: evidence, which also holds the map in place, and decides which loose parts belong together.
+        exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
+
+    Returns:
+        The most likely map with the alternatives. What is uncertain stands in its `notes`.
+
+    Raises:
+        MeshError: a mesh that cannot be matched; the message says what to do.
+        ValueError: arguments that do not fit together.
+    """
+    return drain(
+        match_steps(
+            source,
+            target,
+            initial,
+            landmarks,
+            initial_map,
+            k_final,
+            step,
+            samples,
+            seed,
+            proxy_vertices,
+            common_axes,
+            regions,
+            exact_landmarks,
+        )
+    )
+
+
+@on_one_blas_thread
+def match_steps(
+    source: Surface,
+    target: Surface,
+    initial: Initial = "auto",
+    landmarks: Landmarks | None = None,
+    initial_map: SurfaceMap | ArrayLike | None = None,
+    k_final: int = 120,
+    step: int = 20,
+    samples: int = 1000,
+    seed: int = 0,
+    proxy_vertices: int | Literal["auto"] | None = "auto",
+    common_axes: ArrayLike | None = None,
+    regions: Regions | None = None,
+    exact_landmarks: bool = False,
+) -> Steps[MatchResult]:
+    """`match` as a generator that yields `Progress` and returns the result."""
+    _check_start(initial, landmarks, initial_map)
+    check_sizes(k_final, step, samples, proxy_vertices)
+    if exact_landmarks and landmarks is None:
+        raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
+    axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
+    yield Progress(0.0, "Reading the meshes")
+    yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
+    bodies = yield from spread(bodies_steps(source, target, seed), 0.01, 0.04, "Finding the bodies")
+    known, exact = Evidence(landmarks, axes, paired), landmarks if exact_landmarks else None
+    ahead = ANALYSES if initial in ("auto", "landmarks") else ()
+
+    def attempt_steps(body: Bodies) -> Steps[Attempt]:
+        analysing = (
+            prepared_steps(
+                kept_shape_steps(part, max(k_final, FEWEST_FUNCTIONS), samples, seed, proxy_size(part, proxy_vertices)),
+                ahead,
+            )
+            for part in (body.source, body.target)
+        )
+        shapes = yield from spread(side_by_side(*analysing), 0.0, ANALYSING, "Analysing the shapes")
+        pair = Pair(source, target, *shapes, k_final, step, exact, paired)
+        candidates = yield from within(_candidates_steps(pair, initial, known, initial_map), ANALYSING, 1.0)
+        return Attempt(pair, candidates, body.coverage)
+
+    attempts: list[Attempt] = []
+    most = len(bodies) + (initial == "auto" and any(body.source.is_skin for body in bodies))
+    for number, (start, end) in enumerate(pairwise(PARTS_OF_PROGRESS[: most + 1])):
+        if number == len(bodies):
+            tight = tight_bodies_steps(source, target)
+            bodies.append((yield from spread(tight, start, start, "Finding the bodies")))
+        try:
+            attempts.append((yield from within(attempt_steps(bodies[number]), start, end)))
+        except LandmarkError:  # on a part that another body has, and this one has not
+            if not attempts:
+                raise
+        if attempts[-1].candidates[0].certainty >= SURE_OF_BODY:
+            break
+    best = best_of(attempts)
+    return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
+
+
+def _candidates_steps(
+    pair: Pair, initial: Initial, evidence: Evidence, initial_map: SurfaceMap | ArrayLike | None
+) -> Steps[list[Candidate]]:
+    """Maps between two shapes, the most likely first."""
+    yield Progress(0.0, "Guessing")
+    earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
+    if initial == "auto":
+        evidence = replace(evidence, earlier=_images(pair, earlier), standing=_standing(pair))
+    disagreement = evidence.disagreement(pair)
+    guessing = _hypotheses_steps(pair, initial, evidence, disagreement, earlier)
+    ahead_of_carrying = in_background(lambda: _prepare_carrying(pair))
+    hypotheses, _ = yield from spread(side_by_side(guessing, ahead_of_carrying), 0.0, 0.15, "Guessing")
+    ranking = rank_steps(hypotheses, pair.source_shape, pair.target_shape, disagreement)
+    return (yield from spread(ranking, 0.15, 1.0, "Comparing candidates"))
+
+
+def _prepare_carrying(pair: Pair) -> None:
+    """Have what carrying the map over to all vertices needs worked out."""
+    if not pair.target_shape.proxy.full.is_skin:
+        _ = pair.target_shape.proxy.place
+    _ = pair.source_shape.neighbourhoods
+
+
+def prepared_steps(
+    steps: Generator[float, None, Result], ahead: tuple[Callable[[Result], object], ...]
+) -> Generator[float, None, Result]:
+    """What steps return, when it has been asked for what will be needed of it."""
+    result = yield from steps
+    for prepare in ahead:
+        yield 0.97
+        prepare(result)
+    return result
+
+
+def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
+    """The surface's working mesh, in a single step."""
+    yield from ()
+    return kept_working_mesh(surface)
+
+
+def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object) -> None:
+    known = ("auto", "landmarks", "proximity", "given")
+    if initial not in known:
+        raise ValueError(f"initial is {initial!r}: choose one of {', '.join(known)}.")
+    if initial == "landmarks" and landmarks is None:
+        raise ValueError("A start from landmarks needs `landmarks`: source vertices and target vertices.")
+    if initial == "given" and initial_map is None:
+        raise ValueError("A given start needs `initial_map`: a vertex map, a SurfaceMap or a functional map.")
+    if initial in ("landmarks", "proximity") and initial_map is not None:
+        raise ValueError(f"`initial_map` is not used by initial={initial!r}: leave one of them out.")
+    if initial in ("proximity", "given") and landmarks is not None:
+        raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
+
+
+def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
+    """How many vertices the stand-in for a mesh is to have."""
+    if proxy_vertices != "auto":
+        return proxy_vertices
+    return int(np.clip(len(part.vertices) // PER_PROXY_VERTEX, *PROXY_VERTICES))
+
+
+def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
+    for name, value, least in (
+        ("k_final", k_final, SMALLEST_FINAL),
+        ("step", step, 1),
+        ("samples", samples, 1),
+        ("proxy_vertices", None if proxy_vertices == "auto" else proxy_vertices, SMALLEST_PROXY),
+    ):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
+            raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
+
+
+def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:
+    candidate = candidates[chosen]
+    source, target = pair.source_shape, pair.target_shape
+    how = candidate.mirrored, pair.k_final, pair.step
+    swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
+    refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
+    forwards = fitted_steps(refining, source, target, candidate.mirrored)
+    fewer = candidate.mirrored, min(pair.k_final, MOST_FUNCTIONS_BACK), pair.step
+    refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer)
+    # The way back ends first: there is time to prepare what carrying over needs.
+    backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
+    (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
+    if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
+        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    there = fit.surface_map
+    confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
+    carrying = in_background(lambda: on_surfaces(pair, fit, confidence))
+    whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
+    notes = (*_notes_on_rest(there, back, source, target), *whole.notes)
+    if over > NOTABLE_FOLDS:
+        notes = (
+            f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "
+            "confidence is low there.",
+            *notes,
+        )
+    certainty = candidate.certainty * whole.placed
+    if certainty < SURE:
+        notes = ((UNSURE if certainty >= LOST else NOT_RECOGNISED).format(certainty), *notes)
+    return MatchResult(
+        whole.surface_map, whole.confidence, functional_map, candidates, chosen, notes, pair, whole.placed
+    )
+
+
+def fitted_steps(
+    refining: Generator[float, None, tuple[SurfaceMap, Floats]], source: Shape, target: Shape, mirrored: bool
+) -> Generator[float, None, tuple[Fit, Floats]]:
+    """A refined map with the target bent onto the source by it, and the functional map of what comes of that."""
+    refined, functional_map = yield from scaled(refining, 0.0, 0.6)
+    fit = yield from scaled(fit_steps(refined, source, target, mirrored), 0.6, 1.0)
+    k_target, k_source = functional_map.shape
+    images = fit.surface_map.interpolate(source.basis.eigenvectors[:, :k_source])
+    return fit, target.basis.coefficients(images)[:k_target]
+
+
+def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: Shape) -> tuple[str, ...]:
+    """What is said about parts that only one of the two shapes has."""
+    of_target, of_source = share_without_partner(there, back, target), share_without_partner(back, there, source)
+    notes = (
+        (of_target, "About {:.0%} of the target seems to have no partner on the source: confidence is low there."),
+        (of_source, "About {:.0%} of the source seems to have no partner on the target: nothing was matched to it."),
+    )
+    return tuple(text.format(share) for share, text in notes if share > NOTABLE_REST)
+
+
+def _hypotheses_steps(
+    pair: Pair, initial: Initial, evidence: Evidence, disagreement: Disagreement, earlier: Hypothesis | None
+) -> Generator[float, None, list[Hypothesis]]:
+    """What the match may begin with; yields the fraction done."""
+    source, target = pair.source_shape, pair.target_shape
+    if initial == "given" and earlier is not None:
+        return [earlier]
+    if initial == "proximity":
+        return [proximity_hypothesis(pair)]
+    guesses = yield from for_each(lambda guess: guess(source, target, disagreement), GUESSES)
+    hypotheses = [*chain.from_iterable(guesses), *rotation_hypotheses(source, target)]
+    if not (has_extremities(source) and has_extremities(target)):
+        # They are many, and on 40 pairs of shapes with extremities they added no success.
+        hypotheses += sign_hypotheses(source, target)
+    if evidence.standing is not None:
+        hypotheses.insert(0, proximity_hypothesis(pair))
+    if earlier is not None:
+        hypotheses.insert(0, earlier)
+    anchors = evidence.anchors(pair)
+    if evidence.landmarks is not None:
+        by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
+        assert by_landmarks.anchors is not None
+        hypotheses.insert(0, replace(by_landmarks, anchors=None))
+        anchors = by_landmarks.anchors.scaled(LANDMARKS_OVER_GUESSES).and_those(anchors)
+    if anchors is None:
+        return hypotheses
+    # Whatever a guess begins with, places that are known hold it there, to the end.
+    held = [anchors.and_those(guess.anchors) for guess in hypotheses]
+    return [replace(guess, anchors=both, final_anchors=both) for guess, both in zip(hypotheses, held, strict=True)]
+
+
+def _images(pair: Pair, earlier: Hypothesis | None) -> Integers | None:
+    """(s,) vertex of the source's shape for each search sample of the target, by an earlier map."""
+    if earlier is None:
+        return None
+    source, target = pair.source_shape, pair.target_shape
+    return nearest(*coordinates(target.search.rows, source.basis.eigenvectors, earlier.functional_map, None))
+
+
+def _standing(pair: Pair) -> Floats | None:
+    """(s, 3) where the target's search samples are, in the frame of the source's part; None if that tells nothing."""
+    places = None if pair.source is pair.target else overlapping(pair)
+    return None if places is None else places[pair.target_shape.search.samples]

@@ -1,0 +1,129 @@
+"""Prepared shapes, kept for the next match: one source is often matched with many targets, and again.
+
+A shape is known by its content, so what was edited is prepared anew. So are working meshes, as programs hand the same
+mesh in as a new surface each time. `store_shapes` has shapes written to disk, too.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Generator
+from hashlib import blake2b
+from os import PathLike
+from threading import Lock
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.disk_cache import MOST_BYTES as MOST_BYTES_ON_DISK
+from zoomout_core.matching.disk_cache import ShapeFolder
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+
+# The shapes kept take at most so many bytes: some ten of the usual size. So do the working meshes.
+MOST_BYTES = 512 << 20
+# Numbers of eight bytes that a shape holds for each of its vertices, beside the eigenfunctions: distances above all.
+PER_VERTEX = 300
+
+Value = TypeVar("Value", Shape, WorkingMesh)
+
+
+class _Kept(Generic[Value]):
+    """Values by the hash of their content; those used longest ago are let go of when all take too much memory."""
+
+    def __init__(self) -> None:
+        self._values: OrderedDict[bytes, Value] = OrderedDict()
+        self._lock = Lock()
+
+    def take(self, key: bytes) -> Value | None:
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+            return self._values.get(key)
+
+    def keep(self, key: bytes, value: Value) -> None:
+        with self._lock:
+            self._values[key] = value
+            self._values.move_to_end(key)
+            while sum(map(_bytes, self._values.values())) > MOST_BYTES:
+                self._values.popitem(last=False)
+
+    def forget(self) -> None:
+        with self._lock:
+            self._values.clear()
+
+
+_shapes: _Kept[Shape] = _Kept()
+_meshes: _Kept[WorkingMesh] = _Kept()
+_folder: ShapeFolder | None = None
+
+
+def kept_working_mesh(surface: Surface) -> WorkingMesh:
+    """The surface's working mesh; that of another surface of the same arrays if there was one."""
+    key = _hash("", surface.vertices, surface.corner_vertex, surface.triangle_corners)
+    mesh = _meshes.take(key)
+    if mesh is None:
+        mesh = surface.working
+    else:
+        surface.working = mesh
+    _meshes.keep(key, mesh)
+    return mesh
+
+
+def kept_shape_steps(
+    part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None
+) -> Generator[float, None, Shape]:
+    """`shape_steps`, or at once the shape that it returned for the same mesh and numbers before."""
+    key = _content(part, k, samples, seed, proxy_vertices)
+    shape, folder = _shapes.take(key), _folder
+    if shape is None and folder is not None:
+        yield 0.0
+        shape = folder.load(key, part)
+    if shape is None:
+        shape = yield from shape_steps(part, k, samples, seed, proxy_vertices)
+        if folder is not None:
+            yield 1.0
+            folder.save(key, shape)
+    _shapes.keep(key, shape)
+    return shape
+
+
+def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTES_ON_DISK) -> None:
+    """Have shapes that are prepared from now on written to a folder, and read from it, also by other processes.
+
+    Args:
+        folder: where; made if it is missing. None to leave the disk alone again, as it is at first.
+        most_bytes: what they may take there; those used longest ago go first.
+    """
+    global _folder
+    _folder = None if folder is None else ShapeFolder(folder, most_bytes)
+
+
+def forget_shapes() -> None:
+    """Let go of all shapes that were kept in memory."""
+    _shapes.forget()
+    _meshes.forget()
+
+
+def _content(part: WorkingMesh, *numbers: int | None) -> bytes:
+    """A hash of all that a shape depends on."""
+    arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
+    return _hash(repr((numbers, part.scale)), *arrays)
+
+
+def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:
+    digest = blake2b(words.encode())
+    for array in arrays:
+        digest.update(repr((array.shape, array.dtype)).encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.digest()
+
+
+def _bytes(value: Shape | WorkingMesh) -> int:
+    """How much memory it takes, about, once a match has used it."""
+    if isinstance(value, WorkingMesh):
+        return 8 * value.vertices.nbytes
+    n, k = value.basis.eigenvectors.shape
+    return 8 * n * (k + PER_VERTEX) + 20 * value.proxy.full.vertices.nbytes

@@ -1,0 +1,156 @@
+"""The two sides of a match: surfaces as the user gave them, and their main parts, prepared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import vertex_numbers
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.mesh.surface import MeshError, Surface
+
+# A landmark that is farther off its surface than this part of the square root of the area is a mistake.
+OFF_SURFACE = 0.05
+
+
+class LandmarkError(MeshError):
+    """A landmark that cannot be used.
+
+    Attributes:
+        role: the surface that it should be on, "source" or "target".
+        number: its place in the list, from 0.
+        fault: what is wrong and what to do, as the rest of a sentence about it.
+    """
+
+    def __init__(self, role: str, number: int, fault: str) -> None:
+        super().__init__(f"Landmark {number} on the {role}, {fault}")
+        self.role, self.number, self.fault = role, number, fault
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two surfaces with their prepared main parts.
+
+    Attributes:
+        source: the surface that the map lands on.
+        target: the surface that the map starts from.
+        source_shape: the source's main part.
+        target_shape: the target's main part.
+        k_final: size of the final functional map.
+        step: growth of the functional map in an iteration.
+        exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
+        regions: source vertices and target vertices that belong together.
+    """
+
+    source: Surface
+    target: Surface
+    source_shape: Shape
+    target_shape: Shape
+    k_final: int
+    step: int
+    exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
+    regions: Sequence[tuple[Integers, Integers]] = ()
+
+
+def positions_of_part(surface: Surface, shape: Shape) -> Floats:
+    """(n, 3) the vertices of a shape's part in the surface's own frame and unit."""
+    part = shape.proxy.full
+    positions = part.to_surface(part.vertices)
+    if part.is_skin:
+        return positions
+    # As the surface has them, to the last bit: surfaces that lie in each other are to do so here.
+    used = np.flatnonzero(part.vertex_of >= 0)
+    positions[part.vertex_of[used]] = surface.vertices[used]
+    return positions
+
+
+def standing(pair: Pair) -> Floats:
+    """(n, 3) the vertices of the target's part as the two surfaces stand, in the frame of the source's part."""
+    return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
+
+
+def surface_vertices(shape: Shape, vertices: Integers) -> Integers:
+    """(m,) the vertices of the surface that are nearest to vertices (m,) of a shape's mesh."""
+    full = shape.proxy.full
+    used = np.flatnonzero(full.vertex_of >= 0)
+    number, first = np.unique(full.vertex_of[used], return_index=True)
+    near = cKDTree(full.vertices[number]).query(shape.proxy.vertices[vertices])[1]
+    return used[first[near]]
+
+
+def landmark_points(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
+    """(m, 3) and (m, 3) places of the source and of the target, in their own frames and units, that are paired."""
+    arrays = (np.atleast_1d(np.asarray(given)) for given in landmarks)
+    source, target = (
+        surface.vertices[array] if array.ndim == 1 else array.astype(float)
+        for surface, array in zip((pair.source, pair.target), arrays, strict=True)
+    )
+    return source, target
+
+
+def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:
+    """Paired places of the surfaces as vertices of the shapes' meshes.
+
+    Args:
+        pair: the two surfaces.
+        landmarks: for the source and for the target either vertex numbers (m,), or points (m, 3) in the surface's
+            own frame and unit, which stand for the closest point of the surface.
+
+    Raises:
+        ValueError: these are no vertices and no points, or not as many on either side.
+        LandmarkError: a landmark lies off the main part, or off the surface.
+    """
+    if len(landmarks) != 2 or (isinstance(landmarks, np.ndarray) and landmarks.shape[1:] == (2,)):
+        raise ValueError(
+            "Landmarks are given as two lists, those of the source and those of the target, not as a list of pairs."
+        )
+    source = _on_part("source", pair.source, pair.source_shape, landmarks[0])
+    target = _on_part("target", pair.target, pair.target_shape, landmarks[1])
+    if len(source) != len(target):
+        raise ValueError(f"{len(source)} source and {len(target)} target landmarks were given: they come in pairs.")
+    return source, target
+
+
+def _on_part(role: str, surface: Surface, shape: Shape, given: ArrayLike) -> Integers:
+    """(m,) the vertices of the shape's mesh that are nearest to landmarks on the surface."""
+    array = np.atleast_1d(np.asarray(given))
+    if array.size == 0:
+        raise ValueError(f"There are no landmarks on the {role}: give some, or leave them out on both sides.")
+    if array.ndim == 2:
+        corners, barycentric = _on_surface(role, surface, array)
+    else:
+        corners = vertex_numbers(array, len(surface.vertices), f"Landmarks on the {role}")[:, None]
+        barycentric = np.ones(corners.shape)
+    on_part = shape.proxy.full.vertex_of[corners]
+    astray = np.flatnonzero((on_part < 0).any(axis=1))
+    if len(astray):
+        fault = f"at vertex {corners[astray[0], 0]}, is off its main part: move it."
+        raise LandmarkError(role, int(astray[0]), fault)
+    places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
+    return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
+
+
+def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, Floats]:
+    """The vertices (m, 3) of the triangles closest to points (m, 3), and where the closest points lie in these."""
+    if points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
+        raise ValueError(
+            f"Landmarks on the {role} must be vertices (m,) or finite points (m, 3), not {points.dtype} of shape "
+            f"{points.shape}."
+        )
+    triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
+    corners = surface.triangles[triangle]
+    distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
+    off = np.flatnonzero(distance > OFF_SURFACE * np.sqrt(surface.area))
+    if len(off):
+        fault = (
+            f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: "
+            "give points in the mesh's own frame and unit."
+        )
+        raise LandmarkError(role, int(off[0]), fault)
+    return corners, barycentric

@@ -1,0 +1,109 @@
+"""Decimated stand-ins: a map needs a few thousand vertices, whatever the size of the mesh.
+
+At 200 eigenfunctions a stand-in of 5,000 vertices gives as exact a map as the full mesh, and every stage of
+the match shrinks with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import Neighbourhoods, SurfaceSearch, project_to_embedding
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+
+# A mesh that is larger by less than this is not worth decimating.
+WORTHWHILE = 1.25
+# An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
+NEAR_ENOUGH = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Proxy:
+    """A mesh part and the smaller mesh that stands in for it; the same mesh twice where it is small enough.
+
+    Attributes:
+        full: the part.
+        mesh: what stands in for it, of unit area.
+        vertices: (n, 3) the stand-in's vertices in the frame of the part.
+        merged: (n_full,) the stand-in's vertex that each vertex of the part was merged into.
+    """
+
+    full: WorkingMesh
+    mesh: WorkingMesh
+    vertices: Floats
+    merged: Integers
+
+    @cached_property
+    def place(self) -> SurfaceMap:
+        """For every vertex of the part the closest point of the stand-in, near the vertex that it was merged into.
+
+        Where a limb touches another one, that keeps it on its own side.
+        """
+        if self.mesh is self.full:
+            corner = np.empty(len(self.vertices), dtype=np.int64)
+            corner[self.mesh.triangles.ravel()] = np.arange(self.mesh.triangles.size)
+            return SurfaceMap(corner // 3, np.eye(3)[corner % 3], self.mesh.triangles)
+        triangles, n = self.mesh.triangles, len(self.vertices)
+        around = Neighbourhoods(triangles, n, edges=0)
+        triangle, barycentric = project_to_embedding(self.full.vertices, self.vertices, around, self.merged)
+        # Where the closest point lies on the rim of the triangles around the vertex, it may lie beyond.
+        weight = np.where(triangles[triangle] == self.merged[:, None], barycentric, 0).sum(axis=1)
+        rim = np.flatnonzero(weight <= 0)
+        beyond = project_to_embedding(
+            self.full.vertices[rim], self.vertices, Neighbourhoods(triangles, n), self.merged[rim]
+        )
+        triangle[rim], barycentric[rim] = beyond
+        return SurfaceMap(triangle, barycentric, triangles)
+
+    @cached_property
+    def frame(self) -> tuple[Floats, float]:
+        """(3,) the place and the size, in the frame of the part, of the frame of the mesh."""
+        centre, mesh_centre = self.vertices.mean(axis=0), self.mesh.vertices.mean(axis=0)
+        size = float(np.linalg.norm(self.vertices - centre) / np.linalg.norm(self.mesh.vertices - mesh_centre))
+        return centre - size * mesh_centre, size
+
+    def closest(self, images: Floats) -> SurfaceMap:
+        """The points of the part that are closest to places (q, 3) on, or next to, the stand-in."""
+        return SurfaceMap(*self.search.closest(images, NEAR_ENOUGH), self.full.triangles)
+
+    @cached_property
+    def search(self) -> SurfaceSearch:
+        """For the closest points of the part."""
+        return SurfaceSearch(self.full.vertices, self.full.triangles)
+
+    @cached_property
+    def full_vertex(self) -> Integers:
+        """(n,) the part's vertex nearest to each vertex of the stand-in."""
+        return np.asarray(cKDTree(self.full.vertices).query(self.vertices)[1])
+
+
+def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, Proxy]:
+    """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small.
+
+    Yields the fraction done.
+    """
+    if count is None or len(part.vertices) <= WORTHWHILE * count:
+        return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
+    points, triangles, merged = yield from decimated_steps(part.vertices, part.oriented_triangles, count)
+    mesh, _ = Surface(points, triangles).working.part(0)
+    vertices = np.empty_like(mesh.vertices)
+    used = mesh.vertex_of >= 0
+    vertices[mesh.vertex_of[used]] = points[used]
+    merged = mesh.vertex_of[merged]
+    astray = merged < 0  # into a splinter that is no part of the stand-in
+    merged[astray] = cKDTree(vertices).query(part.vertices[astray])[1]
+    return Proxy(part, mesh, vertices, merged)
+
+
+def carried(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
+    """(n_full, 3) where a map between stand-ins takes the vertices of the target's part: places on the source's."""
+    return target.place.interpolate(between.interpolate(source.vertices))

@@ -1,0 +1,209 @@
+"""Nodes that are spread over a mesh and move it (Sumner, Schmid and Pauly, Embedded deformation for shape manipulation,
+2007), found by Gauss and Newton's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import bsr_array
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.matching.analysis import Shape
+
+# A vertex moves with so many nodes.
+NEAREST_NODES = 5
+# What neighbouring nodes' difference in rotation counts against that of where they put each other.
+TURNING = 0.0005
+# Neighbours that put each other farther apart than this, at unit area, pull less: joints bend.
+JOINT = 0.01
+# Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
+# the time, and where the next step begins from closest points found anew. A node that nothing speaks of stays.
+DAMPING, LEAST_DIAGONAL = 1e-5, 1e-9
+# Closest points give way only slowly to what slides along a surface. Steps towards them are lengthened by this factor,
+# and by this part of the step before (Polyak 1964): two thirds of the rounds lead as far.
+LENGTHENING, MOMENTUM = 1.6, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes spread over the target, and what each vertex has to do with them.
+
+    Attributes:
+        vertex: (d,) where they are.
+        near: (n, c) the nodes that move each vertex.
+        weight: (n, c) in what shares.
+        first: (e,) a node and
+        second: (e,) another that moves some of the same vertices; each pair both ways.
+        bond: (e,) how much of what the first moves the second moves, too.
+    """
+
+    vertex: Integers
+    near: Integers
+    weight: Floats
+    first: Integers
+    second: Integers
+    bond: Floats
+
+    @classmethod
+    def on(cls, target: Shape, count: int) -> Nodes:
+        distances = target.distances[:count]
+        c = min(NEAREST_NODES, len(distances) - 1)
+        near = np.argpartition(distances, c, axis=0)[: c + 1]
+        order = np.argsort(np.take_along_axis(distances, near, axis=0), axis=0)
+        near = np.take_along_axis(near, order, axis=0)
+        distance = np.take_along_axis(distances, near, axis=0)
+        weight = np.maximum(1 - distance[:c] / np.maximum(distance[c], 1e-300), 1e-6) ** 2
+        near, weight = near[:c].T, (weight / weight.sum(axis=0)).T
+        shared = np.zeros((len(distances), len(distances)))
+        for i in range(c):
+            for j in range(c):
+                np.add.at(shared, (near[:, i], near[:, j]), target.basis.areas * weight[:, i] * weight[:, j])
+        np.fill_diagonal(shared, 0)
+        first, second = np.nonzero(shared > 1e-3 * np.median(shared[shared > 0]))
+        bond = shared[first, second]
+        bond = bond / np.bincount(first, bond)[first]
+        return cls(target.sampled.samples[: len(distances)], near, weight, first, second, bond)
+
+
+@dataclass(eq=False)
+class Bending:
+    """Nodes in motion.
+
+    Attributes:
+        nodes: the nodes.
+        rest: (n, 3) the target's vertices, mirrored where the map mirrors.
+        normals: (n, 3) its normals, likewise.
+        rotations: (d, 3, 3) of the nodes.
+        images: (d, 3) where the nodes go.
+        stride: (d, 6) the last step towards closest points: turns, as rotation vectors, and shifts.
+    """
+
+    nodes: Nodes
+    rest: Floats
+    normals: Floats
+    rotations: Floats
+    images: Floats
+    stride: Floats
+
+    @classmethod
+    def from_images(cls, nodes: Nodes, rest: Floats, normals: Floats, images: Floats, areas: Floats) -> Bending:
+        """The motion that takes the surroundings of each node to the images (n, 3) of the vertices (Kabsch 1976)."""
+        count, c = len(nodes.vertex), nodes.near.shape[1]
+        weight = (areas[:, None] * nodes.weight).ravel()
+        owner = nodes.near.ravel()
+        values = np.hstack([rest, images, (images[:, :, None] * rest[:, None]).reshape(-1, 9), np.ones((len(rest), 1))])
+        sums = np.stack([np.bincount(owner, weight * np.repeat(v, c), minlength=count) for v in values.T], axis=1)
+        # Neighbours have a say, since a few places do not tell a turn.
+        pooled = np.array(sums)
+        np.add.at(pooled, nodes.first, nodes.bond[:, None] * sums[nodes.second])
+        pooled = pooled / pooled[:, 15:]
+        moments = pooled[:, 6:15].reshape(-1, 3, 3) - pooled[:, 3:6, None] * pooled[:, None, :3]
+        rotations = nearest_rotations(moments)
+        own = sums / sums[:, 15:]
+        shift = np.einsum("dij,dj->di", rotations, rest[nodes.vertex] - own[:, :3])
+        return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift, np.zeros((count, 6)))
+
+    def offsets(self, vertex: Integers) -> Floats:
+        """(q, c, 3) some vertices, seen from the nodes that move them, as these turn them."""
+        near = self.nodes.near[vertex]
+        away = self.rest[vertex, None] - self.rest[self.nodes.vertex][near]
+        return np.einsum("qcij,qcj->qci", self.rotations[near], away)
+
+    def moved(self) -> tuple[Floats, Floats, Floats]:
+        """(n, 3) all vertices, (n, 3) their normals, and (n, 3, 3) their rotations."""
+        near, weight = self.nodes.near, self.nodes.weight
+        positions = np.zeros_like(self.rest)
+        blends = np.zeros((len(self.rest), 3, 3))
+        for node, share in zip(near.T, weight.T, strict=True):
+            away = self.rest - self.rest[self.nodes.vertex[node]]
+            turned = np.einsum("nij,nj->ni", self.rotations[node], away)
+            positions += share[:, None] * (turned + self.images[node])
+            blends += share[:, None, None] * self.rotations[node]
+        return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
+
+    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float, approaching: bool) -> float:
+        """One step of Gauss and Newton's method.
+
+        Args:
+            vertex: (q,) vertices that should move.
+            misses: (q, 3) by how much.
+            pull: (q, 3, 3) square roots of what a miss counts in each direction.
+            stiffness: see `Level`.
+            approaching: whether misses are those of closest points, which will be others at the next step.
+
+        Returns:
+            How far the step takes the nodes, on average, before it is lengthened.
+        """
+        near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
+        turning = pull[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
+        shifting = pull[:, None] * weight[..., None, None]
+        pulling = _Rows(near, np.concatenate([turning, shifting], axis=-1), np.einsum("qij,qj->qi", pull, misses))
+        matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], len(self.nodes.vertex))
+        diagonal = matrix.diagonal()
+        matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + LEAST_DIAGONAL * diagonal.mean()
+        factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+        change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
+        moved = float(np.linalg.norm(change[:, 3:], axis=1).mean())
+        if approaching:
+            change = self.stride = LENGTHENING * change + MOMENTUM * self.stride
+        self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
+        self.images = self.images + change[:, 3:]
+        return moved
+
+    def _stiffness(self, stiffness: float) -> list[_Rows]:
+        """What neighbouring nodes that disagree count: in where they put each other, and in how they turn."""
+        first, second = self.nodes.first, self.nodes.second
+        places = self.rest[self.nodes.vertex]
+        away = np.einsum("eij,ej->ei", self.rotations[first], places[second] - places[first])
+        apart = away + self.images[first] - self.images[second]
+        relative = np.einsum("eij,ekj->eik", self.rotations[second], self.rotations[first])
+        turn = np.stack([relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
+        placing, turning = np.zeros((2, len(first), 2, 3, 6))
+        placing[:, 0, :, :3] = crossing(away)
+        placing[:, 0, :, 3:], placing[:, 1, :, 3:] = np.eye(3), -np.eye(3)
+        turning[:, 0, :, :3], turning[:, 1, :, :3] = np.eye(3), -np.eye(3)
+        count = np.sqrt(stiffness * self.nodes.bond / len(places) / (1 + (np.linalg.norm(apart, axis=1) / JOINT) ** 2))
+        both, turning_count = np.stack([first, second], axis=1), np.sqrt(TURNING) * count
+        return [
+            _Rows(both, count[:, None, None, None] * placing, -count[:, None] * apart),
+            _Rows(both, turning_count[:, None, None, None] * turning, turning_count[:, None] * turn),
+        ]
+
+
+class _Rows(NamedTuple):
+    """Some rows of a linear system for the nodes' motion, three at a time.
+
+    Attributes:
+        node: (r, c) the nodes that they speak of.
+        blocks: (r, c, 3, 6) what a small turn and a shift of each does.
+        goal: (r, 3) what they ask for.
+    """
+
+    node: Integers
+    blocks: Floats
+    goal: Floats
+
+
+def crossing(vectors: Floats) -> Floats:
+    """(..., 3, 3) what a small turn, as a rotation vector, does to each vector (..., 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(*vectors.shape, 3)
+
+
+def _normal_equations(parts: list[_Rows], count: int) -> tuple[Floats, Floats]:
+    """(6 * count, 6 * count) and (6 * count,) for the motion of so many nodes, in single precision."""
+    width = np.concatenate([np.full(len(part.node), part.node.shape[1]) for part in parts])
+    node = np.concatenate([part.node.ravel() for part in parts])
+    blocks = np.concatenate([part.blocks.reshape(-1, 3, 6) for part in parts], dtype=np.float32)
+    goal = np.concatenate([part.goal.ravel() for part in parts], dtype=np.float32)
+    start = np.concatenate([[0], np.cumsum(width)])
+    jacobian = bsr_array((blocks, node, start), shape=(3 * len(width), 6 * count))
+    # A symmetric matrix is its transpose, of which LAPACK makes no copy.
+    return (jacobian.T @ jacobian).toarray().T, jacobian.T @ goal

@@ -1,0 +1,196 @@
+"""The target bent onto the source, limb by limb, until the two surfaces lie in one another.
+
+Eigenfunctions say where things are to a few hundredths of a shape's size. Space is far more exact where both are the
+same body in two poses: its parts move nearly rigidly, so that a part which is laid where it belongs lies within the
+other surface. Nodes that are spread over the target carry rotations and shifts, which neighbours share (Sumner, Schmid
+and Pauly, Embedded deformation for shape manipulation, 2007), and are found by Gauss and Newton's method from closest
+points with normals that agree; only what moves across the surface counts, so that parts may slide into place (Li,
+Adams, Guibas and Pauly, Robust single-view geometry and motion reconstruction, 2009).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.confidence import spectral_distance
+from zoomout_core.matching.local_rigid_alignment import IMAGE_FUNCTIONS, lay
+from zoomout_core.matching.proxy import Proxy, carried
+from zoomout_core.matching.registration.correspondences import Leaps, Places, Surroundings, pulls
+from zoomout_core.matching.registration.deformation_graph import Bending, Nodes
+from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+
+# Images that the target is laid by at first are smoothed over such a diffusion length, at unit area.
+LAYING_WIDTH = 0.06
+
+
+class Level(NamedTuple):
+    """Rounds of the fit that are alike.
+
+    Attributes:
+        nodes: how many of them move the target.
+        sliding: what a move along the surface counts against one across it; 1 to hold on to the places given.
+        stiffness: what the difference of neighbouring nodes counts.
+        rounds: how many, at most.
+    """
+
+    nodes: int
+    sliding: float
+    stiffness: float
+    rounds: int
+
+
+# First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else tells how a round part lies.
+LEVELS = (
+    Level(40, 1.0, 0.3, 1),
+    Level(40, 0.01, 0.3, 5),
+    Level(100, 1.0, 0.3, 1),
+    Level(100, 0.02, 0.3, 2),
+    Level(200, 1.0, 0.3, 1),
+    Level(200, 0.05, 0.3, 2),
+    Level(200, 0.02, 0.1, 3),
+)
+# Nodes that move by less than this on average, at unit area, are where a level takes them.
+AT_REST = 6e-4
+# Coarser meshes than this say too little of where they lie.
+FEWEST_VERTICES = 2 * max(level.nodes for level in LEVELS)
+# Where the eigenfunctions at both ends of the fit disagree by more than this many times their disagreement by the first
+# map, and an allowance at unit area, the fit went astray; disagreement is pooled over such a diffusion length.
+WORSE, ALLOWANCE, POOLING = 2.0, 0.02, 0.03
+# A vertex of a fine mesh is not brought to what is farther than this, at unit area, from the stand-in's image.
+ELSEWHERE = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A target bent onto its source.
+
+    Attributes:
+        surface_map: from the target's mesh to the source's; the first map where the fit went astray.
+        positions: (n_t, 3) the target's vertices in the source's frame, at unit area.
+        rotations: (n_t, 3, 3) how the surroundings of each vertex turn, mirrored where the map mirrors.
+        fits: (n_t,) where this is to be relied on.
+    """
+
+    surface_map: SurfaceMap
+    positions: Floats
+    rotations: Floats
+    fits: Booleans
+
+    @classmethod
+    def unfitted(cls, surface_map: SurfaceMap) -> Fit:
+        """A map alone."""
+        n = len(surface_map.triangle)
+        return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
+
+
+def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -> Generator[float, None, Fit]:
+    """Bend a target onto its source, beginning with a map between them.
+
+    Args:
+        first: from the target's mesh to the source's.
+        source: the shape that the map lands on.
+        target: the shape that the map starts from.
+        mirrored: the map reverses the orientation.
+
+    Yields:
+        The fraction done.
+    """
+    if min(len(source.mesh.vertices), len(target.mesh.vertices)) < FEWEST_VERTICES:
+        return Fit.unfitted(first)
+    sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
+    rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
+    images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
+    coefficients = target.basis.coefficients(images)[:IMAGE_FUNCTIONS]
+    yield 0.0
+    laid = lay(coefficients, target, LAYING_WIDTH, mirrored)
+    if laid.facing(image_normals, source, target) is not laid:
+        normals = -normals
+    around, leaps = Surroundings.of(source), Leaps(first.vertex, source)
+    still, placed = unmoved(first, rest, normals, around, leaps, target)
+    positions, bending = np.where(still[:, None], placed, laid.positions), None
+    for i, (count, sliding, stiffness, rounds) in enumerate(LEVELS):
+        count = min(count, len(target.distances))
+        if bending is None or len(bending.nodes.vertex) != count:
+            nodes = Nodes.on(target, count)
+            here, there = Places.on(target, count), Places.on(source, count)
+            bending = Bending.from_images(nodes, rest, normals, positions, target.basis.areas)
+            goal = positions
+        for j in range(rounds):
+            yield (i + j / rounds) / (len(LEVELS) + 1)
+            positions, turned, _ = bending.moved()
+            if sliding == 1:
+                pull = np.sqrt(here.areas)[:, None, None] * np.eye(3)
+                motion = bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness, False)
+            else:
+                motion = bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness, True)
+            if motion < AT_REST:
+                break
+    yield len(LEVELS) / (len(LEVELS) + 1)
+    assert bending is not None
+    positions, turned, blends = bending.moved()
+    found = around.closest(positions, turned)
+    facing = np.einsum("nx,nx->n", turned, found.interpolate(source.mesh.vertex_normals)) > 0
+    fits = facing & ~leaps.are(np.arange(len(rest)), found.vertex) & ~_astray(found, first, source, target)
+    surface_map = SurfaceMap(
+        np.where(fits, found.triangle, first.triangle),
+        np.where(fits[:, None], found.barycentric, first.barycentric),
+        first.source_triangles,
+    )
+    return Fit(surface_map, positions, nearest_rotations(blends) * sense, fits)
+
+
+def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
+    """A fit of stand-ins as a map between the parts that they stand for.
+
+    Each vertex of the target's part moves along with its place on the stand-in, and takes the closest point of the
+    source's part, unless that is far from where the map between the stand-ins leads: on something that touches.
+
+    Args:
+        fit: of the target's stand-in to the source's.
+        source: the part that the map lands on.
+        target: the part that the map starts from.
+        standing: (n_t, 3) the target's part as the two surfaces stand, in the frame of the source's part.
+    """
+    if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
+        return fit.surface_map
+    place, images = target.place, carried(fit.surface_map, source, target)
+    fits = fit.fits[target.mesh.triangles[place.triangle]].all(axis=1)
+    on = SurfaceMap(place.triangle[fits], place.barycentric[fits], place.source_triangles)
+    (centre, size), (image_centre, image_size) = target.frame, source.frame
+    off = (target.full.vertices[fits] - centre) / size - on.interpolate(target.mesh.vertices)
+    bent = on.interpolate(fit.positions) + np.einsum("nij,nj->ni", on.interpolate(fit.rotations), off)
+    goal = images.copy()
+    goal[fits] = image_centre + image_size * bent
+    settled, nearness = settle(goal, fits, target.full.vertices, standing, source)
+    found = source.closest(settled)
+    at_rest = (settled != goal).any(axis=1)
+    loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
+    found = _replaced(found, loose, source.closest(goal[loose]))
+    elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > ELSEWHERE
+    elsewhere &= loose | ~at_rest
+    return _replaced(found, elsewhere, source.closest(images[elsewhere]))
+
+
+def _replaced(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceMap:
+    """A map with other images for some vertices (n,)."""
+    triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
+    triangle[at], barycentric[at] = by.triangle, by.barycentric
+    return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
+
+
+def _astray(found: SurfaceMap, first: SurfaceMap, source: Shape, target: Shape) -> Booleans:
+    """(n_t,) where eigenfunctions speak against a map, and for the one that it came from."""
+    k = min(IMAGE_FUNCTIONS, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]
+    pulled = [surface_map.interpolate(source.basis.eigenvectors[:, :k]) for surface_map in (found, first)]
+    off = [spectral_distance(values, rows @ target.basis.coefficients(rows)[:k].T, eigenvalues) for rows in pulled]
+    pooled = np.maximum(target.basis.smoothed(np.column_stack(off), POOLING**2), 0)
+    return np.asarray(pooled[:, 0] > WORSE * pooled[:, 1] + ALLOWANCE)

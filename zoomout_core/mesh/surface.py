@@ -1,0 +1,285 @@
+"""Surfaces and point clouds, checked once at the edge so that the rest may trust them.
+
+A `Surface` keeps the user's mesh as it is: vertices, polygons, corners. Geometry is worked out on its
+`working` copy, where borders that coincide are welded, faces without an extent are left out, the winding is
+made consistent and the total area is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.triangulation import triangulate
+from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
+
+# Larger coordinates overflow where areas are squared.
+LARGEST_COORDINATE = 1e75
+
+
+class MeshError(ValueError):
+    """A mesh that cannot be used; the message says in one sentence what is wrong and what to do."""
+
+
+class Surface:
+    """A polygon mesh.
+
+    Args:
+        vertices: (n, 3) positions, in any unit.
+        faces: (f, k) vertex numbers, or a sequence of polygons of any size.
+        edges: (e, 2) vertex numbers, where a program numbers the edges; those of the faces when not given.
+
+    Attributes:
+        vertices: (n, 3) positions.
+        corner_vertex: (c,) the vertex of each face corner, face after face.
+        face_start: (f + 1,) the first corner of each face, and the number of corners.
+        triangle_corners: (m, 3) the corners that each triangle of the triangulation connects.
+
+    Raises:
+        MeshError: no faces, numbers that are not whole or out of range, coordinates that are not finite, or no area.
+    """
+
+    def __init__(
+        self, vertices: ArrayLike, faces: ArrayLike | Sequence[Sequence[int]], edges: ArrayLike | None = None
+    ) -> None:
+        corner_vertex, face_start = _corners(faces)
+        self._set(vertices, corner_vertex, face_start, None, edges)
+
+    @classmethod
+    def from_corners(
+        cls,
+        vertices: ArrayLike,
+        corner_vertex: ArrayLike,
+        face_start: ArrayLike,
+        triangle_corners: ArrayLike | None = None,
+        edges: ArrayLike | None = None,
+    ) -> Surface:
+        """A surface from flat corner arrays, as programs store them (no Python list of faces).
+
+        Args:
+            vertices: (n, 3) positions.
+            corner_vertex: (c,) the vertex of each corner.
+            face_start: (f + 1,) first corner of each face; the last entry is c.
+            triangle_corners: (m, 3) a triangulation by corner numbers; worked out when not given.
+            edges: (e, 2) vertex numbers of the edges, loose ones too; those of the faces when not given.
+
+        Raises:
+            MeshError: as for the constructor, or the arrays do not fit each other.
+        """
+        surface = cls.__new__(cls)
+        surface._set(
+            vertices,
+            _whole_numbers(corner_vertex),
+            _whole_numbers(face_start),
+            triangle_corners,
+            edges,
+        )
+        return surface
+
+    @classmethod
+    def joined(cls, surfaces: Sequence[Surface]) -> Surface:
+        """One surface of several: their vertices, corners, faces, triangles and edges follow each other."""
+        vertex, corner = (
+            np.cumsum([0, *(len(getattr(surface, name)) for surface in surfaces[:-1])])
+            for name in ("vertices", "corner_vertex")
+        )
+        shifted = list(zip(surfaces, vertex, corner, strict=True))
+        return cls.from_corners(
+            np.concatenate([surface.vertices for surface in surfaces]),
+            np.concatenate([surface.corner_vertex + first for surface, first, _ in shifted]),
+            np.concatenate([[0], *(surface.face_start[1:] + first for surface, _, first in shifted)]),
+            np.concatenate([surface.triangle_corners + first for surface, _, first in shifted]),
+            np.concatenate([surface.edges + first for surface, first, _ in shifted]),
+        )
+
+    def with_vertices(self, vertices: ArrayLike) -> Surface:
+        """The same faces, triangles and edges on other positions (n, 3).
+
+        Raises:
+            MeshError: coordinates that are not finite, or no area.
+        """
+        return Surface.from_corners(vertices, self.corner_vertex, self.face_start, self.triangle_corners, self._edges)
+
+    def _set(
+        self,
+        vertices: ArrayLike,
+        corner_vertex: Integers,
+        face_start: Integers,
+        triangle_corners: ArrayLike | None,
+        edges: ArrayLike | None,
+    ) -> None:
+        self._working: WorkingMesh | None = None
+        self.vertices: Floats = _checked_points(vertices)
+        _check_faces(self.vertices, corner_vertex, face_start)
+        self.corner_vertex = corner_vertex
+        self.face_start = face_start
+        self.triangle_corners: Integers = (
+            triangulate(self.vertices, corner_vertex, face_start)
+            if triangle_corners is None
+            else _checked_triangles(triangle_corners, len(corner_vertex))
+        )
+        self._edges = None if edges is None else _checked_edges(edges, len(self.vertices))
+        if not self.area > 0:
+            raise MeshError("The mesh has no area: all of its faces are degenerate; give it faces with an extent.")
+
+    @cached_property
+    def triangles(self) -> Integers:
+        """(m, 3) vertex numbers of the triangulation."""
+        return self.corner_vertex[self.triangle_corners]
+
+    @cached_property
+    def corner_face(self) -> Integers:
+        """(c,) the face that each corner belongs to."""
+        return np.repeat(np.arange(len(self.face_start) - 1), np.diff(self.face_start))
+
+    @cached_property
+    def triangle_face(self) -> Integers:
+        """(m,) the face that each triangle is a part of."""
+        return self.corner_face[self.triangle_corners[:, 0]]
+
+    @property
+    def edges(self) -> Integers:
+        """(e, 2) vertex numbers of the edges: as given, else each of the faces' once, the smaller number first."""
+        if self._edges is None:
+            self._edges = _edges_of_faces(self.corner_vertex, self.face_start)
+        return self._edges
+
+    @cached_property
+    def area(self) -> float:
+        """Total area, in squared units of the vertices."""
+        return float(triangle_areas(self.vertices, self.triangles).sum())
+
+    @property
+    def working(self) -> WorkingMesh:
+        """The welded copy of unit area that bases and maps are computed on."""
+        # Up to Python 3.11 a cached_property lets no other surface's be computed in another thread meanwhile.
+        if self._working is None:
+            self._working = working_mesh(self.vertices, self.triangles, self.area, self.corner_vertex)
+        return self._working
+
+    @working.setter
+    def working(self, mesh: WorkingMesh) -> None:
+        """Take over the working mesh of a surface of the same arrays."""
+        self._working = mesh
+
+    @property
+    def components(self) -> Integers:
+        """(n,) connected component of each vertex, largest area first; -1 where no face uses the vertex."""
+        working = self.working
+        return np.where(working.vertex_of >= 0, working.component[working.vertex_of], -1)
+
+
+class PointCloud:
+    """Points sampled from a surface, with normals if they are known.
+
+    Args:
+        points: (n, 3) positions.
+        normals: (n, 3) unit normals, or None.
+
+    Raises:
+        MeshError: fewer than 12 points, coordinates that are not finite, or not a normal for each point.
+    """
+
+    def __init__(self, points: ArrayLike, normals: ArrayLike | None = None) -> None:
+        self.points = _checked_points(points)
+        self.normals = None if normals is None else _checked_points(normals)
+        if not np.isfinite(self.points).all():
+            raise MeshError("Some points have coordinates that are not finite: remove them.")
+        if self.normals is not None and not (len(self.normals) == len(self.points) and np.isfinite(self.normals).all()):
+            raise MeshError(f"{len(self.points)} points need as many finite normals: correct them, or leave them out.")
+        if len(self.points) < 12:
+            raise MeshError(f"A point cloud of {len(self.points)} points is too small: at least 12 are needed.")
+
+
+# --- the edge: what a user hands in -------------------------------------------------------------------------
+
+
+def _checked_points(points: ArrayLike) -> Floats:
+    try:
+        array = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MeshError("Positions must be numbers, three for each vertex.") from None
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise MeshError(f"Positions must be an array of shape (n, 3), not {array.shape}.")
+    return array
+
+
+def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Integers]:
+    """Flat corners and face starts of an array of faces or a list of polygons."""
+    if isinstance(faces, np.ndarray) and faces.ndim == 2:
+        return _whole_numbers(faces.ravel()), np.arange(len(faces) + 1) * faces.shape[1]
+    try:
+        polygons: list[Any] = list(cast(Sequence[Any], faces))
+        sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+    except TypeError:
+        raise MeshError("Faces must be an array of shape (f, k), or a sequence of polygons.") from None
+    corners = [vertex for polygon in polygons for vertex in polygon]
+    return _whole_numbers(corners), np.concatenate([[0], np.cumsum(sizes)])
+
+
+def _whole_numbers(numbers: ArrayLike) -> Integers:
+    """Numbers of elements as integers; whole floats, as some files and programs give them, will do."""
+    array = np.asarray(numbers)
+    whole = array.dtype.kind in "iu" or (
+        array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
+    )
+    if array.size and not whole:
+        raise MeshError("Faces and edges must name their vertices by whole numbers, counted from 0.")
+    return array.astype(np.int64)
+
+
+def _checked_triangles(triangle_corners: ArrayLike, corner_count: int) -> Integers:
+    triangles = _whole_numbers(triangle_corners).reshape(-1, 3)
+    if triangles.size and not (triangles.min() >= 0 and triangles.max() < corner_count):
+        raise MeshError(f"The triangulation names corner {triangles.max()}, but there are {corner_count}: correct it.")
+    return triangles
+
+
+def _checked_edges(edges: ArrayLike, vertex_count: int) -> Integers:
+    array = _whole_numbers(edges)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise MeshError(f"Edges must be an array of shape (e, 2), not {array.shape}.")
+    if array.size and not (array.min() >= 0 and array.max() < vertex_count):
+        wrong = array[(array < 0) | (array >= vertex_count)][0]
+        raise MeshError(f"An edge names vertex {wrong}, but the mesh has {vertex_count} vertices, numbered from 0.")
+    return array
+
+
+def _edges_of_faces(corner_vertex: Integers, face_start: Integers) -> Integers:
+    following = np.roll(corner_vertex, -1)
+    following[face_start[1:] - 1] = corner_vertex[face_start[:-1]]
+    count = int(corner_vertex.max()) + 1
+    keys = np.unique(np.minimum(corner_vertex, following) * count + np.maximum(corner_vertex, following))
+    return np.stack(np.divmod(keys, count), axis=1)
+
+
+def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers) -> None:
+    if len(face_start) < 2:
+        raise MeshError("The mesh has no faces: a surface is needed, not only points or edges.")
+    sizes = np.diff(face_start)
+    if sizes.min() < 3:
+        face = int(np.argmin(sizes))
+        raise MeshError(f"Face {face} has {sizes[face]} corners: remove faces with fewer than three.")
+    if face_start[0] != 0 or face_start[-1] != len(corner_vertex):
+        raise MeshError(
+            f"Faces that take up the corners {face_start[0]} to {face_start[-1]} were given {len(corner_vertex)} "
+            "corners: the first face must start at 0, and the last entry be their number."
+        )
+    if corner_vertex.min() < 0 or corner_vertex.max() >= len(vertices):
+        wrong = int(np.flatnonzero((corner_vertex < 0) | (corner_vertex >= len(vertices)))[0])
+        raise MeshError(
+            f"A face names vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered from 0."
+        )
+    usable = (np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1)  # and so no NaN
+    broken = np.unique(corner_vertex[~usable[corner_vertex]])
+    if len(broken):
+        raise MeshError(
+            f"{len(broken)} vertices have coordinates that are not finite or beyond all measure "
+            f"(the first is vertex {broken[0]}): remove or repair them."
+        )

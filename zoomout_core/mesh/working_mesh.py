@@ -1,0 +1,258 @@
+"""The copy of a surface that geometry is computed on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
+
+# Borders closer than this part of the bounding box are the same border: exporters split vertices at UV seams.
+WELD_TOLERANCE = 2.0**-20
+# A signed volume below this part of a sphere's of the same area says nothing about inside and outside.
+FLAT_VOLUME = 0.02
+# The same for a closed surface, whose volume is exact up to rounding.
+NO_VOLUME = 1e-9
+# An open surface may bend the other way in another pose unless its volume, relative to a sphere's, exceeds the
+# length of its mean normal so many times.
+SHALLOW = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class WorkingMesh:
+    """The welded, consistently wound triangle mesh of unit area that geometry is computed on.
+
+    Attributes:
+        vertices: (n, 3) positions, centred, divided by the square root of the surface's area.
+        triangles: (m, 3) vertex numbers, corners in the order of the surface's own triangle.
+        flipped: (m,) whether a triangle winds against the consistent, outward orientation.
+        vertex_of: (n_surface,) the working vertex of each vertex of the surface, -1 where no face uses it.
+        triangle_of: (m,) the surface's triangle that each triangle stems from.
+        component: (n,) number of the connected component of each vertex, the largest area first.
+        scale: square root of the surface's area, in the surface's units.
+        origin: (3,) the point of the surface, in its frame and unit, that is at zero here.
+        is_skin: whether it was drawn around the surface: then its triangles stem from none of the surface's, and
+            `vertex_of` tells the nearest vertex.
+    """
+
+    vertices: Floats
+    triangles: Integers
+    flipped: Booleans
+    vertex_of: Integers
+    triangle_of: Integers
+    component: Integers
+    scale: float
+    origin: Floats
+    is_skin: bool = False
+
+    @cached_property
+    def oriented_triangles(self) -> Integers:
+        """(m, 3) the triangles, all wound so that their normals point outwards."""
+        oriented = self.triangles.copy()
+        oriented[self.flipped, 1], oriented[self.flipped, 2] = (
+            self.triangles[self.flipped, 2],
+            self.triangles[self.flipped, 1],
+        )
+        return oriented
+
+    @cached_property
+    def vertex_normals(self) -> Floats:
+        """(n, 3) outward unit normals, weighted by area."""
+        return vertex_normals(self.vertices, self.oriented_triangles)
+
+    @cached_property
+    def sides_are_known(self) -> bool:
+        """Whether the volume that it encloses tells outside from inside: not of a cloth, which may bend either way.
+
+        The mean normal is zero where a surface is closed, and of unit length where it is flat.
+        """
+        corners = self.vertices[self.oriented_triangles]
+        area, volume = _area_and_volume(corners, np.zeros(len(corners), dtype=int))
+        mean_normal = np.linalg.norm(area_normals(self.vertices, self.oriented_triangles).sum(axis=0)) / 2 / area[0]
+        return bool(volume[0] / _sphere(area[0]) > SHALLOW * mean_normal + NO_VOLUME)
+
+    def part(self, component: int) -> tuple[WorkingMesh, Integers]:
+        """One connected component as a mesh of its own, rescaled to unit area.
+
+        Returns:
+            The component, and (n_part,) the vertices of this mesh that it consists of.
+        """
+        inside = self.component == component
+        vertices = np.flatnonzero(inside)
+        if len(vertices) == len(inside):
+            return self, vertices
+        number = np.full(len(inside) + 1, -1)  # the extra last entry answers for vertex_of = -1
+        number[vertices] = np.arange(len(vertices))
+        kept = inside[self.triangles[:, 0]]
+        triangles = number[self.triangles[kept]]
+        area = triangle_areas(self.vertices[vertices], triangles).sum()
+        centre = self.vertices[vertices].mean(axis=0)
+        return WorkingMesh(
+            vertices=(self.vertices[vertices] - centre) / np.sqrt(area),
+            triangles=triangles,
+            flipped=self.flipped[kept],
+            vertex_of=number[self.vertex_of],
+            triangle_of=self.triangle_of[kept],
+            component=np.zeros(len(vertices), dtype=int),
+            scale=self.scale * float(np.sqrt(area)),
+            origin=self.origin + self.scale * centre,
+        ), vertices
+
+    def from_surface(self, points: Floats) -> Floats:
+        """(q, 3) points given in the surface's frame and unit, in this mesh's."""
+        return np.asarray((points - self.origin) / self.scale)
+
+    def to_surface(self, points: Floats) -> Floats:
+        """(q, 3) points given in this mesh's frame, in the surface's frame and unit."""
+        return np.asarray(self.origin + self.scale * points)
+
+
+def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced: Integers) -> WorkingMesh:
+    """The working copy of a triangulated mesh.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        area: of all triangles, above zero.
+        referenced: vertices that a face uses, though it may be of no triangle with an extent.
+    """
+    given = triangles
+    sides = sides_by_edge(triangles)
+    welded = _weld(vertices, triangles, sides)
+    triangles = welded[triangles]
+    proper = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
+    if not (proper.all() and (triangles == given).all()):
+        triangles = triangles[proper]
+        sides = sides_by_edge(triangles)
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
+    number = np.where(used, np.cumsum(used) - 1, -1)
+    triangles = number[triangles]
+
+    scale = float(np.sqrt(area))
+    origin = vertices[used].mean(axis=0)
+    points = (vertices[used] - origin) / scale
+    of_a_face = np.zeros(len(vertices), dtype=bool)
+    of_a_face[referenced] = True
+    return WorkingMesh(
+        vertices=points,
+        triangles=triangles,
+        flipped=_flipped(points, triangles, sides),
+        vertex_of=np.where(of_a_face, number[welded], -1),
+        triangle_of=np.flatnonzero(proper),
+        component=_component(points, triangles),
+        scale=scale,
+        origin=origin,
+    )
+
+
+def _weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
+    """(n,) the vertex that stands for each: coinciding border vertices become one, all others stay."""
+    side, first = sides
+    alone = side[first[:-1][np.diff(first) == 1]]
+    border = np.unique(np.concatenate([triangles.ravel()[alone], np.roll(triangles, -1, axis=1).ravel()[alone]]))
+    stands_for = np.arange(len(vertices))
+    if len(border) == 0:
+        return stands_for
+    points = vertices[border]
+    extent = float(np.ptp(vertices[triangles.ravel()], axis=0).max())
+    lattice = np.rint((points - points.min(axis=0)) / (extent * WELD_TOLERANCE)).astype(np.int64)
+    keys = (lattice[:, 0] << 42) | (lattice[:, 1] << 21) | lattice[:, 2]
+    _, begin, group = np.unique(keys, return_index=True, return_inverse=True)
+    stands_for[border] = border[begin[group]]
+    return stands_for
+
+
+def _component(vertices: Floats, triangles: Integers) -> Integers:
+    """(n,) connected components, numbered by falling area."""
+    n = len(vertices)
+    rows, columns = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    count, label = connected_components(
+        coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(n, n)), directed=False
+    )
+    if count == 1:
+        return label.astype(np.int64)
+    area = np.bincount(label[triangles[:, 0]], triangle_areas(vertices, triangles))
+    rank = np.empty(len(area), dtype=int)
+    rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
+    return rank[label]
+
+
+def _flipped(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
+    """(m,) which triangles to turn so that neighbours agree and normals point outwards."""
+    side, first = sides
+    m, count = len(triangles), np.diff(first)
+    pair = first[:-1][count == 2]  # manifold edges alone carry an orientation across
+    left, right = side[pair], side[pair + 1]
+    forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
+    agree = forward[left] != forward[right]
+    left, right = left // 3, right // 3
+    if agree.all():
+        turned = np.zeros(m, dtype=bool)
+        _, patch = connected_components(coo_array((agree, (left, right)), shape=(m, m)), directed=False)
+        oriented = triangles
+    else:
+        turned, patch = _agreeing(m, left, right, agree)
+        oriented = np.where(turned[:, None], triangles[:, ::-1], triangles)
+    area, volume = _area_and_volume(vertices[oriented], patch)
+    has_border = np.zeros(len(area), dtype=bool)
+    has_border[patch[side[np.repeat(count != 2, count)] // 3]] = True
+    inward = volume < -np.where(has_border, FLAT_VOLUME, NO_VOLUME) * _sphere(area)
+    return turned ^ inward[patch]
+
+
+def _agreeing(m: int, left: Integers, right: Integers, agree: Booleans) -> tuple[Booleans, Integers]:
+    """Which of m triangles to turn so that neighbours wind alike.
+
+    The orientation double cover: each triangle stands there twice, kept and turned; neighbours that agree
+    are joined copy to copy, the others crosswise. A sheet that contains one copy of each triangle is a
+    consistent winding.
+
+    Args:
+        m: number of triangles.
+        left: (e,) one of the two triangles at an edge.
+        right: (e,) the other one.
+        agree: (e,) whether they wind alike.
+
+    Returns:
+        (m,) whether to turn each, and (m,) the number of the patch that each belongs to.
+    """
+    rows = np.concatenate([left, left + m])
+    columns = np.concatenate([np.where(agree, right, right + m), np.where(agree, right + m, right)])
+    _, sheet = connected_components(
+        coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(2 * m, 2 * m)), directed=False
+    )
+    # Of the two sheets over a patch take the one that keeps more triangles (a Moebius band has one: keep all).
+    kept = np.bincount(sheet[:m], minlength=2 * m)
+    turned = kept[sheet[m:]] > kept[sheet[:m]]
+    tie = kept[sheet[m:]] == kept[sheet[:m]]
+    turned[tie] = sheet[m:][tie] < sheet[:m][tie]
+    return turned, np.minimum(sheet[:m], sheet[m:])
+
+
+def _area_and_volume(corners: Floats, patch: Integers) -> tuple[Floats, Floats]:
+    """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between them and their centroids.
+
+    Args:
+        corners: positions.
+        patch: (m,) number of the patch that each triangle belongs to.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area_normal = cross(b - a, c - a)
+    centre = (a + b + c) / 3
+    size = np.sqrt(np.einsum("mx,mx->m", area_normal, area_normal)) / 2
+    area = np.bincount(patch, size)
+    middle = np.stack([np.bincount(patch, size * centre[:, i]) for i in range(3)], axis=1)
+    middle = middle / np.where(area > 0, area, 1)[:, None]
+    volume = np.bincount(patch, np.einsum("ij,ij->i", centre - middle[patch], area_normal) / 6)
+    return area, volume
+
+
+def _sphere(area: Floats) -> Floats:
+    """The volume of spheres of the given areas."""
+    return area**1.5 / (6 * np.sqrt(np.pi))

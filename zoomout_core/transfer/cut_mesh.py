@@ -1,0 +1,259 @@
+"""A surface cut open along the edges where corner data jumps: at UV seams, at hard edges of colours.
+
+Corners around a vertex are one cut vertex as far as data runs on continuously from face to face, so the sides
+of a seam are strangers even where a chart borders itself. Points are located by walking downhill from a
+triangle that is known to be on the right side; no walk crosses a cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.threads import for_each, threads
+
+# Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
+CUT_TOLERANCE = 2.0**-16
+# Points closer to a triangle than this part of the surface's size lie on it.
+ON_SURFACE = 1e-9
+# A foot with a smaller barycentric coordinate is on the rim of its triangle.
+RIM = 1e-9
+# Cosine of the angle to its vertex's normal from which on a triangle hides others from points above it.
+UPRIGHT = 0.5
+# Faces that share one edge and are compared with one another; more happen only on broken meshes.
+MOST_FACES_AT_EDGE = 8
+# Points that walk together: what is worked on stays in a processor's cache.
+BLOCK = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class CutSurface:
+    """A surface and how its corners hang together.
+
+    Attributes:
+        surface: the surface that is cut.
+        cut_vertex: (c,) number of the cut vertex that each corner belongs to.
+        island: (f,) number of the island, joined by edges without a cut, that each face belongs to.
+        border: (b, 2) the corners at both ends of each face edge that nothing is joined to.
+    """
+
+    surface: Surface
+    cut_vertex: Integers
+    island: Integers
+    border: Integers
+
+    @cached_property
+    def triangle_island(self) -> Integers:
+        """(m,) the island of each triangle."""
+        return self.island[self.surface.triangle_face]
+
+    @cached_property
+    def _vertices(self) -> Integers:
+        """(m, 3) the cut vertices of the triangles."""
+        return self.cut_vertex[self.surface.triangle_corners]
+
+    @cached_property
+    def _fan(self) -> tuple[Integers, Integers]:
+        """Triangles around the cut vertices: (v + 1,) where each vertex's start, and the triangles."""
+        vertex = self._vertices.ravel()
+        start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=self.cut_vertex.max() + 1))])
+        return start, np.argsort(vertex, kind="stable") // 3
+
+    @cached_property
+    def _folded(self) -> Booleans:
+        """(m,) whether triangles around a triangle stand up or fold over, as slivers do, seen from its corners."""
+        vertex = self._vertices.ravel()
+        normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
+        sums = np.stack([np.bincount(vertex, axis) for axis in normal.T], axis=1)
+        lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= UPRIGHT * np.linalg.norm(sums, axis=1)[vertex]
+        folded = np.zeros(len(sums), dtype=bool)
+        folded[vertex[~lying]] = True
+        return np.asarray(folded[self._vertices].any(axis=1))
+
+    @cached_property
+    def _geometry(self) -> Floats:
+        """(12, m) of triangles: a corner, the sides that leave it (three rows each), and their inner products."""
+        a, b, c = self.surface.vertices[self.surface.triangles].transpose(1, 2, 0)
+        ab, ac = b - a, c - a
+        return np.concatenate([a, ab, ac, [_dot(ab, ab), _dot(ab, ac), _dot(ac, ac)]])
+
+    @cached_property
+    def _size(self) -> float:
+        return float(np.ptp(self.surface.vertices[self.surface.corner_vertex], axis=0).max())
+
+    def walk(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
+        """The closest points that are reached from a triangle by going downhill, without crossing a cut.
+
+        Args:
+            start: (q,) the triangle that each walk begins at.
+            points: (q, 3) where to.
+
+        Returns:
+            (q,) triangles, (q, 3) barycentric coordinates in them, and (q,) the distances that are left:
+            zero for points that were reached.
+        """
+        triangle = np.array(start)
+        weights = np.empty((len(points), 3))
+        distance = np.empty(len(points))
+        columns = np.ascontiguousarray(points.T)
+
+        def walk_on(first: int) -> None:
+            block = slice(first, first + BLOCK)
+            triangle[block], weights[block], distance[block] = self._walked(triangle[block], columns[:, block])
+
+        drain(for_each(walk_on, range(0, len(points), BLOCK)))
+        return triangle, weights, np.where(distance > self._size * ON_SURFACE, distance, 0)
+
+    def _walked(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
+        """`walk` to points (3, q)."""
+        triangle = start.copy()
+        weights, distance = self._closest(triangle, points)
+        walking = np.arange(len(triangle))
+        while len(walking := walking[self._may_improve(triangle, weights, distance, walking)]):
+            query, candidate = self._around(triangle[walking], weights[walking])
+            found, gap = self._closest(candidate, points[:, walking[query]])
+            first = np.flatnonzero(np.diff(query, prepend=-1))
+            lowest = np.minimum.reduceat(gap, first)
+            better = lowest < distance[walking] * (1 - ON_SURFACE)
+            hit = np.flatnonzero((gap <= lowest[query]) & better[query])
+            hit = hit[np.flatnonzero(np.diff(query[hit], prepend=-1))]
+            walking = walking[better]
+            triangle[walking], weights[walking], distance[walking] = candidate[hit], found[hit], gap[hit]
+        return triangle, weights, distance
+
+    def _may_improve(self, triangle: Integers, weights: Floats, distance: Floats, walking: Integers) -> Booleans:
+        """Whether a walk is off its point, and its foot on a rim, or where another triangle may cover it."""
+        on_rim = (weights <= RIM)[walking]
+        leads_on = on_rim[:, 0] | on_rim[:, 1] | on_rim[:, 2] | self._folded[triangle[walking]]
+        return leads_on & (distance[walking] > self._size * ON_SURFACE)
+
+    def _closest(self, triangle: Integers, points: Floats) -> tuple[Floats, Floats]:
+        """(q, 3) barycentric coordinates of the points of triangles closest to points (3, q), and the distances."""
+        geometry = np.take(self._geometry, triangle, axis=1)
+        ab, ac = geometry[3:6], geometry[6:9]
+        offset = points - geometry[:3]
+        weights = barycentric_of_closest((_dot(offset, ab), _dot(offset, ac), *geometry[9:]))
+        offset -= weights[:, 1] * ab
+        offset -= weights[:, 2] * ac
+        return weights, np.sqrt(_dot(offset, offset))
+
+    def _around(self, triangle: Integers, weights: Floats) -> tuple[Integers, Integers]:
+        """The triangles at the cut vertices that a foot lies between, with the query of each."""
+        start, fan = self._fan
+        query, corner = np.divmod(np.flatnonzero(weights > RIM), 3)
+        vertex = self._vertices[triangle[query], corner]
+        return ragged(query, start[vertex], start[vertex + 1], fan)
+
+
+def _dot(first: Floats, second: Floats) -> Floats:
+    """(q,) inner products of vectors (3, q)."""
+    return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
+
+
+def ragged(owner: Integers, start: Integers, end: Integers, values: Integers) -> tuple[Integers, Integers]:
+    """The values in the ranges start to end, one after another, each with the owner of its range."""
+    count = end - start
+    offset = np.repeat(start - np.cumsum(count) + count, count)
+    return np.repeat(owner, count), values[offset + np.arange(len(offset))]
+
+
+def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
+    """Where faces meet: both faces' corners at both ends of each common edge, in the same order.
+
+    Borders that coincide in space are one edge, however the mesh's vertices are split.
+
+    Returns:
+        (e, 2) corners of one face and (e, 2) of the other; each pair of faces at an edge once.
+    """
+    welded = surface.working.vertex_of[surface.corner_vertex]
+    welded = np.where(welded >= 0, welded, len(surface.vertices) + surface.corner_vertex)
+    edges = face_edges(surface)
+    ends = welded[edges]
+    edges = np.where((ends[:, 0] <= ends[:, 1])[:, None], edges, edges[:, ::-1])
+    low, high = welded[edges].T
+    key = low * (welded.max() + 1) + high
+    order = np.argsort(key, kind="stable")
+    order = order[low[order] != high[order]]
+    key = key[order]
+    first, second = [], []
+    for step in range(1, MOST_FACES_AT_EDGE):
+        same = np.flatnonzero(key[step:] == key[:-step])
+        if len(same) == 0:
+            break
+        first.append(edges[order[same]])
+        second.append(edges[order[same + step]])
+    none = np.empty((0, 2), dtype=np.int64)
+    return np.concatenate([none, *first]), np.concatenate([none, *second])
+
+
+def face_edges(surface: Surface) -> Integers:
+    """(c, 2) the edges of all faces, by the corners that they lead from and to."""
+    following = np.arange(1, len(surface.corner_vertex) + 1)
+    following[surface.face_start[1:] - 1] = surface.face_start[:-1]
+    return np.stack([np.arange(len(following)), following], axis=1)
+
+
+def edge_lengths(points: Floats, edges: Integers) -> Floats:
+    """(...) lengths of edges (..., 2) between corners that lie at points (c, d)."""
+    along = np.take(points, edges[..., 1], axis=0) - np.take(points, edges[..., 0], axis=0)
+    return np.asarray(np.sqrt(np.einsum("...x,...x->...", along, along)))
+
+
+def cut_open(surface: Surface, values: Floats) -> CutSurface:
+    """Cut a surface along the edges at whose ends the two faces' corner values (c, d) differ."""
+    first, second = adjacent_edges(surface)
+    tolerance = CUT_TOLERANCE * float(np.ptp(values, axis=0).max(initial=0))
+    joined = (np.abs(values[first] - values[second]) <= tolerance).all(axis=(1, 2))
+    first, second = first[joined], second[joined]
+    edges = face_edges(surface)
+    is_joined = np.zeros(len(edges), dtype=bool)
+    for side in (first, second):
+        # An edge is named by the corner it starts at; sides may have been turned round to match.
+        turned = edges[side[:, 0], 1] != side[:, 1]
+        is_joined[np.where(turned, side[:, 1], side[:, 0])] = True
+    return CutSurface(
+        surface=surface,
+        cut_vertex=joined_groups(len(edges), first.ravel(), second.ravel()),
+        island=joined_groups(
+            len(surface.face_start) - 1, surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
+        ),
+        border=edges[~is_joined],
+    )
+
+
+def joined_groups(count: int, first: Integers, second: Integers) -> Integers:
+    """(count,) group of each item when the pairs (first, second) are joined."""
+    graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def nearer_than(points: Floats, radius: Floats, begin: Floats, end: Floats) -> Booleans:
+    """(q,) whether a line segment comes into the ball around each point, or might.
+
+    Args:
+        points: (q, 3) centres of the balls.
+        radius: (q,) their radii.
+        begin: (s, 3) and
+        end: (s, 3) the segments.
+    """
+    if len(begin) == 0:
+        return np.zeros(len(points), dtype=bool)
+    length = np.linalg.norm(end - begin, axis=1)
+    spacing = max(float(np.median(radius)), float(length.sum()) / (4 * len(points) + len(begin)), 1e-300)
+    steps = np.ceil(length / spacing).astype(np.int64)
+    segment, step = ragged(np.arange(len(steps)), np.zeros_like(steps), steps + 1, np.arange(steps.max() + 1))
+    along = (step / np.maximum(steps[segment], 1))[:, None]
+    reach = radius * 1.001 + spacing / 2
+    tree = cKDTree(begin[segment] * (1 - along) + end[segment] * along)
+    distance, _ = tree.query(points, distance_upper_bound=1.001 * float(reach.max()), workers=threads())
+    return np.asarray(distance <= reach)

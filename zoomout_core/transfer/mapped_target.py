@@ -1,0 +1,162 @@
+"""The target, laid onto the source by a map: where its vertices, corners and faces come to lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.transfer.cut_mesh import (
+    CutSurface,
+    adjacent_edges,
+    cut_open,
+    edge_lengths,
+    face_edges,
+    nearer_than,
+    ragged,
+)
+from zoomout_core.transfer.frames import Frames, frames_on
+from zoomout_core.transfer.inpaint import Filling, filling
+
+# A corner's side of an edge of the source is asked for this far into the face.
+NUDGE = 0.25
+# The middles of the four parts that the midpoints of its edges divide a triangle into.
+SAMPLES = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
+# What a sample without confidence counts for, and one without area (of the mean area of triangles).
+LEAST_CONFIDENCE = 1e-3
+LEAST_AREA = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points spread evenly over faces of the target, and where they lie on the source; ordered by face.
+
+    Attributes:
+        face: (q,) the target's face that each belongs to.
+        triangle: (q,) the source's triangle that each lies in.
+        barycentric: (q, 3) the point in it.
+        area: (q,) the area that each stands for.
+        weight: (q,) the area, weighted by confidence.
+    """
+
+    face: Integers
+    triangle: Integers
+    barycentric: Floats
+    area: Floats
+    weight: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Draped:
+    """The target draped over the source.
+
+    Attributes:
+        source: the surface that gives.
+        target: the surface that receives.
+        surface_map: where each target vertex lies on the source.
+        confidence: (n_t,) how far the map is to be trusted, in [0, 1].
+        fill_below: vertices of less confidence are filled in from the others; None for none.
+    """
+
+    source: Surface
+    target: Surface
+    surface_map: SurfaceMap
+    confidence: Floats
+    fill_below: float | None = None
+
+    @cached_property
+    def points(self) -> Floats:
+        """(n_t, 3) the points of the source that the target's vertices lie on."""
+        return self.surface_map.interpolate(self.source.vertices)
+
+    @cached_property
+    def whole(self) -> CutSurface:
+        """The source without any cut."""
+        return cut_open(self.source, np.zeros((len(self.source.corner_vertex), 1)))
+
+    @cached_property
+    def adjacent(self) -> tuple[Integers, Integers]:
+        """Where faces of the target meet, see `adjacent_edges`."""
+        return adjacent_edges(self.target)
+
+    @cached_property
+    def circumference(self) -> Floats:
+        """(f_t,) length around each face of the target."""
+        length = edge_lengths(self.target.vertices[self.target.corner_vertex], face_edges(self.target))
+        return np.asarray(np.bincount(self.target.corner_face, length), dtype=np.float64)
+
+    @cached_property
+    def balls(self) -> tuple[Floats, Floats]:
+        """(f_t, 3) middles and (f_t,) radii of balls around the corners of each face of the target, on the source."""
+        begin, size = self.target.face_start[:-1], np.diff(self.target.face_start)
+        corners = self.points[self.target.corner_vertex]
+        middle = np.add.reduceat(corners, begin) / size[:, None]
+        off = corners - np.repeat(middle, size, axis=0)
+        return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), begin))
+
+    @cached_property
+    def frames(self) -> Frames:
+        """How the target turns and grows at each of its vertices."""
+        return frames_on(self, np.ones(len(self.target.vertices), dtype=bool))
+
+    @cached_property
+    def filling(self) -> Filling | None:
+        """How vertices of too little confidence are filled in, or None where there are none."""
+        trusted = self.confidence >= (0 if self.fill_below is None else self.fill_below)
+        return None if trusted.all() else filling(self.target, trusted)
+
+    def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
+        """Where points of the target lie on the source: the images of the corners, mixed in space.
+
+        Unlike `SurfaceMap.at` this goes there from the nearest corner's image along the surface, so it does
+        not fall through thin walls, and does not search the whole source.
+
+        Args:
+            triangle: (q,) target triangles.
+            barycentric: (q, 3) the points in them.
+
+        Returns:
+            (q,) source triangles and (q, 3) barycentric coordinates in them.
+        """
+        corners = self.target.triangles[triangle]
+        nearest = corners[np.arange(len(corners)), np.argmax(barycentric, axis=1)]
+        points = np.einsum("qc,qcx->qx", barycentric, self.points[corners])
+        found, weights, _ = self.whole.walk(self.surface_map.triangle[nearest], points)
+        return found, weights
+
+    def samples(self, faces: Integers) -> Samples:
+        """Four samples to each triangle of some faces (f,), which are in rising order."""
+        target = self.target
+        of_face = np.argsort(target.triangle_face, kind="stable")
+        start = np.searchsorted(target.triangle_face[of_face], faces)
+        end = np.searchsorted(target.triangle_face[of_face], faces, side="right")
+        face, triangle = ragged(faces, start, end, of_face)
+        area = triangle_areas(target.vertices, target.triangles[triangle]) / len(SAMPLES)
+        area += LEAST_AREA * target.area / len(target.triangles)
+        face, triangle, area = (np.repeat(array, len(SAMPLES)) for array in (face, triangle, area))
+        barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
+        confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
+        return Samples(face, *self.locate(triangle, barycentric), area, area * (confidence + LEAST_CONFIDENCE))
+
+    def nudged(self, corners: Integers) -> tuple[Integers, Floats]:
+        """Where corners (q,) of the target lie on the source if they are moved into their faces a little."""
+        target = self.target
+        largest = np.argsort(triangle_areas(target.vertices, target.triangles), kind="stable")
+        in_triangle = np.empty(len(target.corner_vertex), dtype=np.int64)
+        in_triangle[target.triangle_corners[largest].ravel()] = np.repeat(largest, 3)
+        triangle = in_triangle[corners]
+        here = target.triangle_corners[triangle] == corners[:, None]
+        return self.locate(triangle, np.where(here, 1 - NUDGE, 0) + NUDGE / 3)
+
+    def near_border(self, cut: CutSurface) -> Booleans:
+        """(f_t,) whether a face of the target might lie across a cut of the source."""
+        border = self.source.vertices[self.source.corner_vertex[cut.border]]
+        island = cut.triangle_island[self.surface_map.triangle][self.target.corner_vertex]
+        begin = self.target.face_start[:-1]
+        torn = np.minimum.reduceat(island, begin) < np.maximum.reduceat(island, begin)
+        return torn | nearer_than(*self.balls, border[:, 0], border[:, 1])

@@ -1,0 +1,113 @@
+"""Lines that marked edges form on a surface, and points along them.
+
+Marked edges are strung into chains that run from a junction or an end to the next, or around in a loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.transfer.cut_mesh import ragged
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Edges strung together; ordered by chain, and along each.
+
+    Attributes:
+        edge: (k,) numbers of the edges.
+        chain: (k,) the chain of each.
+        begin: (k,) the vertex that it starts at, going along its chain, and
+        end: (k,) that it ends at.
+    """
+
+    edge: Integers
+    chain: Integers
+    begin: Integers
+    end: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points along chains; ordered by chain, and along each, from its first vertex to its last.
+
+    Attributes:
+        chain: (q,) the chain of each.
+        along: (q,) the length of the chain up to there.
+        point: (q, 3) where it lies.
+        edge: (q,) the edge that it lies on.
+        vertex: (q,) the vertex that it lies at, -1 between vertices.
+    """
+
+    chain: Integers
+    along: Floats
+    point: Floats
+    edge: Integers
+    vertex: Integers
+
+
+def string_together(edges: Integers) -> Chains:
+    """Chains of edges (k, 2), each pair of vertices at most once, that end where not two edges meet."""
+    count = len(edges)
+    ends = edges.ravel()
+    # Between two edges a vertex is one knot; elsewhere every edge ends in a knot of its own.
+    vertex_count = int(ends.max(initial=-1)) + 1
+    inner = np.bincount(ends, minlength=vertex_count)[ends] == 2
+    knot = np.where(inner, ends, vertex_count + np.arange(2 * count))
+    chain = _components(knot)
+    # A loop has no such end: it is opened where its first edge begins.
+    closed = np.ones(chain.max(initial=-1) + 1, dtype=bool)
+    closed[chain[~inner]] = False
+    first = np.unique(chain, return_index=True)[1][closed]
+    knot[first] = vertex_count + first
+    outer = np.flatnonzero(knot >= vertex_count)
+    start = knot[outer[np.unique(chain[outer], return_index=True)[1]]]
+    knots, number = np.unique(knot, return_inverse=True)
+    steps = coo_array((np.ones(count), (number[::2], number[1::2])), shape=(len(knots), len(knots))).tocsr()
+    rank = dijkstra(steps, directed=False, indices=np.searchsorted(knots, start), min_only=True) if count else knots
+    rank = rank[number].reshape(-1, 2)
+    forward = rank[:, 0] < rank[:, 1]
+    order = np.lexsort((rank.min(axis=1), chain[::2]))
+    directed = np.where(forward[:, None], edges, edges[:, ::-1])[order]
+    return Chains(order, chain[::2][order], directed[:, 0], directed[:, 1])
+
+
+def _components(knot: Integers) -> Integers:
+    """(2k,) the chain of each edge's ends, which are at knots (2k,)."""
+    knots, number = np.unique(knot, return_inverse=True)
+    shape = len(knots), len(knots)
+    graph = coo_array((np.ones(len(knot) // 2, dtype=bool), (number[::2], number[1::2])), shape=shape)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)[number]
+
+
+def sample(chains: Chains, vertices: Floats, spacing: float) -> Samples:
+    """Points along chains on vertices (n, 3), all of their vertices among them, at most `spacing` apart."""
+    begin, end = vertices[chains.begin], vertices[chains.end]
+    length = np.linalg.norm(end - begin, axis=1)
+    parts = np.maximum(np.ceil(length / spacing), 1).astype(np.int64)
+    last = np.append(chains.chain[1:] != chains.chain[:-1], True)[: len(parts)]
+    each = np.arange(len(parts))
+    on, step = ragged(each, np.zeros_like(parts), parts + last, np.arange(parts.max(initial=0) + 1))
+    share = step / parts[on]
+    before = np.cumsum(length) - length
+    first = np.append(True, last[:-1])[: len(parts)]
+    before -= before[np.flatnonzero(first)][np.cumsum(first) - 1]
+    vertex = np.where(step == 0, chains.begin[on], np.where(step == parts[on], chains.end[on], -1))
+    return Samples(
+        chain=chains.chain[on],
+        along=before[on] + share * length[on],
+        point=begin[on] + share[:, None] * (end - begin)[on],
+        edge=chains.edge[on],
+        vertex=vertex,
+    )
+
+
+def runs(chain: Integers, state: Booleans) -> Integers:
+    """(q,) number of the run of equal states within one chain that each sample belongs to."""
+    changes = (np.diff(chain) != 0) | (np.diff(state.astype(np.int8)) != 0)
+    return np.concatenate([[0], np.cumsum(changes)])[: len(chain)]
