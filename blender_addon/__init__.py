@@ -7,11 +7,13 @@ import bpy
 
 import zoomout_core as zo
 
-from . import cli, landmark_dots, manual, menus, operators, panels, presets, swatches, translations, watch
+from . import cli, operators, presets, translations, watch
 from .operators import modal
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
+from .ui import manual, menus, panels, thumbnails
+from .viewport import landmark_dots
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     (
@@ -45,7 +47,7 @@ def unregister() -> None:
     """Take them away again."""
     modal.cancel_all()
     watch.unregister()
-    swatches.unregister()
+    thumbnails.unregister()
     cli.unregister()
     translations.unregister()
     presets.unregister()

@@ -50,10 +50,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 
-from . import landmarks
-from .cargo import DATA, USUAL_DATA, Settings
-from .collection_match import match_collections, match_collections_steps
-from .landmarks import LandmarkPairs, landmark_pairs
+from .adapters import DATA, USUAL_DATA, Settings
 from .mesh_data import place_of_vertex
 from .operators.match import match_objects, match_steps
 from .operators.symmetry.check import check_symmetry
@@ -64,8 +61,11 @@ from .operators.symmetry.shape_keys import mirror_shape_key
 from .operators.symmetry.sides import name_sides, select_symmetry_line
 from .operators.symmetry.weights import symmetrise_weights
 from .operators.transfer import transfer_objects, transfer_steps
-from .stored_report import transfer_report
-from .stored_symmetry import read as symmetry_of
+from .services import landmarks
+from .services.collection_match import match_collections, match_collections_steps
+from .services.landmarks import LandmarkPairs, landmark_pairs
+from .storage.stored_report import transfer_report
+from .storage.stored_symmetry import read as symmetry_of
 
 __all__ = [
     "DATA",

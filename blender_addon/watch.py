@@ -8,7 +8,9 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
-from . import candidates, mesh_facts, overlay, preview
+from .services import mesh_facts
+from .storage import candidates
+from .viewport import overlay, preview
 
 
 @persistent

@@ -33,14 +33,17 @@ MANIFEST = "blender_manifest.toml"
 # What of the add-on an artist gets, and what stays at home: whoever adds a folder decides.
 SHIPPED = (
     "*.py",
-    "cargo/*.py",
+    "adapters/*.py",
     "cli/*.py",
     "mesh_data/*.py",
     "operators/**/*.py",
-    "panels/*.py",
     "presets/**/*.py",
     "properties/*.py",
+    "services/**/*.py",
+    "storage/*.py",
     "translations/*.py",
+    "ui/**/*.py",
+    "viewport/*.py",
 )
 LEFT_AT_HOME = ("demo/*.py",)
 # Texts of `docs` that become pages in the zip, with the pictures that they show.

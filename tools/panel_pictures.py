@@ -20,12 +20,13 @@ from bpy.types import Area, Object
 from mathutils import Vector
 
 import blender_addon
-from blender_addon import panels, preflight
 from blender_addon.demo.character import build_character
 from blender_addon.demo.target import posed_copy, relax, remeshed, strike
-from blender_addon.landmarks import set_landmark
 from blender_addon.mesh_data import nearest_place
 from blender_addon.operators import stepped
+from blender_addon.services import preflight
+from blender_addon.services.landmarks import set_landmark
+from blender_addon.ui import panels
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 # What is seen of a window of 1600 x 1000: its right part, without the bars above and below.

@@ -12,13 +12,14 @@ import bpy
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from blender_addon import mesh_data, stored_match
-from blender_addon.cargo import DEFAULT, PACK, USUAL_DATA, Cargo, Origin, Remarks, Way
+from blender_addon import mesh_data
+from blender_addon.adapters import DEFAULT, PACK, USUAL_DATA, Cargo, Origin, Remarks, Way
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.character import select_only
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
-from blender_addon.stored_match import StoredMatch
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
+from blender_addon.storage.stored_match import StoredMatch
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_normals
 from zoomout_core.runtime.stepping import drain

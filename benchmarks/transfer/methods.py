@@ -13,12 +13,13 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.transfer.cast import Cast
-from blender_addon import mesh_data, stored_match
+from blender_addon import mesh_data
 from blender_addon.demo.baseline import KINDS, transfer_best
 from blender_addon.demo.character import PAINT
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A way gets a bare target, and says how long it took.

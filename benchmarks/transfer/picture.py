@@ -11,14 +11,15 @@ from PIL import Image
 
 import zoomout_core as zo
 from benchmarks.transfer.cast import rigid_motion, seams
-from blender_addon import mesh_data, stored_match
+from blender_addon import mesh_data
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.baseline import transfer_best
 from blender_addon.demo.picture import FAINT, INK, checker_material, ink, light, link, render, write
 from blender_addon.operators.cut_seams import cut_seams
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 from zoomout_core.arrays import Booleans, Floats
 
 # A target so coarse that it shows how a seam runs through the faces.

@@ -16,11 +16,12 @@ from bpy.types import Object
 
 import blender_addon
 from benchmarks.transfer.load import GROUPS, KEYS, SIZE, burden
-from blender_addon import mesh_data, stored_match
+from blender_addon import mesh_data
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.character import select_only
 from blender_addon.mesh_data.arrays import hash_of, read_array
-from blender_addon.pair import read_pair
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 
 Record = dict[str, Any]
 

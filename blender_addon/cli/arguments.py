@@ -10,7 +10,7 @@ from typing import Any
 
 from zoomout_core.matching.presets import DETAIL
 
-from ..cargo import DATA, USUAL_DATA
+from ..adapters import DATA, USUAL_DATA
 from ..properties.match import MatchOptions
 from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
 from ..properties.transfer import BlendOptions

@@ -12,7 +12,6 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import drain
 
-from .. import stored_symmetry
 from ..operators.symmetry.base import writable_mesh
 from ..operators.symmetry.check import Checked, asymmetry_steps
 from ..operators.symmetry.detect import choose_symmetry, detect_symmetry, found_summary, swap_sides
@@ -20,6 +19,7 @@ from ..operators.symmetry.layers import mirror_attributes
 from ..operators.symmetry.shape_keys import mirror_shape_key
 from ..operators.symmetry.sides import name_sides
 from ..operators.symmetry.weights import symmetrise_weights
+from ..storage import stored_symmetry
 
 
 def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:

@@ -18,9 +18,10 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 
-from .. import mesh_data, registered, stored_match
-from ..pair import read_pair
-from ..stored_report import transfer_report
+from .. import mesh_data, registered
+from ..services.pair import read_pair
+from ..storage import stored_match
+from ..storage.stored_report import transfer_report
 from . import picture
 from .baseline import KINDS, transfer_best
 from .character import build_character, select_only

@@ -11,11 +11,12 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, within
 
-from .. import candidates, preview, stored_match
-from ..candidates import Listing
-from ..evidence import matching_steps
-from ..pair import ObjectPair, check_unedited, find_mesh
-from ..stored_match import read_kept_steps
+from ..services.constraints import matching_steps
+from ..services.pair import ObjectPair, check_unedited, find_mesh
+from ..storage import candidates, stored_match
+from ..storage.candidates import Listing
+from ..storage.stored_match import read_kept_steps
+from ..viewport import preview
 from .stepped import SteppedOperator
 
 # Part of the progress that matching anew takes, where results are no longer held in memory.

@@ -6,7 +6,7 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import BoolProperty
 from bpy.types import Context, Operator
 
-from ..cargo import USUAL_DATA
+from ..adapters import USUAL_DATA
 
 
 class ZOOMOUT_OT_choose_data(Operator):

@@ -14,10 +14,11 @@ from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import drape
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
-from .. import preview, stored_match
 from ..mesh_data import divided_steps, read_joined_active_uv_map, write_divided
-from ..pair import ObjectPair, check_unedited, choose_source, find_mesh, look_at_target, source_pieces
 from ..properties.settings import SourceName
+from ..services.pair import ObjectPair, check_unedited, choose_source, find_mesh, look_at_target, source_pieces
+from ..storage import stored_match
+from ..viewport import preview
 from .stepped import SteppedOperator
 
 # Part of the progress after which faces are divided.

@@ -13,9 +13,9 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.matching.pair import OFF_SURFACE
 
-from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, place_of_vertex, read_positions, read_weights
 from ..properties.landmarks import ImportOptions
+from ..services.landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 
 # More vertices are not selected to mark places one by one.
 MOST_SELECTED = 64

@@ -8,12 +8,13 @@ from bpy.types import Context, Object
 
 from zoomout_core.runtime.stepping import Steps, drain
 
-from .. import preview, stored_match
-from ..evidence import matching_steps, settings_to_keep
-from ..pair import check_unedited, choose_source, read_pair_steps
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
-from ..targets import Outcome, Write, each_target_steps, target_names
+from ..services.constraints import matching_steps, settings_to_keep
+from ..services.pair import check_unedited, choose_source, read_pair_steps
+from ..services.targets import Outcome, Write, each_target_steps, target_names
+from ..storage import stored_match
+from ..viewport import preview
 from .stepped import SteppedOperator
 
 
@@ -55,7 +56,7 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
         context: Blender's; both objects are in its scene.
         source: has the data; read as its modifiers leave it.
         target: receives the data.
-        options: those of `evidence.matching_steps`, and of `zoomout_core.match`; or initial="nearest", and those of
+        options: those of `constraints.matching_steps`, and of `zoomout_core.match`; or initial="nearest", and those of
             `zoomout_core.match_by_proximity`.
 
     Raises:

@@ -6,8 +6,8 @@ from bpy.types import Context
 
 from zoomout_core.runtime.stepping import Steps
 
-from .. import stored_match
-from ..collection_match import match_collections_steps
+from ..services.collection_match import match_collections_steps
+from ..storage import stored_match
 from . import stepped
 from .stepped import SteppedOperator
 from .transfer import and_others

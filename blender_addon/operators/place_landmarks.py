@@ -10,9 +10,9 @@ from bpy.types import Area, Context, Event, Object, Operator, Region
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ..landmark_dots import dot_at, dots
-from ..landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 from ..mesh_data import Place, seen_place
+from ..services.landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
+from ..viewport.landmark_dots import dot_at, dots
 from . import modal
 
 

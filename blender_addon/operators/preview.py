@@ -8,10 +8,10 @@ from bpy.types import Context, Operator, OperatorProperties
 
 from zoomout_core.runtime.stepping import Steps
 
-from .. import preview
-from ..pair import check_unedited
-from ..preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
-from ..stored_match import read_kept_steps
+from ..services.pair import check_unedited
+from ..storage.stored_match import read_kept_steps
+from ..viewport import preview
+from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
 from .stepped import SteppedOperator
 
 # An asymmetry has options, and so an operator of its own.

@@ -12,9 +12,9 @@ from bpy.types import Context, Event, Operator
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps, drain
 
-from ..preflight import obstacle
-from ..targets import Outcome
-from ..views import redraw_sidebars
+from ..services.preflight import obstacle
+from ..services.targets import Outcome
+from ..viewport.redraw import redraw_sidebars
 from . import modal
 
 # Seconds of work between two looks at the keyboard, and of the step that is then under way up to a tenth more.

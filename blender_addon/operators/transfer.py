@@ -11,10 +11,12 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, within
 from zoomout_core.transfer import Blend
 
-from .. import stored_match, stored_report
-from ..cargo import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
-from ..evidence import matching_steps, settings_to_keep
-from ..pair import (
+from ..adapters import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
+from ..properties.match import MatchOptions, option_label
+from ..properties.settings import OwnSources, SourceName, take_settings
+from ..properties.transfer import BlendOptions, TransferOptions
+from ..services.constraints import matching_steps, settings_to_keep
+from ..services.pair import (
     READING,
     ObjectPair,
     check_unedited,
@@ -24,10 +26,8 @@ from ..pair import (
     target_mesh,
     users_of_mesh,
 )
-from ..properties.match import MatchOptions, option_label
-from ..properties.settings import OwnSources, SourceName, take_settings
-from ..properties.transfer import BlendOptions, TransferOptions
-from ..targets import Write, chosen_targets, each_target_steps, target_names
+from ..services.targets import Write, chosen_targets, each_target_steps, target_names
+from ..storage import stored_match, stored_report
 from .stepped import SteppedOperator
 
 # Part of the progress that matching takes, where there is no match yet.

@@ -5,7 +5,7 @@ Property annotations are read by Blender as they are, so this module does withou
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ..cargo import FILL_BELOW, Settings, parse_group_names, parse_names
+from ..adapters import FILL_BELOW, Settings, parse_group_names, parse_names
 from .once import ONCE
 
 # Options that say where and how much, and those that say what becomes of groups and attributes.

@@ -13,7 +13,7 @@ from symmetric import BENT, new_object
 
 import blender_addon
 import zoomout_core as zo
-from blender_addon import stored_symmetry
+from blender_addon.storage import stored_symmetry
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ import gpu
 import numpy as np
 from mathutils import Matrix, Vector
 
-from blender_addon import overlay
+from blender_addon.viewport import overlay
 
 SIZE = 32
 SQUARE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]

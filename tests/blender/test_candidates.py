@@ -9,11 +9,12 @@ from creatures import creature, mirrored_vertex, true_vertex
 from scenes import activate, from_pydata, positions, snapshot_file, values
 
 import zoomout_core as zo
-from blender_addon import candidates, stored_match, swatches
 from blender_addon.operators.candidates import use_candidate
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import candidates, stored_match
+from blender_addon.ui import thumbnails
 
 RESTING, BENT = creature(2500), creature(2000, seed=1, bend=0.5)
 
@@ -154,7 +155,7 @@ def test_pictures_tell_the_sides_apart(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     listing = candidates.read(target.data)
     pictures = [
-        swatches.picture(listing.points, listing.candidates[place].colors / 255)
+        thumbnails.picture(listing.points, listing.candidates[place].colors / 255)
         for place in (listing.chosen, listing.swapped())
     ]
     shape = pictures[0][..., 3] > 0

@@ -20,10 +20,10 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import stored_match
-from blender_addon.collection_match import match_collections
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
+from blender_addon.services.collection_match import match_collections
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 
 # Where the eyes are on the bodies, and how large they are.

@@ -19,10 +19,11 @@ from scenes import (
     weights,
 )
 
-from blender_addon import cli, stored_match, stored_symmetry
+from blender_addon import cli
 from blender_addon.cli.arguments import as_in_sidebar, parse
 from blender_addon.properties.match import MatchOptions
 from blender_addon.properties.transfer import BlendOptions
+from blender_addon.storage import stored_match, stored_symmetry
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from scenes import add_attribute, decimated, ellipsoid, from_pydata, positions, 
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import stored_match
 from blender_addon.operators.cut_seams import cut_seams
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from scenes import add_uv_map, delete_vertex, new_material, positions, set_weigh
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon.cargo import USUAL_DATA
-from blender_addon.collection_match import match_collections_steps
+from blender_addon.adapters import USUAL_DATA
 from blender_addon.operators.cut_seams import cut_seams_steps
 from blender_addon.operators.match import match_steps
 from blender_addon.operators.transfer import transfer_steps
+from blender_addon.services.collection_match import match_collections_steps
 
 
 def moved(obj):

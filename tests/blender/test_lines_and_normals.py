@@ -8,9 +8,9 @@ from scenes import activate, add_attribute, decimated, ellipsoid, linked, positi
 from true_match import keep_true_match
 
 from blender_addon import mesh_data
-from blender_addon.cargo import Settings
+from blender_addon.adapters import Settings
 from blender_addon.operators.transfer import transfer_objects
-from zoomout_core.transfer import frames, mapped_target
+from zoomout_core.transfer import frames
 from zoomout_core.transfer.cut_mesh import cut_open
 
 
@@ -397,7 +397,8 @@ def test_strings_are_voted_on(source, target, domain):
 
 def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, target, monkeypatch):
     solved = []
-    monkeypatch.setattr(mapped_target, "frames_on", lambda *given: solved.append(given) or frames.frames_on(*given))
+    on = frames.frames_on
+    monkeypatch.setattr(frames, "frames_on", lambda *given: solved.append(given) or on(*given))
     still = positions(target.data).astype(float)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     target.data.vertices.foreach_set("co", (still @ turn.T).ravel())

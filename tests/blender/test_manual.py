@@ -8,8 +8,8 @@ import bpy
 import pytest
 from drawing import Context, Layout
 
-from blender_addon import manual
 from blender_addon.properties.match import MatchOptions
+from blender_addon.ui import manual
 
 
 def looked_up(identifier):

@@ -18,11 +18,11 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import stored_match
-from blender_addon.evidence import shared_regions_steps
 from blender_addon.operators.match import match_objects, match_steps
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair
+from blender_addon.services.constraints import shared_regions_steps
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.runtime.stepping import drain
 
@@ -127,7 +127,7 @@ def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, t
         raise zo.MeshError("Enough.")
         yield
 
-    monkeypatch.setattr("blender_addon.evidence.zo.match_steps", spy)
+    monkeypatch.setattr("blender_addon.services.constraints.zo.match_steps", spy)
     activate(target, source)
     bpy.context.scene.zoomout.k_final = 77
     bpy.context.scene.zoomout.initial = "PROXIMITY"
@@ -218,7 +218,7 @@ def test_the_up_axis_and_the_last_match_are_evidence_where_they_are_chosen(sourc
             raise zo.MeshError("Enough.")
             yield
 
-        monkeypatch.setattr("blender_addon.evidence.zo.match_steps", spy)
+        monkeypatch.setattr("blender_addon.services.constraints.zo.match_steps", spy)
         with pytest.raises(RuntimeError, match=r"Enough\."):
             bpy.ops.zoomout.match(**options)
         return arguments

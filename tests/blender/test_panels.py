@@ -11,13 +11,16 @@ import pytest
 from drawing import Context, Layout
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_material, set_weights
 
-from blender_addon import mesh_facts, panels, preview, stored_match, stored_symmetry
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators import stepped
 from blender_addon.operators.candidates import use_candidate
 from blender_addon.operators.match import match_objects
 from blender_addon.operators.transfer import transfer_objects
+from blender_addon.services import mesh_facts
+from blender_addon.storage import stored_match, stored_symmetry
+from blender_addon.ui import panels
+from blender_addon.viewport import preview
 from zoomout_core.runtime.stepping import Progress
 
 

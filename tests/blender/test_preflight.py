@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scenes import activate, ellipsoid, from_pydata, positions
 
-from blender_addon import mesh_facts, preflight
 from blender_addon.mesh_data import content_hash
 from blender_addon.operators.match import match_objects
-from blender_addon.pair import read_pair
+from blender_addon.services import mesh_facts, preflight
+from blender_addon.services.pair import read_pair
 
 
 def found():

@@ -12,8 +12,8 @@ from drawing import Context, Layout
 from scenes import activate, ellipsoid, from_pydata
 
 import blender_addon
-from blender_addon import menus
 from blender_addon.operators import stepped
+from blender_addon.ui import menus
 from zoomout_core.runtime.stepping import Progress
 
 

@@ -21,10 +21,12 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon import overlay, preflight, preview, stored_match
 from blender_addon.operators.cut_seams import cut_seams
 from blender_addon.operators.transfer import transfer_objects
-from blender_addon.pair import read_pair_steps
+from blender_addon.services import preflight
+from blender_addon.services.pair import read_pair_steps
+from blender_addon.storage import stored_match
+from blender_addon.viewport import overlay, preview
 from zoomout_core.geometry.closest_points import closest_points
 
 # How far shape keys move what they move.

@@ -23,7 +23,7 @@ from scenes import (
 from symmetric import BENT, LEFT, RIGHT, TIP, X, add_key, bumps, edges_between, key_offsets, new_object, off_by
 
 import zoomout_core as zo
-from blender_addon import mesh_data, stored_symmetry
+from blender_addon import mesh_data
 from blender_addon.operators.symmetry.check import check_symmetry_steps
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
 from blender_addon.operators.symmetry.layers import mirror_attributes, mirror_attributes_steps
@@ -31,6 +31,7 @@ from blender_addon.operators.symmetry.sculpt import mirror_sculpt, mirror_sculpt
 from blender_addon.operators.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
 from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
 from blender_addon.operators.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
+from blender_addon.storage import stored_symmetry
 
 
 def test_a_symmetry_is_found_and_kept(found):

@@ -10,12 +10,15 @@ from scenes import set_weights, snapshot
 from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
 
 import zoomout_core as zo
-from blender_addon import mesh_facts, overlay, preview, stored_symmetry, swatches
-from blender_addon.colors import PALENESS, pair_colors, place_colors
-from blender_addon.colors import SIDES as SIDE_COLORS
 from blender_addon.operators.symmetry.check import check_symmetry
 from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry
 from blender_addon.operators.symmetry.weights import symmetrise_weights
+from blender_addon.services import mesh_facts
+from blender_addon.storage import stored_symmetry
+from blender_addon.ui import thumbnails
+from blender_addon.viewport import overlay, preview
+from blender_addon.viewport.colors import PALENESS, pair_colors, place_colors
+from blender_addon.viewport.colors import SIDES as SIDE_COLORS
 from zoomout_core.symmetry.self_map import SelfMap
 
 # An arbitrary vertex for each.
@@ -94,7 +97,7 @@ def test_pictures_show_the_candidates(body, found):
     pictures = stored_symmetry.pictured(stored_symmetry.description(body.data))
     assert len({name for name, _, _ in pictures}) == 2
     for _, points, shown in pictures:
-        picture = swatches.picture(points, shown / 255)
+        picture = thumbnails.picture(points, shown / 255)
         assert 0.05 < (picture[..., 3] > 0).mean() < 0.6
     assert len(body.data[stored_symmetry.PROPERTY]) < 30_000
 

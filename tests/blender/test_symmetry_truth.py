@@ -8,9 +8,10 @@ from symmetric import edges_between
 
 import zoomout_core as zo
 from benchmarks.generate.lopsided import lopsided_characters
-from blender_addon import mesh_data, stored_symmetry
+from blender_addon import mesh_data
 from blender_addon.operators.symmetry.layers import mirror_attributes
 from blender_addon.operators.symmetry.weights import symmetrise_weights
+from blender_addon.storage import stored_symmetry
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,9 @@ from pathlib import Path
 import bpy
 import pytest
 
-from blender_addon import menus, panels, presets, preview, translations
+from blender_addon import presets, translations
+from blender_addon.ui import menus, panels
+from blender_addon.viewport import preview
 
 # The same in every language.
 NAMES = {"ZoomOut", "X", "-X", "Y", "-Y", "Z", "-Z"}

@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 
 import zoomout_core as zo
-from blender_addon import stored_match
-from blender_addon.pair import read_pair
+from blender_addon.services.pair import read_pair
+from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 
 

@@ -151,7 +151,7 @@ def test_landmarks_are_placed_from_what_is_selected_taken_off_and_cleared(source
 def test_another_candidate_takes_the_place_of_the_match_and_gives_it_back(source, target):
     assert zoomout.match() == {"FINISHED"}
     first = triangles(target)
-    listing = part("candidates").read(target.data)
+    listing = part("storage.candidates").read(target.data)
     colors = np.array([candidate.colors for candidate in listing.candidates], float)
     other = int(np.abs(colors - colors[listing.chosen]).mean(axis=(1, 2)).argmax())
     assert zoomout.use_candidate(candidate=other + 1) == {"FINISHED"}
@@ -200,7 +200,7 @@ def test_a_mesh_is_cut_along_seams_and_keeps_its_match(source, matched):
     before = len(matched.data.vertices)
     assert zoomout.cut_seams() == {"FINISHED"}
     assert len(matched.data.vertices) > before
-    assert part("preflight").stale(bpy.context, matched) == ""
+    assert part("services.preflight").stale(bpy.context, matched) == ""
     assert zoomout.transfer() == {"FINISHED"}
 
 
@@ -208,18 +208,20 @@ def test_colours_are_shown_and_taken_away_without_a_trace(source, matched):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert zoomout.preview(kind=kind) == {"FINISHED"}
-        assert part("preview").shown(matched).kind == kind
+        assert part("viewport.preview").shown(matched).kind == kind
     assert zoomout.clear_preview() == {"FINISHED"}
-    assert part("overlay").shown() == ()
+    assert part("viewport.overlay").shown() == ()
     assert snapshot_file() == before
 
 
 def test_after_an_edit_a_match_is_out_of_date_and_says_so(source, matched):
     matched.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
-    part("preflight").stale(bpy.context, matched)
-    part("mesh_facts").look_now()
-    assert part("preflight").stale(bpy.context, matched) == "The target 'Target' was edited since: match again."
+    part("services.preflight").stale(bpy.context, matched)
+    part("services.mesh_facts").look_now()
+    assert (
+        part("services.preflight").stale(bpy.context, matched) == "The target 'Target' was edited since: match again."
+    )
     with pytest.raises(RuntimeError, match="'Target' was edited since it was matched: match again"):
         zoomout.transfer()
 

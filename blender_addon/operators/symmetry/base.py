@@ -10,8 +10,8 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress
 
-from ... import stored_symmetry
-from ...pair import check_elements, check_writable, edited, find_mesh
+from ...services.pair import check_elements, check_writable, edited, find_mesh
+from ...storage import stored_symmetry
 from ..stepped import SteppedOperator
 
 # Part of the progress in which an operator's data is read, which takes steps.

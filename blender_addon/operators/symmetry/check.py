@@ -17,9 +17,11 @@ from zoomout_core.symmetry.mirror import asymmetry
 from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
 
-from ... import mesh_data, preview, stored_symmetry
+from ... import mesh_data
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
+from ...storage import stored_symmetry
+from ...viewport import preview
 from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 from .shape_keys import read_key
 

@@ -11,11 +11,12 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps, drain
 
-from ... import preview, stored_symmetry
 from ...properties.once import ONCE
 from ...properties.settings import take_settings
 from ...properties.symmetry import AXES, DetectOptions
-from ...targets import WRITING
+from ...services.targets import WRITING
+from ...storage import stored_symmetry
+from ...viewport import preview
 from ..stepped import SteppedOperator
 from .base import SymmetryOperator, unedited, writable_mesh
 

@@ -19,10 +19,11 @@ from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import Layout, symmetrised_uv
 from zoomout_core.transfer import Attribute, Kind
 
-from ... import mesh_data, stored_symmetry
+from ... import mesh_data
 from ...mesh_data import Layer
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, LayerOptions
+from ...storage import stored_symmetry
 from .base import READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 USUAL_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edges")

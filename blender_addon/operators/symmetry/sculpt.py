@@ -13,9 +13,10 @@ from zoomout_core.runtime.threads import in_background
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import symmetrised_offsets
 
-from ... import mesh_data, stored_symmetry
+from ... import mesh_data
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions
+from ...storage import stored_symmetry
 from .base import READING, SymmetryOperator, unedited, writable_mesh
 
 

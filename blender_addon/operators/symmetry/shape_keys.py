@@ -19,10 +19,11 @@ from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 
-from ... import mesh_data, stored_symmetry
+from ... import mesh_data
 from ...mesh_data import ShapeKey
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, KeyName, KeyOptions
+from ...storage import stored_symmetry
 from .base import READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]

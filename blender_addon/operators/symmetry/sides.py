@@ -12,9 +12,10 @@ from zoomout_core.runtime.stepping import Progress, Steps
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from ... import mesh_data, stored_symmetry
+from ... import mesh_data
 from ...properties.settings import take_settings
 from ...properties.symmetry import SideOptions
+from ...storage import stored_symmetry
 from .base import SymmetryOperator, writable_mesh
 
 # Names of the vertex groups, which change sides as others do.

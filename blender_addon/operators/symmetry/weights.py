@@ -18,9 +18,10 @@ from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import sum_to_one
 
-from ... import mesh_data, stored_symmetry
+from ... import mesh_data
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, WeightOptions
+from ...storage import stored_symmetry
 from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
 
 

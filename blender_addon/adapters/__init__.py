@@ -1,0 +1,55 @@
+"""What is transferred: one module for each kind of data, each with a `pack` that chooses from what a source has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from . import edges, layers, materials, normals, shape_keys, vertex_groups
+from .adapter import Cargo, Origin, Remarks, Way
+from .scheduling import carry_steps
+from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names, parse_names
+
+# In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
+# which of these are sharp. Shape keys come last: reading them evaluates copies, which what was evaluated before need
+# not outlive.
+PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (
+    layers.pack,
+    edges.pack,
+    vertex_groups.pack,
+    materials.pack,
+    normals.pack,
+    shape_keys.pack,
+)
+
+# The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
+NOUNS = {
+    "uv_maps": "UV map",
+    "color_attributes": "color attribute",
+    "attributes": "attribute",
+    "vertex_groups": "vertex group",
+    "shape_keys": "shape key",
+    "materials": "material",
+    "edges": "kind of edge mark",
+    "custom_normals": "layer of custom normals",
+    "shape": "shape",
+}
+DATA = tuple(NOUNS)
+# Those that are transferred unless others are asked for: the source's shape is no data that a target lacks.
+USUAL_DATA = tuple(kind for kind in DATA if kind != "shape")
+
+__all__ = [
+    "DATA",
+    "DEFAULT",
+    "FILL_BELOW",
+    "NOUNS",
+    "PACK",
+    "USUAL_DATA",
+    "Cargo",
+    "Origin",
+    "Remarks",
+    "Settings",
+    "Way",
+    "carry_steps",
+    "parse_group_names",
+    "parse_names",
+]

@@ -1,0 +1,174 @@
+"""What all kinds of data have in common on their way from a source to a target."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from bpy.types import Mesh, Object
+
+from zoomout_core.arrays import Booleans
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import Steps, spread
+from zoomout_core.transfer import Attribute, Blend, blend, drape, transfer_steps
+from zoomout_core.transfer.mapped_target import MappedTarget
+
+from ..mesh_data import Piece
+from ..services.pair import ObjectPair
+from ..storage.stored_match import Match
+from .settings import Settings
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """Where data comes from and goes to, to choose from.
+
+    Attributes:
+        source: the object that has the data, as it is in the file.
+        evaluated: the same as its modifiers leave it.
+        mesh: the mesh that these leave.
+        target: the object that receives the data.
+        data: which kinds of it were asked for, see `DATA`.
+        settings: how it is transferred.
+        blend: how it is blended with what the target has.
+        others: objects that have data besides the source, where the target lies on several.
+    """
+
+    source: Object
+    evaluated: Object
+    mesh: Mesh
+    target: Object
+    data: Collection[str]
+    settings: Settings
+    blend: Blend
+    others: Sequence[Piece] = ()
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """All objects that have data, the source first."""
+        return Piece(self.source, self.evaluated, self.mesh), *self.others
+
+
+@dataclass
+class Remarks:
+    """What the user is to know.
+
+    Attributes:
+        skipped: a reason for each name that is not transferred.
+        notes: sentences.
+    """
+
+    skipped: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, notes: Iterable[str]) -> None:
+        """Add sentences, but those that are there already, as of several attributes."""
+        self.notes.extend(note for note in notes if note not in self.notes)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The way that data takes.
+
+    Attributes:
+        match: leads from the target to the source.
+        pair: the surfaces of both.
+        remarks: what the user is to know of the transfer.
+        settings: how data is transferred.
+        blend: how it is blended with what the target has.
+        uv_maps: those that have arrived so far, by name.
+    """
+
+    match: Match
+    pair: ObjectPair
+    remarks: Remarks
+    settings: Settings
+    blend: Blend
+    uv_maps: dict[str, Attribute] = field(default_factory=dict)
+    _draped: dict[tuple[Surface | None, Surface | None], MappedTarget] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        own = drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
+        self._draped.setdefault((None, None), own)
+
+    def carry(
+        self,
+        attribute: Attribute,
+        what: str,
+        source: Surface | None = None,
+        target: Surface | None = None,
+        **options: Any,
+    ) -> Steps[Attribute]:
+        """An attribute of the source, on the target.
+
+        Args:
+            attribute: of the source.
+            what: it is called in the progress.
+            source: the source in another pose or space than it was matched in, and
+            target: the target, where that matters to the attribute.
+            options: of the attribute's kind.
+        """
+        steps = transfer_steps(attribute, self._between(source, target), **options)
+        carried = yield from spread(steps, 0, 1, f"Transferring {what}")
+        self.remarks.add(carried.notes)
+        return carried
+
+    def _between(self, source: Surface | None, target: Surface | None) -> MappedTarget:
+        """The target on the source, or on others in their place; kept for the next attribute that takes the same."""
+        if (source, target) not in self._draped:
+            own = self._draped[None, None]
+            self._draped[source, target] = replace(own, source=source or own.source, target=target or own.target)
+        return self._draped[source, target]
+
+    def blended(
+        self,
+        carried: Attribute,
+        present: Attribute | None,
+        sharing: Collection[str] = (),
+        lacking: Collection[int] = (),
+    ) -> Attribute:
+        """An attribute that was carried, blended with the one that the target has, see `blend`.
+
+        What lies on sources that lack it, given by their numbers, keeps what it has.
+        """
+        how, outside = self.blend, self._lies_on(lacking)
+        if outside.any():
+            how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~outside)
+            names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
+            lie = f"{outside.sum()} vertices lie on objects without it ({names})"
+            self.remarks.add([f"{carried.name}: {lie}, and keep what they have."])
+        return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
+
+    def _lies_on(self, sources: Collection[int]) -> Booleans:
+        """(n_t,) whether each vertex of the target lies on one of some sources, given by their numbers."""
+        first = np.cumsum([len(source.triangles) for source in self.pair.sources])
+        return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
+
+    def note_replaced(self, what: str) -> None:
+        """Say that data of the target is replaced, where others are blended."""
+        if not self.blend.replaces:
+            self.remarks.add([f"{what}: not blended with those of '{self.pair.target_name}', but put in their place."])
+
+
+class Cargo(Protocol):
+    """Data that was chosen: with the source's values until it is carried, then with the target's.
+
+    It holds no Blender data, which may be gone when a long transfer has ended.
+    """
+
+    @property
+    def kind(self) -> str:
+        """Which kind of data it is, of `DATA`."""
+
+    @property
+    def names(self) -> list[str]:
+        """What it is made of, for the report."""
+
+    def carry(self, way: Way) -> Steps[None]:
+        """Put the target's values in place of the source's."""
+
+    def write(self, target: Object) -> None:
+        """Write them to the target."""

@@ -1,0 +1,86 @@
+"""Seams, sharp edges, creases and other marks of edges and vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bpy.types import Object
+
+from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.transfer import Attribute, Domain, Kind
+from zoomout_core.transfer.uv import uv_seams
+
+from .. import mesh_data
+from .adapter import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class MarkCargo:
+    """Marks of one label, see `mesh_data.read_marks`.
+
+    Attributes:
+        marks: those of the source, then those of the target.
+        present: those that the target has already, if it has any.
+    """
+
+    marks: Attribute
+    present: Attribute | None
+    kind: str = "edges"
+
+    @property
+    def names(self) -> list[str]:
+        return [self.marks.name]
+
+    def carry(self, way: Way) -> Steps[None]:
+        carried = yield from way.carry(self.marks, self.marks.name)
+        self.marks = way.blended(carried, self.present)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_marks(target.data, self.marks)
+
+
+@dataclass
+class SeamCargo:
+    """Seams where the islands of a UV map meet that is transferred as well: others would run beside these.
+
+    Attributes:
+        uv_map: its name.
+        present: the seams that the target has already, if it has any.
+        marks: the target's, once they are known.
+    """
+
+    uv_map: str
+    present: Attribute | None
+    marks: Attribute | None = None
+    kind: str = "edges"
+
+    @property
+    def names(self) -> list[str]:
+        return [mesh_data.SEAMS]
+
+    def carry(self, way: Way) -> Steps[None]:
+        yield Progress(0.0, "Marking seams")
+        seams = uv_seams(way.pair.target, way.uv_maps[self.uv_map].values)
+        self.marks = way.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
+        way.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
+
+    def write(self, target: Object) -> None:
+        if self.marks is not None:
+            mesh_data.write_marks(target.data, self.marks)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The marks that the source has, if they are asked for."""
+    if "edges" not in origin.data:
+        return []
+    present = {marks.name: marks for marks in mesh_data.read_marks(origin.target.data)}
+    found: list[Cargo] = [
+        MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_joined_marks(origin.pieces)
+    ]
+    active = mesh_data.read_joined_active_layers(origin.pieces).uv
+    if "uv_maps" not in origin.data or active is None:
+        return found
+    return [
+        SeamCargo(active, present.get(mesh_data.SEAMS)),
+        *(cargo for cargo in found if mesh_data.SEAMS not in cargo.names),
+    ]

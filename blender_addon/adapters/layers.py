@@ -1,0 +1,133 @@
+"""UV maps, colour attributes and other attributes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bpy.types import Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.transfer import Attribute, Kind
+
+from .. import mesh_data
+from ..mesh_data import ActiveLayers, Layer, Role
+from .adapter import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class LayerCargo:
+    """One attribute.
+
+    Attributes:
+        layer: its values, and how Blender keeps them.
+        active: what the source shows and renders, of this layer.
+        present: what the target has already under its name, if that can be blended with it.
+        lacking: numbers of the sources that do not have it.
+        at_rest: the source's and the target's own mesh, for what turns from one to the other.
+    """
+
+    layer: Layer
+    active: ActiveLayers
+    present: Attribute | None
+    lacking: tuple[int, ...]
+    at_rest: tuple[zo.Surface, zo.Surface] | None = None
+
+    @property
+    def kind(self) -> str:
+        return self.layer.role.value
+
+    @property
+    def names(self) -> list[str]:
+        return [self.layer.attribute.name]
+
+    def carry(self, way: Way) -> Steps[None]:
+        attribute, options = self.layer.attribute, dict[str, Any]()
+        if self.at_rest is not None:
+            options = dict(zip(("source", "target"), self.at_rest, strict=True))
+            if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
+                options["turned"] = True
+        attribute = yield from way.carry(attribute, f"'{attribute.name}'", **options)
+        self.layer = replace(self.layer, attribute=way.blended(attribute, self.present, lacking=self.lacking))
+        if self.layer.role is Role.UV_MAP:
+            way.uv_maps[attribute.name] = self.layer.attribute
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_layer(target.data, self.layer)
+        mesh_data.write_active_layers(target.data, self.active)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The attributes that are asked for.
+
+    Raises:
+        MeshError: the target has no room for them.
+    """
+    found, skipped = mesh_data.read_joined_layers(origin.pieces, origin.settings.turning)
+    for piece in origin.pieces:
+        remarks.skipped |= mesh_data.data_without_a_way(piece.source, piece.mesh)
+    if Role.GENERIC.value in origin.data:
+        remarks.skipped |= skipped
+        _note_unturned([layer for layer, _ in found], origin, remarks)
+    chosen = [joined for joined in found if joined.layer.role.value in origin.data]
+    layers = [layer for layer, _ in chosen]
+    _check_uv_maps(layers, origin.target)
+    _check_names(layers, origin.target, remarks)
+    active = mesh_data.read_joined_active_layers(origin.pieces)
+    at_rest = None
+    if any(layer.turning for layer in layers):
+        at_rest = mesh_data.read_joined_at_rest(origin.pieces), mesh_data.read_surface_at_rest(origin.target)
+    return [
+        LayerCargo(
+            layer,
+            active.among({layer.attribute.name}),
+            _present(layer, origin, bool(lacking)),
+            lacking,
+            at_rest if layer.turning else None,
+        )
+        for layer, lacking in chosen
+    ]
+
+
+def _present(layer: Layer, origin: Origin, kept: bool) -> Attribute | None:
+    """The attribute of the target that a layer is blended with, or that is kept in places."""
+    mesh, name = origin.target.data, layer.attribute.name
+    if (
+        (origin.blend.replaces and not kept)
+        or name not in mesh.attributes
+        or not mesh_data.fits(mesh.attributes[name], layer)
+    ):
+        return None
+    return mesh_data.read_layer(mesh, name, layer.role, layer.turning).attribute
+
+
+def _note_unturned(layers: list[Layer], origin: Origin, remarks: Remarks) -> None:
+    """Say which names of what is to turn are none of attributes that can."""
+    missing = set(origin.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
+    remarks.add(
+        f"{name}: does not turn, as '{origin.source.name}' has no vectors, quaternions or matrices of this name."
+        for name in sorted(missing)
+    )
+
+
+def _check_uv_maps(layers: list[Layer], target: Object) -> None:
+    names = {layer.attribute.name for layer in layers if layer.role is Role.UV_MAP}
+    count = len(names.union(target.data.uv_layers.keys()))
+    if count > mesh_data.MOST_UV_MAPS:
+        raise zo.MeshError(
+            f"'{target.name}' would have {count} UV maps, and Blender's limit is {mesh_data.MOST_UV_MAPS}: "
+            "remove some from it, or from the source."
+        )
+
+
+def _check_names(layers: list[Layer], target: Object, remarks: Remarks) -> None:
+    attributes = target.data.attributes
+    for layer in layers:
+        name = layer.attribute.name
+        if name not in attributes and name in target.vertex_groups:
+            raise zo.MeshError(
+                f"'{name}' is an attribute of the source but a vertex group of '{target.name}': rename one of them."
+            )
+        if name in attributes and not mesh_data.fits(attributes[name], layer):
+            remarks.notes.append(f"{name}: replaced an attribute of '{target.name}' that was of another type.")

@@ -1,0 +1,59 @@
+"""Materials of faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from bpy.types import Object
+
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.transfer import Attribute
+
+from .. import mesh_data
+from .adapter import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class MaterialCargo:
+    """Materials.
+
+    Attributes:
+        materials: what the source's slots hold, see `mesh_data.read_materials`, after nothing, and before what the
+            target's slots hold if that is blended with it.
+        face_slots: each face's place in that list.
+        present: the same of the target.
+        lacking: numbers of the sources that have no materials.
+    """
+
+    materials: list[str | None]
+    face_slots: Attribute
+    present: Attribute | None
+    lacking: tuple[int, ...]
+    kind: str = "materials"
+
+    @property
+    def names(self) -> list[str]:
+        return [self.materials[slot] or "(none)" for slot in np.unique(self.face_slots.values)]
+
+    def carry(self, way: Way) -> Steps[None]:
+        carried = yield from way.carry(self.face_slots, "materials")
+        self.face_slots = way.blended(carried, self.present, lacking=self.lacking)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_materials(target, self.materials, self.face_slots)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The source's materials, if it has any."""
+    materials, face_slots, lacking = mesh_data.read_joined_materials(origin.pieces)
+    if not materials or "materials" not in origin.data:
+        return []
+    listed = [None, *materials]
+    face_slots = replace(face_slots, values=face_slots.values + 1)
+    if origin.blend.replaces and not lacking:
+        return [MaterialCargo(listed, face_slots, None, lacking)]
+    theirs, present = mesh_data.read_materials(origin.target, origin.target.data)
+    held = np.array([name is not None for name in theirs] or [False])[present.values]
+    present = replace(present, values=np.where(held, present.values + len(listed), 0))
+    return [MaterialCargo(listed + theirs, face_slots, present, lacking)]

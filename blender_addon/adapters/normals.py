@@ -1,0 +1,47 @@
+"""Custom normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bpy.types import Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.transfer import Attribute
+
+from .. import mesh_data
+from .adapter import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class NormalCargo:
+    """Custom normals of face corners.
+
+    Attributes:
+        normals: those of the source in world space, then those of the target in its mesh's own.
+        target: the target's own mesh, at rest: what normals are stored for.
+    """
+
+    normals: Attribute
+    target: zo.Surface
+    kind: str = "custom_normals"
+
+    @property
+    def names(self) -> list[str]:
+        return [self.normals.name]
+
+    def carry(self, way: Way) -> Steps[None]:
+        way.note_replaced("custom normals")
+        self.normals = yield from way.carry(self.normals, "custom normals", target=self.target)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_custom_normals(target.data, self.normals)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The source's custom normals, if it has any and they are asked for."""
+    if "custom_normals" not in origin.data:
+        return []
+    normals = mesh_data.read_joined_normals(origin.pieces)
+    return [] if normals is None else [NormalCargo(normals, mesh_data.read_surface_at_rest(origin.target))]

@@ -1,0 +1,198 @@
+"""Shape keys, and the source's own shape as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.runtime.stepping import Steps, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.transfer import Attribute
+
+from .. import mesh_data
+from ..mesh_data import ShapeKey, ShapeKeys
+from .adapter import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class ShapeKeyCargo:
+    """Shape keys.
+
+    Keys move a mesh before it is posed, so they are carried between the two at rest, along the match of what is seen.
+
+    Attributes:
+        owners: the objects that have them, for their drivers, and the names of those that each has before others.
+        keys: what they are.
+        offsets: how far they move each vertex, in world space.
+        source_rest: (n_s, 3) where they start from, in world space.
+        target_rest: (n_t, 3) where they start from on the target, in world space.
+    """
+
+    owners: Sequence[tuple[str, Sequence[str]]]
+    keys: Sequence[ShapeKey]
+    offsets: Attribute
+    source_rest: Floats
+    target_rest: Floats
+    kind: str = "shape_keys"
+
+    @property
+    def names(self) -> list[str]:
+        return [key.name for key in self.keys]
+
+    def carry(self, way: Way) -> Steps[None]:
+        way.note_replaced("shape keys")
+        source = way.pair.source.with_vertices(self.source_rest)
+        target = way.pair.target.with_vertices(self.target_rest)
+        self.offsets = yield from way.carry(self.offsets, "shape keys", source, target)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
+        for name, keys in self.owners:
+            source = bpy.context.scene.objects[name]
+            mesh_data.write_animation(source.data.shape_keys, target.data.shape_keys, keys)
+
+
+@dataclass
+class ShapeCargo:
+    """The source's shape, as the modifiers leave it, on the vertices of the target.
+
+    It stands in the target's place: the origins of both objects lie on each other.
+
+    Attributes:
+        name: of the key.
+        origin: (3,) the source's, in world space.
+        shape: (n_t, 3) positions in world space, from the origin; none before it is carried.
+    """
+
+    name: str
+    origin: Floats
+    shape: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    kind: str = "shape"
+
+    @property
+    def names(self) -> list[str]:
+        return [self.name]
+
+    def carry(self, way: Way) -> Steps[None]:
+        work = in_background(partial(zo.conform, way.match, way.pair.source, way.pair.target))
+        positions = yield from spread(work, 0, 1, "Transferring the shape")
+        self.shape = positions - self.origin
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_shape(target, self.name, mesh_data.to_object(target, self.shape))
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The shape keys that the source has, and its shape if that is asked for.
+
+    Raises:
+        MeshError: the target cannot take them.
+    """
+    cargo: list[Cargo] = []
+    if "shape_keys" in origin.data:
+        cargo += _packed_keys(origin, remarks)
+    if "shape" in origin.data:
+        _check_target(origin.target, [origin.source.name])
+        if any(modifier.show_viewport for modifier in origin.target.modifiers):
+            remarks.notes.append(
+                f"The key '{origin.source.name}' has the shape that is seen of the source, and the modifiers of "
+                f"'{origin.target.name}' act on it as well."
+            )
+        cargo.append(ShapeCargo(origin.source.name, np.array(origin.source.matrix_world.translation)))
+    return cargo
+
+
+def _packed_keys(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    target = origin.target
+    if all(_absent(piece.source) for piece in origin.pieces):
+        return []
+    bare = [_without_keys(piece) for piece in origin.pieces]  # before copies are evaluated, see `PACK`
+    faces = [mesh_data.read_faces(piece.mesh) for piece in origin.pieces]
+    sources = [piece.source for piece in origin.pieces]
+    found = [_keys_of(source, each, remarks) for source, each in zip(sources, faces, strict=True)]
+    joined, own = mesh_data.joined_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
+    if not joined.keys:
+        return []
+    _check_target(target, joined.offsets.labels)
+    _note_masks(joined.keys, origin, remarks)
+    owners = [(source.name, names) for source, names in zip(sources, own, strict=True) if names]
+    for name, _ in owners:
+        _note_animation(bpy.context.scene.objects[name], target, remarks)
+    target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
+    return [ShapeKeyCargo(owners, joined.keys, joined.offsets, joined.rest, target_rest)]
+
+
+def _absent(source: Object) -> bool:
+    present = source.data.shape_keys
+    return present is None or len(present.key_blocks) < 2
+
+
+def _without_keys(piece: mesh_data.Piece) -> ShapeKeys:
+    """An object at rest, in world space, without the keys that it may have."""
+    own = piece.source.data
+    grown = mesh_data.read_faces(piece.mesh) != mesh_data.read_faces(own)
+    rest = mesh_data.read_positions(piece.mesh) if grown else mesh_data.read_rest_positions(own)
+    rest = mesh_data.positions_in_world(piece.source, rest)
+    return ShapeKeys((), mesh_data.offsets_of((), np.empty((len(rest), 0, 3))), rest)
+
+
+def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeKeys | None:
+    """The keys of an object, in world space; None if there are none that can be transferred."""
+    if _absent(source):
+        return None
+    if not source.data.shape_keys.use_relative:
+        remarks.skipped["shape keys"] = f"those of '{source.name}' are absolute: turn on Relative in its shape keys"
+        return None
+    found = mesh_data.read_shape_keys(source, faces)
+    if found is None:
+        remarks.skipped["shape keys"] = (
+            f"modifiers of '{source.name}' make other faces when a key is played alone: disable those that add or "
+            "remove vertices"
+        )
+        return None
+    offsets = replace(found.offsets, values=mesh_data.directions_in_world(source, found.offsets.values))
+    return ShapeKeys(found.keys, offsets, mesh_data.positions_in_world(source, found.rest))
+
+
+def _check_target(target: Object, names: Sequence[str]) -> None:
+    if mesh_data.is_flat(target):
+        raise zo.MeshError(f"'{target.name}' has a scale of zero, so that it takes no shape keys: give it another.")
+    keys = target.data.shape_keys
+    if keys is None:
+        return
+    if not keys.use_relative:
+        raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
+    if keys.reference_key.name in names:
+        raise zo.MeshError(
+            f"'{keys.reference_key.name}' is the first shape key of '{target.name}', which the others start from: "
+            "rename it."
+        )
+
+
+def _note_masks(keys: Sequence[ShapeKey], origin: Origin, remarks: Remarks) -> None:
+    masks = {key.settings["vertex_group"] for key in keys} - {"", *origin.target.vertex_groups.keys()}
+    if "vertex_groups" in origin.data:
+        masks -= {group.name for piece in origin.pieces for group in piece.source.vertex_groups}
+    if masks:
+        remarks.notes.append(
+            f"Shape keys are limited to vertex groups that '{origin.target.name}' lacks ({', '.join(sorted(masks))}): "
+            "transfer these as well."
+        )
+
+
+def _note_animation(source: Object, target: Object, remarks: Remarks) -> None:
+    played = source.data.shape_keys.animation_data
+    own = target.data.shape_keys and target.data.shape_keys.animation_data
+    if played is None:
+        return
+    if played.action and own and own.action:
+        remarks.add([f"The shape keys of '{target.name}' keep the action that they have."])
+    if played.nla_tracks:
+        remarks.skipped["NLA tracks of shape keys"] = "they are not transferred: their keys' drivers and action are"

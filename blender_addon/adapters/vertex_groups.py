@@ -1,0 +1,116 @@
+"""Vertex groups: those that deform a mesh share each vertex among them, and locked ones stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from bpy.types import Object
+
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
+
+from .. import mesh_data
+from .adapter import Cargo, Origin, Remarks, Way
+
+
+@dataclass
+class WeightCargo:
+    """Vertex groups.
+
+    Attributes:
+        weights: their weights.
+        sharing: how these share a vertex among them and with locked groups, see `weights.mix_weights`.
+        deforming: names of the groups that share a vertex, of the source and of the target.
+        present: what the target has, if that is blended with them.
+        lacking: numbers of the sources that have no weights.
+    """
+
+    weights: Attribute
+    sharing: dict[str, Any]
+    deforming: set[str]
+    present: Attribute | None
+    lacking: tuple[int, ...]
+    kind: str = "vertex_groups"
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.weights.labels)
+
+    def carry(self, way: Way) -> Steps[None]:
+        carried = yield from way.carry(self.weights, "vertex groups", **self.sharing)
+        self.weights = way.blended(carried, self.present, self.deforming, self.lacking)
+        if self.weights is not carried and way.settings.limit:
+            limit_weights(self.weights.values, way.pair.target, self.sharing["normalised"], way.settings.limit)
+
+    def write(self, target: Object) -> None:
+        mesh_data.write_weights(target, self.weights)
+
+
+def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+    """The groups that are not locked on the target."""
+    if "vertex_groups" not in origin.data:
+        return []
+    target, settings = origin.target, origin.settings
+    weights, lacking = mesh_data.read_joined_weights(origin.pieces)
+    locked = mesh_data.locked_groups(target)
+    names = {*weights.labels, *_bones_of_sources(origin)}
+    weights = rename_groups(weights, {name: settings.new_name(name, names) for name in weights.labels})
+    open_columns = [i for i, name in enumerate(weights.labels) if name not in locked]
+    closed = [name for name in weights.labels if name in locked]
+    remarks.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
+    if not open_columns:
+        return []
+    if weights.values.nnz == 0:
+        remarks.notes.append(
+            f"As its modifiers leave it, '{origin.source.name}' has no weights: its vertex groups arrive empty."
+        )
+    labels = tuple(weights.labels[i] for i in open_columns)
+    hidden = [name for name in labels if name in target.data.attributes]
+    if hidden:
+        remarks.notes.append(
+            f"'{target.name}' has attributes with the names of vertex groups ({', '.join(hidden)}): rename them, "
+            "or modifiers may confuse the two."
+        )
+    deforming = _deforming_groups(weights, lacking, origin, remarks)
+    columns = [i for i, name in enumerate(weights.labels) if name in deforming]
+    sharing = {
+        "normalised": np.array([name in deforming for name in labels]),
+        "sums": weights.values[:, columns].sum(axis=1),
+    }
+    if settings.limit:
+        sharing["limit"] = settings.limit
+    held = locked & deforming
+    present = mesh_data.read_weights(target, target.data) if held or lacking or not origin.blend.replaces else None
+    if held and present:
+        columns = [i for i, name in enumerate(present.labels) if name in held]
+        sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
+    chosen = replace(weights, values=weights.values[:, open_columns], labels=labels)
+    return [WeightCargo(chosen, sharing, deforming, present, lacking)]
+
+
+def _deforming_groups(weights: Attribute, lacking: tuple[int, ...], origin: Origin, remarks: Remarks) -> set[str]:
+    """The groups that share a vertex among them: those of bones, or of a skin without bones.
+
+    What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
+    """
+    bones = _bones_of_sources(origin)
+    bones = {origin.settings.new_name(name, bones) for name in bones}
+    bones |= mesh_data.deforming_bones(origin.target)
+    if bones.intersection(weights.labels) or weights.values.nnz == 0:
+        return bones
+    weighted = [number not in lacking for number in range(len(origin.pieces))]
+    rows = np.repeat(weighted, [len(piece.mesh.vertices) for piece in origin.pieces])
+    skin = sum_to_one(weights.values[rows])
+    remarks.notes.append(
+        f"No armature has bones with the names of the vertex groups of '{origin.source.name}', which "
+        + ("sum to one on every vertex: they were taken for skin weights." if skin else "were taken for masks.")
+    )
+    return set(weights.labels) if skin else set()
+
+
+def _bones_of_sources(origin: Origin) -> set[str]:
+    """Names of the bones that deform the objects that have data."""
+    return set().union(*(mesh_data.deforming_bones(piece.source) for piece in origin.pieces))

@@ -1,0 +1,1 @@
+"""What operators, panels, the command line and `api` share: the work on objects of a scene, without any interface."""

@@ -1,0 +1,269 @@
+"""Characters of several objects: body, eyes, teeth, clothes, each with its counterpart in another collection.
+
+All objects of a collection are matched as one surface, of which the core pairs the parts; then each target keeps the
+match with the source that it lies on, as if the two had been matched alone, or with several that it lies on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from bpy.types import Collection, Context, Depsgraph, Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.stepping import Steps, drain, spread, within
+from zoomout_core.runtime.threads import for_each
+
+from .. import mesh_data
+from ..storage import stored_match
+from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from .name_matching import paired_by_name
+from .pair import READING, Look, ObjectPair, check_distinct, check_unedited, find_mesh, look_at_source, look_at_target
+from .targets import Write
+
+# Part of the progress that matching takes.
+MATCHING = 0.95
+# A target of which this part lies on one source receives from that alone, but for loose parts that lie on others.
+NEARLY_ALL = 0.95
+# Where less does, it receives from all that this part of it lies on.
+SMALLEST_SHARE = 0.005
+# What lies on the like of another target is moved onto its own target's, over this part of the area's square root.
+NEAR = 0.02
+# What a vertex without confidence counts for.
+LEAST_CONFIDENCE = 1e-6
+
+# Numbers of sources and targets that are called alike.
+Pairs: TypeAlias = Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The objects of a collection as one surface.
+
+    Attributes:
+        looks: at the objects, when they were read.
+        surfaces: of each.
+        joined: all of them.
+        first_vertex: (p + 1,) the first vertex of each in the joined surface, and their number.
+        first_triangle: (p + 1,) the first triangle of each, and their number.
+    """
+
+    looks: tuple[Look, ...]
+    surfaces: tuple[zo.Surface, ...]
+    joined: zo.Surface
+    first_vertex: Integers
+    first_triangle: Integers
+
+    @classmethod
+    def of(cls, looks: Sequence[Look], surfaces: Sequence[zo.Surface]) -> Parts:
+        """Those of these looks and surfaces."""
+        vertices = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+        triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
+        return cls(tuple(looks), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the objects."""
+        return [look.name for look in self.looks]
+
+
+def match_collections(
+    context: Context, source: Collection, target: Collection, **options: Any
+) -> dict[str, tuple[str, StoredMatch]]:
+    """Match the meshes of two collections, and keep on each of the target's the match with its counterpart.
+
+    Args:
+        context: Blender's; the objects are in its scene.
+        source: its meshes have the data; read as their modifiers leave them.
+        target: its meshes receive the data.
+        options: `detail`, one of `DETAIL`, and those of `zoomout_core.match`.
+
+    Returns:
+        For the name of each target that of its source, and the match, which names the others that it lies on.
+
+    Raises:
+        MeshError: an object cannot be used; nothing was written.
+    """
+    return drain(match_collections_steps(context, source.name, target.name, **options))
+
+
+def match_collections_steps(
+    context: Context, source: str, target: str, **options: Any
+) -> Steps[dict[str, tuple[str, StoredMatch]]]:
+    """`match_collections` as a generator, which holds no Blender data while it is suspended."""
+    write = yield from worked_out_collections_steps(context, source, target, **options)
+    return write()
+
+
+def worked_out_collections_steps(
+    context: Context, source: str, target: str, detail: str = "balanced", **options: Any
+) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
+    """The same without the end: it returns what keeps the matches."""
+    sources = yield from _read_steps(context, source, look_at_source, mesh_data.read_source_surface)
+    targets = yield from _read_steps(context, target, look_at_target, mesh_data.read_target_surface)
+    if shared := set(sources.names) & set(targets.names):
+        raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
+    alike = paired_by_name(sources.names, targets.names)
+    arguments = DETAIL[detail] | {"regions": _regions(sources, targets, alike)} | options
+    result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
+    pairing = for_each(lambda i: _match_of_own(result, sources, targets, i, alike), range(len(targets.looks)))
+    matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
+
+    def write() -> dict[str, tuple[str, StoredMatch]]:
+        meshes = [_unedited(context, pair) for pair, _ in matches]
+        for mesh, (pair, match) in zip(meshes, matches, strict=True):
+            stored_match.write(mesh, match, pair, options | {"detail": detail})
+        return {pair.target_name: (pair.source_name, match) for pair, match in matches}
+
+    return write
+
+
+def _unedited(context: Context, pair: ObjectPair) -> Mesh:
+    """The mesh of the target of a pair, which can be written to, and which is still what it was."""
+    source, target = check_unedited(context, pair)
+    check_distinct(source, target)
+    return target.data
+
+
+def _read_steps(
+    context: Context,
+    collection: str,
+    look_at: Callable[[Context, str], Look],
+    read: Callable[[Object, Depsgraph], zo.Surface],
+) -> Steps[Parts]:
+    """The meshes of a collection that have faces; of those that share one, the first."""
+    found = context.blend_data.collections.get(collection)
+    if found is None:
+        raise zo.MeshError(f"There is no collection '{collection}': choose another one.")
+    objects = {obj.data: obj for obj in reversed(found.all_objects) if obj.type == "MESH" and obj.data.polygons}
+    names = [obj.name for obj in reversed(objects.values())]
+    if not names:
+        raise zo.MeshError(f"There is no mesh in the collection '{collection}': choose another one.")
+    del found, objects  # Blender data, which may be gone after a yield
+    looks, surfaces = [], []
+    for name in names:
+        looks.append(look_at(context, name))
+        yield READING
+        surfaces.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
+        yield READING
+    return Parts.of(looks, surfaces)
+
+
+def _regions(sources: Parts, targets: Parts, alike: Pairs) -> list[tuple[Integers, Integers]]:
+    """Vertices of the joined surfaces for each two objects that are called alike."""
+    return [
+        (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2])) for j, i in alike
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """Where the vertices of one of the targets lie.
+
+    Attributes:
+        surface_map: on the joined source.
+        confidence: (n,) of each.
+        owner: (n,) the number of the source that each lies on.
+        part: (n,) the loose part that each belongs to, -1 for none.
+        weight: (n,) its part of the area.
+    """
+
+    surface_map: zo.SurfaceMap
+    confidence: Floats
+    owner: Integers
+    part: Integers
+    weight: Floats
+
+    def givers(self, sources: int) -> list[int]:
+        """Numbers of the sources that the target is to receive from, the one that most of it lies on first."""
+        share = np.bincount(self.owner, self.weight * (self.confidence + LEAST_CONFIDENCE), minlength=sources)
+        share /= share.sum()
+        largest = int(np.argmax(share))
+        wanted = {largest, *self._holders(sources)}
+        if share[largest] < NEARLY_ALL:
+            wanted |= set(np.flatnonzero(share >= SMALLEST_SHARE).tolist())
+        return sorted(wanted, key=lambda number: -share[number])
+
+    def _holders(self, sources: int) -> list[int]:
+        """Of a number of sources those that most of a loose part surely lies on."""
+        used = self.part >= 0
+        place = self.part[used] * sources + self.owner[used]
+        count = (self.part.max() + 1) * sources
+        area, held = (
+            np.bincount(place, weight[used], minlength=count).reshape(-1, sources)
+            for weight in (self.weight, self.weight * self.confidence)
+        )
+        sure = held.sum(axis=1) > LOW_CONFIDENCE * area.sum(axis=1)
+        return np.unique(np.argmax(held[sure], axis=1)).tolist()
+
+
+def _match_of_own(
+    result: zo.MatchResult, sources: Parts, targets: Parts, number: int, alike: Pairs
+) -> tuple[ObjectPair, StoredMatch]:
+    """One of the targets with the sources that it lies on, and the match with these."""
+    own = _on_its_like(_own(result, sources, targets, number), sources, number, alike)
+    givers = own.givers(len(sources.names))
+    surfaces, looks = tuple(sources.surfaces[i] for i in givers), tuple(sources.looks[i] for i in givers)
+    pair = ObjectPair(surfaces, targets.surfaces[number], looks, targets.looks[number])
+    moved = np.full(len(sources.names), -1)  # to what a source's triangles are shifted
+    moved[givers] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
+    triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + moved[own.owner]
+    barycentric, confidence = own.surface_map.barycentric.copy(), own.confidence.copy()
+    elsewhere = np.flatnonzero(moved[own.owner] < 0)
+    names = ", ".join(f"'{name}'" for name in pair.source_names)
+    notes = list(result.notes)
+    if len(givers) > 1:
+        notes.append(f"'{pair.target_name}' lies on several objects, and receives from all of them: {names}.")
+    if len(elsewhere):
+        images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
+        triangle[elsewhere], barycentric[elsewhere] = closest_points(
+            images, pair.source.vertices, pair.source.triangles
+        )
+        confidence[elsewhere] = 0
+        notes.append(
+            f"{len(elsewhere)} vertices lie on other objects than {names}: the nearest point there, with no confidence."
+        )
+    surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
+    return pair, StoredMatch(surface_map, confidence, tuple(notes), others=pair.source_names[1:])
+
+
+def _own(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> _Own:
+    """Where the vertices of one of the targets lie."""
+    own = slice(*targets.first_vertex[number : number + 2])
+    whole, surface = result.surface_map, targets.surfaces[number]
+    weight = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
+    return _Own(
+        zo.SurfaceMap(whole.triangle[own], whole.barycentric[own], whole.source_triangles),
+        result.confidence[own],
+        np.searchsorted(sources.first_triangle, whole.triangle[own], side="right") - 1,
+        targets.joined.components[own],
+        np.bincount(surface.triangles.ravel(), weight, minlength=len(surface.vertices)) / surface.area / 3,
+    )
+
+
+def _on_its_like(own: _Own, sources: Parts, number: int, alike: Pairs) -> _Own:
+    """The same, moved onto the source that is called like the target where that is near.
+
+    Only what lies on the like of another target is moved, as boots that have come to lie on trousers.
+    """
+    like = next((j for j, i in alike if i == number), None)
+    astray = np.flatnonzero(np.isin(own.owner, [j for j, i in alike if i != number]))
+    if like is None or not len(astray):
+        return own
+    surface, mapped = sources.surfaces[like], own.surface_map
+    images = mapped.interpolate(sources.joined.vertices)[astray]
+    found, weights = closest_points(images, surface.vertices, surface.triangles)
+    apart = zo.SurfaceMap(found, weights, surface.triangles).interpolate(surface.vertices) - images
+    near = np.linalg.norm(apart, axis=1) < NEAR * np.sqrt(sources.joined.area)
+    triangle, barycentric, owner = mapped.triangle.copy(), mapped.barycentric.copy(), own.owner.copy()
+    moved = astray[near]
+    triangle[moved], barycentric[moved] = found[near] + sources.first_triangle[like], weights[near]
+    owner[moved] = like
+    return replace(own, surface_map=zo.SurfaceMap(triangle, barycentric, mapped.source_triangles), owner=owner)

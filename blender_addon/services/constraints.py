@@ -1,0 +1,236 @@
+"""What two objects tell of their match beside their shapes: landmarks, shared names, the up axis, the last match.
+
+Everything here is evidence, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Generator
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.matching.match import SMALLEST_FINAL
+from zoomout_core.matching.pair import LandmarkError
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.runtime.stepping import Steps, spread
+from zoomout_core.runtime.threads import in_background
+
+from .. import mesh_data
+from ..storage import stored_match
+from ..storage.stored_match import Match
+from ..storage.stored_report import transfer_report
+from .initial_maps import map_of_file, same_order
+from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
+from .pair import ObjectPair, find_mesh, source_mesh, target_mesh
+
+# Weight from which a vertex belongs to its group.
+MEMBER = 0.5
+# Of more regions the largest are used: smaller ones lie in them, or next to them, and tell no more.
+MOST_REGIONS = 36
+# Where the map and the regions of the same name overlap less than by the rest, the user is told.
+CONTRADICTION = 0.6
+GROUP, MATERIAL = "vertex group", "material"
+# Starts that may weigh landmarks.
+OF_LANDMARKS = ("auto", "landmarks")
+
+# Vertices of each region of an object, by what it is, GROUP or MATERIAL, and its name.
+NamedRegions = dict[tuple[str, str], np.ndarray]
+
+
+def matching_steps(
+    context: Context,
+    pair: ObjectPair,
+    names: bool = True,
+    same_up: bool = False,
+    from_last: bool = False,
+    use_landmarks: bool = True,
+    exact_landmarks: bool = False,
+    map_file: str = "",
+    detail: str = "balanced",
+    k_final: int = 0,
+    **options: Any,
+) -> Steps[Match]:
+    """`zoomout_core.match_steps` with the evidence of two objects, which the result's notes name.
+
+    With initial="nearest" it is `zoomout_core.match_by_proximity_steps`, and with "same_order" each vertex has its own
+    on the source; neither weighs evidence. With "landmarks" the landmarks alone are evidence, and with "file" there
+    is none: the match starts from `map_file`.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        pair: the two, as they are now.
+        names: whether vertex groups, and materials, of the same name lie at corresponding places. Those
+            that the target has from an earlier transfer are not used: they would prove the match that it followed.
+        same_up: whether both objects stand upright in the world.
+        from_last: whether the match that is kept on the target is a good one to start from.
+        use_landmarks: whether an automatic start weighs the landmarks that both objects have.
+        exact_landmarks: whether the match is to hit these, or those of the options.
+        map_file: a map that `zoomout match` wrote.
+        detail: one of `DETAIL`.
+        k_final: size of the final functional map; 0 for as large as `detail` says.
+        options: of `zoomout_core.match`, of which only an automatic start weighs evidence; or of
+            `zoomout_core.match_by_proximity`.
+
+    Raises:
+        MeshError: see `zoomout_core.match`; or there are no landmarks to start from, or no such file.
+    """
+    initial = options.pop("initial", "auto")
+    if initial == "nearest":
+        return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **options))
+    if initial == "same_order":
+        return (yield from spread(in_background(partial(same_order, pair)), 0, 1, "Comparing the order"))
+    arguments: dict[str, Any] = DETAIL[detail] | {"initial": initial}
+    if k_final:
+        arguments["k_final"] = max(k_final, SMALLEST_FINAL)
+    if initial == "file":
+        arguments |= {"initial": "given", "initial_map": map_of_file(pair, map_file)}
+    landmarks = _landmarks(context, pair, initial, use_landmarks and "landmarks" not in options)
+    notes = list(landmarks.notes)
+    if landmarks.numbers:
+        arguments["landmarks"] = landmarks.source, landmarks.target
+    if exact_landmarks and "landmarks" in arguments | options:
+        arguments["exact_landmarks"] = True
+    if initial == "auto":
+        evidence, of_evidence = yield from _evidence_steps(
+            context, pair, names, same_up, from_last, len(landmarks.numbers)
+        )
+        arguments |= evidence
+        notes = of_evidence + notes
+    try:
+        result = yield from zo.match_steps(pair.source, pair.target, **arguments | options)
+    except LandmarkError as error:
+        name = pair.source_name if error.role == "source" else pair.target_name
+        number = landmarks.numbers[error.number] if landmarks.numbers else error.number
+        raise zo.MeshError(f"Landmark {number} on '{name}', {error.fault}") from error
+    if result.candidates[result.chosen].scores.get("regions", 0) > CONTRADICTION:
+        notes.append(
+            "The map contradicts most of the names that both objects have: check whether names or sides are swapped."
+        )
+    return replace(result, notes=(*notes, *result.notes))
+
+
+def settings_to_keep(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:
+    """What `matching_steps` is called with, and which landmarks it then finds, so that a change of them is noticed."""
+    weighed = options.get("use_landmarks", True) and "landmarks" not in options
+    if not weighed or options.get("initial", "auto") not in OF_LANDMARKS:
+        return options
+    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+    return options | {stored_match.LANDMARKS: landmarks_fingerprint(context.scene, source, target)}
+
+
+def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -> LandmarkPairs:
+    """The landmarks to match by, which a start from landmarks cannot do without.
+
+    Raises:
+        MeshError: it would have to.
+    """
+    if not wanted or initial not in OF_LANDMARKS:
+        return NO_LANDMARKS
+    found = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, pair.target_name))
+    if initial == "landmarks" and not found.numbers:
+        reasons = " ".join(("", *found.notes))
+        raise zo.MeshError(
+            f"A start from landmarks needs one or more on both '{pair.source_name}' and '{pair.target_name}': "
+            f"place some, or choose another start.{reasons}"
+        )
+    return found
+
+
+def _evidence_steps(
+    context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool, landmarks: int
+) -> Steps[tuple[dict[str, Any], list[str]]]:
+    """Arguments of `zoomout_core.match`, and sentences about them and a number of landmarks."""
+    arguments: dict[str, Any] = {}
+    used, notes = [], []
+    if landmarks:
+        used.append(f"{landmarks} landmark{'s' if landmarks > 1 else ''}")
+    if names:
+        regions, received = yield from shared_regions_steps(context, pair)
+        if regions:
+            arguments["regions"] = list(regions.values())
+            used.append(f"{_counted(regions)} of the same name")
+        if received:
+            notes.append("Names that the target has from an earlier transfer were not used as evidence.")
+    if same_up:
+        arguments["common_axes"] = (0, 0, 1)  # the surfaces are in world space
+        used.append("the same up axis")
+    if from_last:
+        with target_mesh(context, pair) as (_, mesh):
+            last = _last_match(mesh, pair)
+        if last is None:
+            notes.append("There is no match of these two, as they are now, to start from.")
+        else:
+            arguments["initial_map"] = last
+            used.append("the last match")
+    if used:
+        notes.insert(0, f"Evidence used: {', '.join(used)}.")
+    return arguments, notes
+
+
+def shared_regions_steps(
+    context: Context, pair: ObjectPair
+) -> Steps[tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]]:
+    """The regions of the same name on both objects, each a part of either, the largest first.
+
+    Returns:
+        The source's and the target's vertices for each, by what it is and its name; and whether there are more,
+        which the target has from an earlier transfer.
+    """
+    with target_mesh(context, pair) as (target, _):
+        if not target.vertex_groups and not target.material_slots:
+            return {}, False  # reading weights takes long
+        written = (transfer_report(target) or {"written": {}})["written"]
+    received = {GROUP: written.get("vertex_groups", ()), MATERIAL: written.get("materials", ())}
+    read_source = _regions_steps(partial(source_mesh, context, pair), pair.source)
+    read_target = _regions_steps(partial(target_mesh, context, pair), pair.target)
+    of_source = yield from spread(read_source, 0, 0, "Reading names")
+    of_target = yield from spread(read_target, 0, 0, "Reading names")
+    shared = {region: (of_source[region], of_target[region]) for region in of_source if region in of_target}
+    own = [(what, name) for what, name in shared if name not in received[what]]
+    size = {region: _smaller_share(shared[region], pair) for region in own}
+    largest = sorted(own, key=lambda region: -size[region])[:MOST_REGIONS]
+    return {region: shared[region] for region in largest}, len(own) < len(shared)
+
+
+def _regions_steps(
+    fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]], surface: zo.Surface
+) -> Generator[float, None, NamedRegions]:
+    """What an object's vertex groups and materials cover, where that is a part of it; yields the fraction done."""
+    regions: NamedRegions = {}
+    weights = yield from mesh_data.read_weights_steps(fetch)
+    members = (weights.values >= MEMBER).tocsc()
+    for column, name in enumerate(weights.labels):
+        regions[GROUP, name] = members.indices[slice(*members.indptr[column : column + 2])]
+    with fetch() as (obj, mesh):
+        names, face_slots = mesh_data.read_materials(obj, mesh)
+    corner_slot = np.repeat(face_slots.values, np.diff(surface.face_start))
+    for name in filter(None, dict.fromkeys(names)):
+        yield 1.0
+        slots = [slot for slot, other in enumerate(names) if other == name]
+        regions[MATERIAL, name] = np.unique(surface.corner_vertex[np.isin(corner_slot, slots)])
+    return {region: found for region, found in regions.items() if 0 < len(found) < len(surface.vertices)}
+
+
+def _smaller_share(region: tuple[np.ndarray, np.ndarray], pair: ObjectPair) -> float:
+    return min(len(found) / len(of.vertices) for found, of in zip(region, (pair.source, pair.target), strict=True))
+
+
+def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
+    """The map of the match that is kept on the target's mesh, if it is one of this pair as it is now."""
+    try:
+        kept = stored_match.read(mesh, pair)
+    except zo.MeshError:  # one of them was edited since
+        return None
+    return None if kept is None else kept.surface_map
+
+
+def _counted(regions: Collection[tuple[str, str]]) -> str:
+    """How many there are of each sort, in words."""
+    numbers = {noun: sum(what == noun for what, _ in regions) for noun in (GROUP, MATERIAL)}
+    return " and ".join(f"{n} {noun}{'s' if n > 1 else ''}" for noun, n in numbers.items() if n)

@@ -1,0 +1,75 @@
+"""Starts that are maps already: vertices in the same order, and a file that `zoomout match` wrote."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+import zoomout_core as zo
+from zoomout_core.arrays import Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import read_vertex_map
+
+from ..storage.stored_match import StoredMatch
+from .pair import ObjectPair
+
+# Meshes of the same order share nearly all edges. Where they share fewer than this part, the order is another.
+SHARED_EDGES = 0.5
+
+
+def same_order(pair: ObjectPair) -> StoredMatch:
+    """The match of meshes that have the same vertices in the same order: each with its own, and nothing refined.
+
+    Raises:
+        MeshError: they have not as many vertices, or connect them otherwise.
+    """
+    source, target = pair.source, pair.target
+    if len(source.vertices) != len(target.vertices):
+        raise zo.MeshError(
+            f"'{pair.source_name}' has {len(source.vertices)} vertices and '{pair.target_name}' "
+            f"{len(target.vertices)}, so they are not in the same order: choose another start."
+        )
+    count = len(target.vertices)
+    shared = np.isin(_numbered(target.edges, count), _numbered(source.edges, count)).mean()
+    if shared < SHARED_EDGES:
+        raise zo.MeshError(
+            f"'{pair.source_name}' and '{pair.target_name}' have as many vertices, but share only {shared:.0%} of "
+            "their edges, so the order is another: choose another start."
+        )
+    notes = [] if shared == 1 else [f"{1 - shared:.1%} of the target's edges connect other vertices on the source."]
+    of_faces = np.zeros(count, dtype=bool)
+    of_faces[source.triangles] = True
+    loose = np.flatnonzero(~of_faces)
+    vertex = np.where(of_faces, np.arange(count), source.triangles[0, 0])
+    surface_map = zo.SurfaceMap.from_vertices(vertex, source)
+    if len(loose):
+        places = closest_points(source.vertices[loose], source.vertices, source.triangles)
+        surface_map.triangle[loose], surface_map.barycentric[loose] = places
+        notes.append(f"{len(loose)} vertices belong to no face of the source: the nearest point, with no confidence.")
+    return StoredMatch(surface_map, of_faces.astype(float), tuple(notes))
+
+
+def map_of_file(pair: ObjectPair, path: str) -> Integers:
+    """The source vertex (n_t,) of each target vertex, from a file that `zoomout match` wrote for these meshes.
+
+    Raises:
+        MeshError: there is no such file, or it was made for other meshes.
+    """
+    if not path:
+        raise zo.MeshError("A start from a file needs one: choose a map.npz that `zoomout match` wrote.")
+    vertex = read_vertex_map(bpy.path.abspath(path))
+    whole = vertex.ndim == 1 and vertex.dtype.kind in "iu"
+    least = int(vertex.max(initial=-1)) + 1 if whole else 0
+    if not whole or len(vertex) != len(pair.target.vertices) or least > len(pair.source.vertices) or vertex.min() < 0:
+        raise zo.MeshError(
+            f"{path} maps {len(vertex)} vertices onto a mesh of {least} or more, but '{pair.target_name}' has "
+            f"{len(pair.target.vertices)} and '{pair.source_name}' {len(pair.source.vertices)}: "
+            "choose the file of these two, in this direction."
+        )
+    return vertex
+
+
+def _numbered(edges: Integers, count: int) -> Integers:
+    """(e,) a number for each edge (e, 2) between so many vertices, whichever way round it is."""
+    ends = np.sort(edges.astype(np.int64), axis=1)
+    return ends[:, 0] * count + ends[:, 1]

@@ -1,0 +1,199 @@
+"""Landmarks: numbered places on objects, of which those of the same number correspond.
+
+They are kept on the scene, each with a place on every object that it was set on: one source may have many targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from bpy.types import Context, Depsgraph, Object, Scene
+from mathutils import Vector
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.matching.pair import OFF_SURFACE
+
+from ..mesh_data import Place, evaluated_mesh, extent, nearest_place
+from ..mesh_data.arrays import hash_of
+from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
+from ..storage import stored_match
+from .pair import source_name
+from .targets import chosen_targets
+
+# Modes as Blender's interface calls them.
+MODES = {"OBJECT": "Object Mode", "EDIT_MESH": "Edit Mode"}
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkPairs:
+    """The landmarks that two objects have in common, as `zoomout_core.match` takes them.
+
+    Attributes:
+        numbers: of the landmarks.
+        source: (m, 3) points on the source, in world space.
+        target: (m, 3) points on the target, in world space.
+        notes: sentences about landmarks that are not among them.
+    """
+
+    numbers: tuple[int, ...]
+    source: Floats
+    target: Floats
+    notes: tuple[str, ...]
+
+
+NO_LANDMARKS = LandmarkPairs((), np.empty((0, 3)), np.empty((0, 3)), ())
+
+
+def landmark_pairs(context: Context, source: Object, target: Object) -> LandmarkPairs:
+    """The landmarks that two objects have in common, where they are now.
+
+    Raises:
+        MeshError: an object is disabled.
+    """
+    on_both, on_one, gone = [], [], []
+    depsgraph = context.evaluated_depsgraph_get()
+    places = {obj: world_places(obj, places_on(context.scene, obj), depsgraph) for obj in (source, target)}
+    for number in sorted({*places[source], *places[target]}):
+        missing = [obj.name for obj in (source, target) if number not in places[obj]]
+        lost = [obj.name for obj in (source, target) if number in places[obj] and places[obj][number] is None]
+        on_one += [f"{number} (missing on '{missing[0]}')"] if missing else []
+        gone += [f"{number} (on '{lost[0]}')"] if lost and not missing else []
+        if not missing and not lost:
+            on_both.append(number)
+    notes = []
+    if on_one:
+        notes.append(f"Landmarks that only one of the two objects has were not used: {', '.join(on_one)}.")
+    if gone:
+        notes.append(
+            f"Landmarks whose place was edited away were not used: {', '.join(gone)}; place them again, or remove them."
+        )
+    of_source, of_target = (
+        np.array([places[obj][number] for number in on_both]).reshape(-1, 3) for obj in (source, target)
+    )
+    return LandmarkPairs(tuple(on_both), of_source, of_target, tuple(notes))
+
+
+def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
+    """What changes when a landmark that two objects have in common is placed, moved or removed, but not with poses."""
+    of_source, of_target = places_on(scene, source), places_on(scene, target)
+    common = [(number, of_source[number], of_target[number]) for number in sorted(of_source.keys() & of_target.keys())]
+    return hash_of(repr(common))
+
+
+def participants(context: Context) -> tuple[Object, list[Object]]:
+    """The source and the targets that the sidebar and the selection name, in whatever mode they are.
+
+    Raises:
+        MeshError: there is no telling which is the source, or it is none.
+    """
+    active = context.active_object
+    kept = stored_match.description(active.data) if active and active.type == "MESH" else None
+    name = source_name(context, active, otherwise=kept["source"] if kept else "")
+    source = context.scene.objects.get(name)
+    if source is None or source.type != "MESH":
+        raise zo.MeshError(f"There is no mesh '{name}' in the scene: choose another source.")
+    return source, chosen_targets(context, source)
+
+
+def obstacle(context: Context, mode: str = "OBJECT") -> str:
+    """Why the landmarks of the source and the targets cannot be changed now, in words for a button, or nothing."""
+    if context.mode != mode:
+        return f"Switch to {MODES[mode]}"
+    try:
+        participants(context)
+    except zo.MeshError as error:
+        return str(error).removesuffix(".")
+    return ""
+
+
+def places_on(scene: Scene, obj: Object) -> dict[int, Place]:
+    """The places of all landmarks on an object, by their numbers."""
+    settings = getattr(scene, "zoomout", None)  # none where the functions are used without the extension
+    landmarks = settings.landmarks if settings else ()
+    found = ((landmark.number, _kept_place(landmark, obj)) for landmark in landmarks)
+    return {number: kept.place() for number, kept in found if kept is not None}
+
+
+def world_places(obj: Object, places: dict[int, Place], depsgraph: Depsgraph) -> dict[int, Floats | None]:
+    """Where places on an object are now, in world space; None for those that edits took the surface away from.
+
+    Raises:
+        MeshError: the object is disabled.
+    """
+    if not places:
+        return {}
+    found: dict[int, Floats | None] = {}
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        most = OFF_SURFACE * extent(mesh)
+        here = {number: place.on(mesh) for number, place in places.items()}
+    for number, position in here.items():
+        if position is None:
+            again = nearest_place(obj, Vector(places[number].position), most, depsgraph)
+            position = None if again is None else Vector(again.position)
+        found[number] = None if position is None else np.array(obj.matrix_world @ position)
+    return found
+
+
+def set_landmark(scene: Scene, obj: Object, place: Place, number: int, name: str = "") -> None:
+    """Give a landmark a place on an object, in place of the one that it may have there."""
+    forget_removed_objects(scene)
+    landmark = _landmark(scene, number)
+    if name:
+        landmark.name = name
+    kept = _kept_place(landmark, obj) or landmark.places.add()
+    kept.object = obj
+    kept.take(place)
+
+
+def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
+    """The number that a landmark gets which is set on an object next.
+
+    It is the lowest that one of the others has and the object lacks, else the first that none of them has.
+    """
+    own = set(places_on(scene, obj))
+    theirs = set().union(*(places_on(scene, other) for other in others if other != obj))
+    return min(theirs - own, default=max(own | theirs, default=0) + 1)
+
+
+def remove_landmark(scene: Scene, number: int, objects: Sequence[Object]) -> None:
+    """Take a landmark off some objects, and out of the list if no other object has it."""
+    landmarks = scene.zoomout.landmarks
+    for index in [i for i, landmark in enumerate(landmarks) if landmark.number == number]:
+        places = landmarks[index].places
+        for other in reversed([i for i, kept in enumerate(places) if kept.object in objects]):
+            places.remove(other)
+    forget_removed_objects(scene)
+
+
+def forget_removed_objects(scene: Scene) -> None:
+    """Drop places on objects that are no longer in the scene, and landmarks that have no place."""
+    landmarks = scene.zoomout.landmarks
+    for landmark in landmarks:
+        for i in reversed([i for i, kept in enumerate(landmark.places) if not _in_scene(scene, kept)]):
+            landmark.places.remove(i)
+    for index in reversed([i for i, landmark in enumerate(landmarks) if not landmark.places]):
+        landmarks.remove(index)
+    scene.zoomout.active_landmark = max(0, min(scene.zoomout.active_landmark, len(landmarks) - 1))
+
+
+def _landmark(scene: Scene, number: int) -> ZOOMOUT_PG_landmark:
+    """The landmark of a number, which becomes the active one; it is made if there is none."""
+    landmarks = scene.zoomout.landmarks
+    index = sum(landmark.number < number for landmark in landmarks)
+    if index == len(landmarks) or landmarks[index].number != number:
+        landmarks.add()
+        landmarks.move(len(landmarks) - 1, index)
+        landmarks[index].number, landmarks[index].name = number, f"Landmark {number}"
+    scene.zoomout.active_landmark = index
+    return landmarks[index]
+
+
+def _kept_place(landmark: ZOOMOUT_PG_landmark, obj: Object) -> ZOOMOUT_PG_place | None:
+    return next((kept for kept in landmark.places if kept.object == obj), None)
+
+
+def _in_scene(scene: Scene, kept: ZOOMOUT_PG_place) -> bool:
+    return kept.object is not None and scene.objects.get(kept.object.name) == kept.object

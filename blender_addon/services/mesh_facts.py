@@ -1,0 +1,82 @@
+"""Facts about meshes that drawing the sidebar must not wait for: worked out when it is idle, and kept until an edit."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+
+import bpy
+from bpy.types import Mesh, Object
+
+from zoomout_core.runtime.stepping import drain
+
+from ..mesh_data import MeshFacts, facts_steps
+from ..viewport.redraw import redraw_views
+
+# Seconds without an edit after which meshes are looked at, and between two looks at what comes of it.
+PAUSE, TICK = 0.3, 0.02
+
+# By the session's numbers of meshes: what is known, what is asked for, and how often each was edited.
+_known: dict[int, MeshFacts] = {}
+_wanted: dict[int, None] = {}
+_edits: dict[int, int] = {}
+_work: Generator[float, None, None] | None = None
+
+
+def facts(obj: Object) -> MeshFacts | None:
+    """What is known of an object's mesh, or None; then the views are drawn again when more is known."""
+    number = obj.data.session_uid
+    if number not in _known and obj.mode == "OBJECT":
+        _wanted[number] = None
+        if not (bpy.app.background or bpy.app.timers.is_registered(_tick)):
+            bpy.app.timers.register(_tick, first_interval=PAUSE)
+    return _known.get(number)
+
+
+def forget(meshes: Iterable[Mesh]) -> None:
+    """Let go of what was known of meshes that may have been edited."""
+    for mesh in meshes:
+        number = mesh.session_uid
+        _known.pop(number, None)
+        _edits[number] = _edits.get(number, 0) + 1
+
+
+def forget_all() -> None:
+    """Let go of everything, and leave off what is under way."""
+    global _work
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    if _work is not None:
+        _work.close()
+        _work = None
+    for kept in (_known, _wanted, _edits):
+        kept.clear()
+
+
+def look_now() -> None:
+    """Look at all meshes that were asked about."""
+    drain(_looks())
+
+
+def _tick() -> float | None:
+    """Go on looking at meshes, a step at a time; Blender calls this after as many seconds as it returns."""
+    global _work
+    _work = _work or _looks()
+    try:
+        next(_work)
+    except StopIteration:
+        _work = None
+        redraw_views()
+        return None
+    return TICK
+
+
+def _looks() -> Generator[float, None, None]:
+    while _wanted:
+        number, _ = _wanted.popitem()
+        mesh = next((mesh for mesh in bpy.data.meshes if mesh.session_uid == number), None)
+        if mesh is None or mesh.is_editmode:
+            continue
+        before = _edits.get(number, 0)
+        found = yield from facts_steps(mesh)
+        if _edits.get(number, 0) == before:
+            _known[number] = found

@@ -1,0 +1,304 @@
+"""The two objects of a match: choosing them, reading them, and recognising them when time has passed.
+
+A target that is a piece of a character may lie on several objects of another one: then these are the source, one after
+another, as if they were joined.
+
+An object of another name, or a mesh with other attributes, is still the same surface. What a match depends on
+is how elements are numbered and what was modelled, so that is what a fingerprint is taken of: topology and
+the positions in the meshes themselves. Posing a character leaves it the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Progress, Steps, drain
+
+from .. import mesh_data
+from ..mesh_data.arrays import hash_of
+
+READING = Progress(0.0, "Reading the meshes")
+
+
+@dataclass(frozen=True)
+class Look:
+    """What tells whether an object was edited, without its surface.
+
+    Attributes:
+        name: of the object.
+        fingerprint: changes when it is edited, or the faces of its surface become others.
+        content: of its own mesh, see `mesh_data.content_hash`.
+        mirrored: whether its matrix mirrors it.
+        size: how many vertices and faces its surface has.
+    """
+
+    name: str
+    fingerprint: str
+    content: str
+    mirrored: bool
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPair:
+    """The surfaces of two objects, or of several sources and a target.
+
+    Attributes:
+        sources: as their modifiers leave them; they have the data. The first one gives most.
+        target: its own mesh, where modifiers move it; it receives them.
+        source_looks: at the sources, when they were read.
+        target_look: of the target.
+    """
+
+    sources: tuple[zo.Surface, ...]
+    target: zo.Surface
+    source_looks: tuple[Look, ...]
+    target_look: Look
+
+    @cached_property
+    def source(self) -> zo.Surface:
+        """All sources as one surface."""
+        return self.sources[0] if len(self.sources) == 1 else zo.Surface.joined(self.sources)
+
+    @property
+    def source_names(self) -> tuple[str, ...]:
+        """Of the sources' objects."""
+        return tuple(look.name for look in self.source_looks)
+
+    @property
+    def source_name(self) -> str:
+        """Of the first source's object."""
+        return self.source_looks[0].name
+
+    @property
+    def target_name(self) -> str:
+        """Of the target's object."""
+        return self.target_look.name
+
+
+def find_mesh(context: Context, name: str) -> Object:
+    """The mesh object of a name, ready to be read.
+
+    Raises:
+        MeshError: there is none in the scene, or more than one, or it is being edited.
+    """
+    obj = context.scene.objects.get(name)
+    if obj is None:
+        raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
+    if _has_namesake(context, obj):
+        raise zo.MeshError(f"There are several objects '{name}' in the scene, of other files: rename the one of this.")
+    if obj.type != "MESH":
+        raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
+    if obj.data.is_editmode:  # of this object, or of another one that shares the mesh
+        raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
+    return obj
+
+
+def _has_namesake(context: Context, obj: Object) -> bool:
+    """Whether another object of the scene has the same name, which may happen where objects of libraries are linked."""
+    objects = context.blend_data.objects
+    paths = (None, *(library.filepath for library in context.blend_data.libraries))
+    others = {found for path in paths if (found := objects.get((obj.name, path))) not in (None, obj)}
+    return any(context.scene in other.users_scene for other in others)
+
+
+def choose_source(context: Context, target: Object, named: str = "", otherwise: str = "") -> Object:
+    """The source for a target.
+
+    It is the object that is named, else the one chosen in the scene, else the one mesh that is selected
+    besides the target, else the one named `otherwise`.
+
+    Raises:
+        MeshError: it is not a mesh that can be read, or there is no telling which it is.
+    """
+    return find_mesh(context, source_name(context, target, named, otherwise))
+
+
+def source_name(context: Context, target: Object, named: str = "", otherwise: str = "") -> str:
+    """The name of the source that `choose_source` gives, whatever it names.
+
+    Raises:
+        MeshError: there is no telling which it is.
+    """
+    chosen = context.scene.zoomout.source
+    selected = [obj.name for obj in context.selected_objects if obj.type == "MESH" and obj != target]
+    name = named or (chosen.name if chosen else "")
+    if not name and len(selected) > 1:
+        raise zo.MeshError(
+            f"{len(selected)} meshes are selected besides the active one: "
+            "select the source alone, or choose it in the sidebar."
+        )
+    name = name or "".join(selected) or otherwise
+    if not name:
+        raise zo.MeshError("There is no source: choose it in the sidebar, or select it and then, last, the target.")
+    return name
+
+
+def check_writable(target: Object) -> None:
+    """Raise a MeshError if the mesh of the target belongs to another file."""
+    for data in (target, target.data):
+        if data.library is not None:
+            raise zo.MeshError(
+                f"'{data.name}' is linked from another file and cannot be written to: make it local first."
+            )
+        if data.override_library is not None and data == target.data:
+            raise zo.MeshError(
+                f"The mesh '{data.name}' overrides that of another file and cannot be written to: make it local first."
+            )
+
+
+def check_distinct(source: Object, target: Object) -> None:
+    """Raise a MeshError if both are one mesh."""
+    if source == target:
+        raise zo.MeshError(
+            f"'{target.name}' cannot be its own source: choose another source, or make another mesh active."
+        )
+    if source.data == target.data:
+        raise zo.MeshError(
+            f"'{source.name}' and '{target.name}' share one mesh: make the target single-user, "
+            "or choose another source."
+        )
+
+
+def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
+    """Read both objects of a match.
+
+    Raises:
+        MeshError: one of them cannot be used, or the target cannot be written to.
+    """
+    return drain(read_pair_steps(context, source_name, target_name))
+
+
+def read_pair_steps(
+    context: Context, source_name: str, target_name: str, others: Sequence[str] = ()
+) -> Steps[ObjectPair]:
+    """`read_pair` as a generator, which holds no Blender data while it is suspended.
+
+    What tells an edit is read before the first yield, so that all edits from then on are noticed. There may be others
+    that the target receives from besides the source.
+    """
+    names = source_name, *others
+    for name in names:
+        check_distinct(find_mesh(context, name), find_mesh(context, target_name))
+    looks = tuple(look_at_source(context, name) for name in names)
+    target_look = look_at_target(context, target_name)
+    yield READING
+    sources = []
+    for name in names:
+        sources.append(mesh_data.read_source_surface(find_mesh(context, name), context.evaluated_depsgraph_get()))
+        yield READING
+    target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
+    pair = ObjectPair(tuple(sources), target, looks, target_look)
+    yield READING
+    check_unedited(context, pair)
+    return pair
+
+
+def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
+    """The first source and the target; all are still what they were when the pair was read.
+
+    Raises:
+        MeshError: one of them was removed or edited since.
+    """
+    for look in pair.source_looks:
+        check_same(look, look_at_source(context, look.name))
+    check_same(pair.target_look, look_at_target(context, pair.target_name))
+    return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+
+
+def check_same(before: Look, now: Look) -> None:
+    """Raise a MeshError if an object was edited between two looks."""
+    if before.fingerprint != now.fingerprint:
+        raise edited(before.name)
+
+
+def edited(name: str) -> zo.MeshError:
+    """What is said when an object of a name was edited meanwhile."""
+    return zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+
+
+@contextmanager
+def source_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
+    """The first of the evaluated sources and its mesh, see `source_pieces`."""
+    with source_pieces(context, pair) as (first, *_):
+        yield first.evaluated, first.mesh
+
+
+@contextmanager
+def source_pieces(context: Context, pair: ObjectPair) -> Iterator[list[mesh_data.Piece]]:
+    """The sources of a pair, as they are and as the modifiers leave them, for what they carry.
+
+    Raises:
+        MeshError: one was removed, or its mesh has other elements since the pair was read.
+    """
+    with ExitStack() as stack:
+        pieces = []
+        for name, surface in zip(pair.source_names, pair.sources, strict=True):
+            source = find_mesh(context, name)
+            seen = stack.enter_context(mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()))
+            pieces.append(mesh_data.Piece(source, *seen))
+            check_elements(name, surface, pieces[-1].mesh)
+        yield pieces
+
+
+@contextmanager
+def target_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
+    """The target of a pair and its own mesh, for what it carries.
+
+    Raises:
+        MeshError: it was removed, or its mesh has other elements since the pair was read.
+    """
+    target = find_mesh(context, pair.target_name)
+    check_elements(pair.target_name, pair.target, target.data)
+    yield target, target.data
+
+
+def check_elements(name: str, surface: zo.Surface, mesh: Mesh) -> None:
+    """Raise a MeshError if a mesh has not as many elements as its surface: what it carries would not fit there."""
+    elements = len(mesh.vertices), len(mesh.polygons), len(mesh.loops)
+    if elements != (len(surface.vertices), len(surface.face_start) - 1, len(surface.corner_vertex)):
+        raise edited(name)
+
+
+def users_of_mesh(context: Context, target: Object) -> int:
+    """How many objects of the file show the target's mesh."""
+    return sum(obj.data == target.data for obj in context.blend_data.objects)
+
+
+def look_at_source(context: Context, name: str) -> Look:
+    """A look at an object that has data.
+
+    Raises:
+        MeshError: it cannot be used.
+    """
+    source = find_mesh(context, name)
+    return _look(source, mesh_data.read_source_faces(source, context.evaluated_depsgraph_get()))
+
+
+def look_at_target(context: Context, name: str) -> Look:
+    """A look at an object that receives data.
+
+    Raises:
+        MeshError: it cannot be used or written to.
+    """
+    target = find_mesh(context, name)
+    check_writable(target)
+    return _look(target, mesh_data.read_target_faces(target, context.evaluated_depsgraph_get()))
+
+
+def _look(obj: Object, faces: mesh_data.Faces) -> Look:
+    """A look at an object whose surface has these faces."""
+    content, mirrored = mesh_data.content_hash(obj.data), mesh_data.is_mirrored(obj)
+    # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way. The numbers are
+    # hashed as a surface has them.
+    corner_vertex = faces.corner_vertex.astype(np.int64)
+    face_start = np.append(faces.start, len(corner_vertex)).astype(np.int64)
+    size = faces.vertices, len(faces.start)
+    return Look(obj.name, hash_of(f"{content} {mirrored}", corner_vertex, face_start), content, mirrored, size)

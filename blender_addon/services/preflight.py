@@ -1,0 +1,193 @@
+"""What stands in the way of a match or a transfer, and what makes one doubtful, found without looking long.
+
+Everything here may be asked each time the sidebar is drawn: counts and flags are compared, and what takes longer is
+in `mesh_facts`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+
+from .. import mesh_data
+from ..storage import stored_match
+from .landmarks import landmarks_fingerprint
+from .mesh_facts import facts
+from .pair import check_distinct, check_writable, choose_source, users_of_mesh
+from .targets import chosen_targets
+
+# Meshes of fewer vertices have too few features to be matched by.
+FEW_VERTICES = 100
+
+
+class Finding(NamedTuple):
+    """A sentence for the user.
+
+    Attributes:
+        text: what is wrong, and what to do.
+        blocks: whether nothing can be done before.
+    """
+
+    text: str
+    blocks: bool
+
+
+def obstacle(context: Context) -> str:
+    """Why the active object cannot receive data, or nothing."""
+    target = context.active_object
+    if target is None or target.type != "MESH":
+        return "Make the mesh active that is to receive the data"
+    if context.mode != "OBJECT":
+        return "Switch to Object Mode"
+    if target.data.is_editmode:
+        return "The active mesh is edited through another object: leave its Edit Mode"
+    if target.library is not None or target.data.library is not None:
+        return "The active mesh is linked from another file: Object > Relations > Make Local"
+    return ""
+
+
+def likely_source(context: Context, otherwise: str = "") -> Object | None:
+    """The source that an operator would choose for the active object, or None where it would refuse."""
+    try:
+        return choose_source(context, context.active_object, otherwise=otherwise)
+    except zo.MeshError:
+        return None
+
+
+def findings(context: Context, otherwise: str = "") -> list[Finding]:
+    """What the user should know before matching or transferring; what blocks comes first, and alone.
+
+    Args:
+        context: Blender's.
+        otherwise: the source if none is chosen or selected.
+    """
+    target = context.active_object
+    if target is None and context.scene.zoomout.source is None:  # how to begin
+        return [Finding("Select the mesh that has the data, then with Shift the one that is to receive it.", True)]
+    if reason := obstacle(context):
+        return [Finding(f"{reason}.", True)]
+    try:
+        source = choose_source(context, target, otherwise=otherwise)
+        check_distinct(source, target)
+        check_writable(target)
+    except zo.MeshError as error:
+        return [Finding(str(error), True)]
+    blocking = [Finding(text, True) for text in _blocking(context, source, target)]
+    doubtful = [*_left_out(context, source, target), *_pieces(context, source), *_doubtful(context, source, target)]
+    return blocking or [Finding(text, False) for text in doubtful]
+
+
+def seen_mesh(context: Context, obj: Object) -> Mesh | None:
+    """An object's mesh as its modifiers leave it, or None where it is disabled; it is up to date before drawing."""
+    evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+    return evaluated.data if evaluated.is_evaluated else None
+
+
+def stale(context: Context, target: Object) -> str:
+    """Why the match that is kept on a target holds no longer, as far as can be told in passing; or nothing.
+
+    Operators look closer: they compare fingerprints.
+    """
+    kept = stored_match.description(target.data)
+    if kept is None:
+        return ""
+    looks = {
+        role: {what: kept[what][role] for what in ("size", "mirrored", "content")} for role in ("source", "target")
+    }
+    for then in ({"name": kept["source"], **looks["source"]}, *stored_match.others(kept)):
+        source = context.scene.objects.get(then["name"])
+        if source is None or source.type != "MESH":
+            return f"Its source '{then['name']}' is not in the scene: choose the source, then match again."
+        if _edited(source, seen_mesh(context, source), then):
+            return f"The source '{source.name}' was edited since: match again."
+    if _edited(target, target.data, looks["target"]):
+        return f"The target '{target.name}' was edited since: match again."
+    return ""
+
+
+def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
+    """Whether an object, whose mesh is now this one, was other when it was matched."""
+    known = facts(obj)
+    return (
+        (mesh is not None and [len(mesh.vertices), len(mesh.polygons)] != then["size"])
+        or obj.matrix_world.is_negative != then["mirrored"]
+        or (known is not None and known.content != then["content"])
+    )
+
+
+def outdated(context: Context, target: Object) -> list[str]:
+    """Sentences about what is other than when a target was matched, though its match still holds."""
+    kept = stored_match.description(target.data)
+    source = likely_source(context, kept["source"]) if kept else None
+    if kept is None or source is None:
+        return []
+    if source.name != kept["source"]:
+        return [f"The source is now '{source.name}': match again to go by it."]
+    then = kept.get("settings", {}).get(stored_match.LANDMARKS)
+    if then is not None and then != landmarks_fingerprint(context.scene, source, target):
+        return ["Landmarks were placed, moved or removed since: match again to go by them."]
+    return []
+
+
+def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]:
+    for obj in (source, target):
+        seen = seen_mesh(context, obj)
+        if seen is None:
+            yield f"'{obj.name}' or its collection is disabled in the viewport: enable it."
+        elif not len(seen.polygons):
+            yield f"'{obj.name}' has no faces: choose a mesh with a surface."
+        elif obj == target and len(seen.vertices) != len(obj.data.vertices):
+            yield mesh_data.change_of_vertices(obj)
+
+
+def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]:
+    """Why other targets than the active one cannot receive data, where nothing is wrong with the source."""
+    for other in chosen_targets(context, source):
+        if other != target and (reason := _reason(context, source, other)):
+            yield f"{reason} Until then '{other.name}' is left out."
+
+
+def _pieces(context: Context, source: Object) -> Iterator[str]:
+    """Which targets are pieces of one character, though each is matched alone."""
+    if context.scene.zoomout.initial != "AUTO":
+        return
+    characters = Counter(obj.find_armature() or obj.parent for obj in chosen_targets(context, source))
+    for character, number in characters.items():
+        if character is not None and number > 1:
+            yield f"{number} targets are pieces of '{character.name}': these match better together, see Collections."
+
+
+def _reason(context: Context, source: Object, target: Object) -> str:
+    try:
+        check_distinct(source, target)
+        check_writable(target)
+    except zo.MeshError as error:
+        return str(error)
+    return next(_blocking(context, source, target), "")
+
+
+def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]:
+    both = source, target
+    for obj in both:
+        count, known = len(obj.data.vertices), facts(obj)
+        if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
+            yield f"'{obj.name}' has {count} vertices, too few to know it by: subdivide it, or start at Nearest Points."
+        if known is not None and known.crowded_edges:
+            yield (
+                f"'{obj.name}' has edges with more than two faces ({known.crowded_edges}): Select > All by Trait > Non "
+                "Manifold shows them, to be mended if the match goes wrong there."
+            )
+    parts = {obj.name: known.parts for obj in both if (known := facts(obj))}
+    if max(parts.values(), default=1) > 1:
+        counts = ", ".join(f"{number} in '{name}'" for name, number in parts.items())
+        yield f"Loose parts ({counts}) are paired by place and size: look at eyes, teeth and clothes afterwards."
+    mirrored = [obj.name for obj in both if mesh_data.is_mirrored(obj)]
+    if len(mirrored) == 1:
+        yield f"'{mirrored[0]}' has a negative scale, which swaps its sides: apply the scale if that is not meant."
+    if target.data.users > 1 and (users := users_of_mesh(context, target)) > 1:
+        yield f"{users} objects share the mesh of '{target.name}', and all receive the data, or make it single-user."

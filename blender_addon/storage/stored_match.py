@@ -1,0 +1,175 @@
+"""A match, kept on the target's mesh: three attributes, and a custom property that says what they belong to.
+
+Triangles are numbered like Blender's `loop_triangles` of the source, its own where the modifiers keep its faces,
+else those that they leave, and barycentric coordinates follow their corners; those of a mirrored object count in
+the opposite order, see `mesh_data`. Where a target lies on several objects, their triangles follow each other.
+Where the modifiers make faces of their own, and a later pose folds one of these so that Blender divides it another
+way, points move within that face.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from bpy.types import Context, Mesh
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from ..mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
+from ..services.pair import ObjectPair, choose_source, find_mesh, look_at_source, read_pair_steps
+from . import candidates
+
+TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
+PROPERTY = "zoomout_match"
+# Among the settings that are kept: a fingerprint of the landmarks that were weighed.
+LANDMARKS = "landmarks_fingerprint"
+# Vertices below this confidence are counted in reports.
+LOW_CONFIDENCE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMatch:
+    """What transfer needs of a match.
+
+    Attributes:
+        surface_map: for each vertex of the target a point on the source, or on several, one after another.
+        confidence: (n_t,) how far to trust it, in [0, 1].
+        notes: sentences for the user.
+        settings: what it was made with, by the names of the arguments of `match_objects`, as far as known.
+        others: names of the objects that the target lies on besides its source.
+    """
+
+    surface_map: zo.SurfaceMap
+    confidence: np.ndarray
+    notes: tuple[str, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
+    others: tuple[str, ...] = ()
+
+
+Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
+
+
+def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
+    """Keep a match on the target's mesh, in place of an earlier one.
+
+    Args:
+        mesh: the target's.
+        match: the match.
+        pair: its two objects.
+        settings: what it was made with; of these, those that are a number or a word are kept.
+    """
+    surface_map, (source, *further), target = match.surface_map, pair.source_looks, pair.target_look
+    for name, kind, data_type, values in (
+        (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
+        (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", surface_map.barycentric),
+        (CONFIDENCE, Kind.SCALAR, "FLOAT", match.confidence),
+    ):
+        write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
+    mesh[PROPERTY] = json.dumps(
+        {
+            "source": source.name,
+            "source_fingerprint": source.fingerprint,
+            "target_fingerprint": target.fingerprint,
+            # What can be compared in passing, see `preflight.stale`.
+            "content": {"source": source.content, "target": target.content},
+            "size": {"source": source.size, "target": target.size},
+            "mirrored": {"source": source.mirrored, "target": target.mirrored},
+            "others": [asdict(look) for look in further],
+            "vertices": len(match.confidence),
+            "low_confidence": low_confidence(match.confidence),
+            "notes": match.notes,
+            "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
+        }
+    )
+    if isinstance(match, zo.MatchResult) and len(match.candidates) > 1:
+        candidates.write(mesh, match, pair)
+    else:
+        candidates.remove(mesh)
+    mesh.update()
+
+
+def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
+    """The match of this pair that is kept on the target's mesh, or None if there is none, or one with another source.
+
+    Raises:
+        MeshError: the source or the target was edited since.
+    """
+    kept = description(mesh)
+    if kept is None:
+        return None
+    fingerprints = [kept["source_fingerprint"], *(other["fingerprint"] for other in others(kept))]
+    if len(fingerprints) != len(pair.source_looks):
+        return None
+    for fingerprint, look in zip(fingerprints, pair.source_looks, strict=True):
+        if fingerprint != look.fingerprint:
+            if kept["source"] != pair.source_name:
+                return None
+            raise zo.MeshError(f"The source '{look.name}' was edited since it was matched: match again.")
+    if kept["target_fingerprint"] != pair.target_look.fingerprint:
+        raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
+    triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
+    # Stored in single precision: brought back to a sum of one.
+    barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
+    return StoredMatch(
+        zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
+        confidence.astype(np.float64),
+        tuple(kept["notes"]),
+        kept.get("settings", {}),
+        pair.source_names[1:],
+    )
+
+
+def kept_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
+    """`read_pair_steps` with the others that the target lies on by the match with the source that is kept on it.
+
+    Raises:
+        MeshError: one of them cannot be used, or the target cannot be written to.
+    """
+    kept = description(find_mesh(context, target_name).data)
+    names = [other["name"] for other in others(kept)] if kept else []
+    if kept and names and kept["source"] != source_name:
+        renamed = look_at_source(context, source_name).fingerprint == kept["source_fingerprint"]
+        names = names if renamed else []
+    return (yield from read_pair_steps(context, source_name, target_name, names))
+
+
+def read_kept_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:
+    """The match that is kept on a target, and its two objects as they are now.
+
+    Raises:
+        MeshError: there is none, or one of them was edited since.
+    """
+    target = find_mesh(context, target_name)
+    kept = description(target.data)
+    if kept is None:
+        raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
+    renamed = kept["source"] not in context.scene.objects
+    source_name = choose_source(context, target).name if renamed else kept["source"]
+    pair = yield from kept_pair_steps(context, source_name, target_name)
+    match = read(find_mesh(context, target_name).data, pair)
+    if match is None:
+        raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")
+    return pair, match
+
+
+def description(mesh: Mesh) -> dict[str, Any] | None:
+    """What is known about the match on a mesh, or None without one or if a part of it was removed."""
+    if PROPERTY not in mesh or any(name not in mesh.attributes for name in MATCH_ATTRIBUTES):
+        return None
+    return json.loads(mesh[PROPERTY])
+
+
+def others(kept: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What is known, as of a `Look`, of the objects that a target lies on besides its source."""
+    return kept.get("others", [])
+
+
+def low_confidence(confidence: np.ndarray) -> int:
+    """How many vertices are of low confidence."""
+    return int((confidence < LOW_CONFIDENCE).sum())

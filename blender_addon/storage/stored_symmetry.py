@@ -1,0 +1,288 @@
+"""The symmetries of a mesh, kept on it: attributes for each candidate, and a custom property that says what they are.
+
+Symmetries are found on the mesh itself, as it is without its modifiers, so neither a pose nor a subdivision matters.
+Attributes are named with a leading dot, which Blender's lists leave out. With them are kept the positions of the
+vertices, which tell what was sculpted since.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bpy.types import Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from ..mesh_data import (
+    SYMMETRY_ATTRIBUTES,
+    Layer,
+    Role,
+    content_hash,
+    positions_in_world,
+    read_faces,
+    read_layer,
+    read_rest_positions,
+    read_surface_at_rest,
+    write_layer,
+)
+from ..mesh_data.arrays import from_text, hash_of, to_text
+from ..services.mesh_facts import facts
+from ..viewport.colors import pair_colors
+
+PROPERTY = "zoomout_symmetry"
+REST = f"{SYMMETRY_ATTRIBUTES}rest"
+# A picture of a candidate shows so many vertices.
+PICTURED = 800
+# What each candidate consists of, and how Blender keeps it.
+PARTS = {
+    "triangle": (Kind.LABEL, "INT"),
+    "barycentric": (Kind.VECTOR, "FLOAT_VECTOR"),
+    "confidence": (Kind.SCALAR, "FLOAT"),
+    "distance": (Kind.SCALAR, "FLOAT"),
+}
+
+
+def rest_surface(obj: Object) -> zo.Surface:
+    """The surface of an object's own mesh, in its own space, before shape keys and modifiers move it.
+
+    Raises:
+        MeshError: there is no surface.
+    """
+    return read_surface_at_rest(obj, positions=read_rest_positions(obj.data))
+
+
+def fingerprint_of(surface: zo.Surface) -> str:
+    """What tells a surface from one that was edited."""
+    return hash_of("", surface.vertices, surface.corner_vertex, surface.face_start)
+
+
+def fingerprint(obj: Object) -> str:
+    """That of the surface which `rest_surface` would give, in a fraction of its time."""
+    return hash_of("", *_elements(obj))
+
+
+def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
+    """Keep the symmetries of an object's mesh, the most likely first, in place of earlier ones.
+
+    Args:
+        obj: the object.
+        found: its symmetries, of the surface that `rest_surface` gave.
+        left: the axis that tells left from right, as the user knows it.
+    """
+    mesh = obj.data
+    forget(mesh)
+    for number, symmetry in enumerate(found):
+        maps = {"triangle": symmetry.surface_map.triangle, "barycentric": symmetry.surface_map.barycentric}
+        _write_parts(mesh, number, maps | {"confidence": symmetry.confidence, "distance": symmetry.distance})
+    points, colors = _pictures(obj, found)
+    mesh[PROPERTY] = json.dumps(
+        {
+            "candidates": [described(symmetry) for symmetry in found],
+            "pictures": [to_text(color, np.uint8) for color in colors],
+            "key": hash_of("", points, *colors),
+            "points": to_text(points, np.float32),
+            "chosen": 0,
+            "left": left,
+            "vertices": len(mesh.vertices),
+            "faces": len(mesh.polygons),
+        }
+    )
+    keep_shape(obj)
+
+
+def keep_shape(obj: Object) -> None:
+    """Take an object's mesh for symmetric as it is now."""
+    mesh, (vertices, *faces) = obj.data, _elements(obj)
+    _write(mesh, REST, Kind.VECTOR, "FLOAT_VECTOR", vertices)
+    fingerprint, content = hash_of("", vertices, *faces), content_hash(mesh)
+    _update(mesh, topology=hash_of("", *faces), fingerprint=fingerprint, content=content)
+    mesh.update()
+
+
+def description(mesh: Mesh) -> dict[str, Any] | None:
+    """What is known of a mesh's symmetries, or None without any or if a part of them was removed.
+
+    Returns:
+        `candidates`: for each its `name`, `certainty`, whether it has `sides`, and `notes`, sentences for the user;
+        `chosen`: the number of one of them; `left`: the axis that told the sides apart; `vertices` and `faces`: how
+        many the mesh had; `content`: see `mesh_data.content_hash`; `pictures`, for each candidate the colours of some
+        `points` of the mesh in world space, as text, and the `key` that they are known by.
+    """
+    if PROPERTY not in mesh:
+        return None
+    kept = json.loads(mesh[PROPERTY])
+    needed = [REST, *(_name(number, part) for number in range(len(kept["candidates"])) for part in PARTS)]
+    return kept if all(name in mesh.attributes for name in needed) else None
+
+
+def described(symmetry: zo.Symmetry) -> dict[str, Any]:
+    """What is kept of a symmetry beside its map and picture, one of the candidates of `description`."""
+    turn = "Half turn" if symmetry.order == 2 else f"Turn of order {symmetry.order}" if symmetry.order else "Turn"
+    reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
+    return {
+        "name": reflection if symmetry.reverses_orientation else turn,
+        "reverses_orientation": symmetry.reverses_orientation,
+        "order": symmetry.order,
+        "certainty": symmetry.certainty,
+        "sides": symmetry.has_sides,
+        "notes": symmetry.notes,
+    }
+
+
+def is_outdated(mesh: Mesh, kept: dict[str, Any]) -> bool:
+    """Whether a glance tells that a mesh has other vertices or faces since; `read` looks closer."""
+    return (kept["vertices"], kept["faces"]) != (len(mesh.vertices), len(mesh.polygons))
+
+
+def is_reshaped(obj: Object, kept: dict[str, Any]) -> bool:
+    """Whether, as far as is known, vertices of an object's mesh were moved since."""
+    known = facts(obj)
+    return known is not None and known.content != kept.get("content", known.content)
+
+
+def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Integers]]:
+    """For each candidate of a `description` the name of its picture, points (s, 3), and their colours, 0 to 255."""
+    if "pictures" not in kept:
+        return []
+    points = from_text(kept["points"], np.float32, 3)
+    colors = [from_text(picture, np.uint8, 3) for picture in kept["pictures"]]
+    return [(f"{kept['key']} {number}", points, color) for number, color in enumerate(colors)]
+
+
+def attributes_of_chosen(mesh: Mesh) -> list[str]:
+    """The names of the attributes that the symmetry that is chosen is kept in; none without one."""
+    kept = description(mesh)
+    return [] if kept is None else [_name(kept["chosen"], part) for part in PARTS]
+
+
+def has_sides(mesh: Mesh) -> bool:
+    """Whether the symmetry that is chosen tells a left side from a right one."""
+    kept = description(mesh)
+    return kept is not None and bool(kept["candidates"][kept["chosen"]]["sides"])
+
+
+def order(mesh: Mesh) -> int:
+    """How often the symmetry that is chosen has to be repeated to lead back; 0 where no small number does."""
+    kept = description(mesh)
+    return int(kept["candidates"][kept["chosen"]].get("order", 0)) if kept else 0
+
+
+def read(obj: Object) -> SelfMap:
+    """The symmetry that is chosen, of an object whose mesh is as it was then.
+
+    Raises:
+        MeshError: there is none, or the mesh was edited since.
+    """
+    kept, now = _kept(obj), _surface_now(obj)
+    if kept["fingerprint"] != fingerprint_of(now):
+        raise zo.MeshError(
+            f"'{obj.name}' was reshaped since its symmetry was detected: mirror what was sculpted, or detect it again."
+        )
+    return _chosen(obj.data, kept, now)
+
+
+def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
+    """The symmetry that is chosen, of the mesh as it was when it was detected, and (n, 3) how it was moved since.
+
+    Raises:
+        MeshError: there is none, or the mesh has other vertices or faces since.
+    """
+    kept, now = _kept(obj), _surface_now(obj)
+    before = now.with_vertices(read_layer(obj.data, REST).attribute.values)
+    return _chosen(obj.data, kept, before), now.vertices - before.vertices
+
+
+def choose(mesh: Mesh, number: int) -> None:
+    """Use another candidate."""
+    _update(mesh, chosen=number)
+
+
+def swap_sides(obj: Object) -> None:
+    """Take left for right, in the symmetry that is chosen.
+
+    Raises:
+        MeshError: there is none, or it has no sides.
+    """
+    number = _kept(obj)["chosen"]
+    if not _kept(obj)["candidates"][number]["sides"]:
+        raise zo.MeshError("This symmetry has no left and right side: choose a reflection.")
+    distance = read_layer(obj.data, _name(number, "distance")).attribute.values
+    _write_parts(obj.data, number, {"distance": -distance})
+    obj.data.update()
+
+
+def forget(mesh: Mesh) -> None:
+    """Remove all that is kept of a mesh's symmetries."""
+    for name in [one.name for one in mesh.attributes if one.name.startswith(SYMMETRY_ATTRIBUTES)]:
+        mesh.attributes.remove(mesh.attributes[name])
+    if PROPERTY in mesh:
+        del mesh[PROPERTY]
+
+
+def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[Integers]]:
+    """Points (s, 3) of the object's mesh in world space, and their colours by each of its symmetries."""
+    surface = found[0].surface
+    used = np.unique(surface.triangles)
+    some = np.random.default_rng(0).permutation(used)[:PICTURED]
+    colors = [pair_colors(symmetry, symmetry.order)[some] for symmetry in found]
+    return positions_in_world(obj, surface.vertices[some]), [np.rint(255 * color).astype(np.uint8) for color in colors]
+
+
+def _surface_now(obj: Object) -> zo.Surface:
+    """The surface of a mesh that has the faces which it had when its symmetry was detected."""
+    surface = rest_surface(obj)
+    if _kept(obj)["topology"] != hash_of("", surface.corner_vertex, surface.face_start):
+        raise zo.MeshError(f"The mesh of '{obj.name}' was edited since its symmetry was detected: detect it again.")
+    return surface
+
+
+def _chosen(mesh: Mesh, kept: dict[str, Any], surface: zo.Surface) -> SelfMap:
+    """The chosen symmetry of a mesh, whose surface this was when it was detected."""
+    values = {name: read_layer(mesh, _name(kept["chosen"], name)).attribute.values for name in PARTS}
+    # Stored in single precision: brought back to a sum of one.
+    barycentric = values["barycentric"].astype(np.float64)
+    barycentric /= barycentric.sum(axis=1, keepdims=True)
+    return SelfMap(
+        surface=surface,
+        surface_map=zo.SurfaceMap(values["triangle"].astype(np.int64), barycentric, surface.triangles),
+        confidence=values["confidence"].astype(np.float64),
+        reverses_orientation=kept["candidates"][kept["chosen"]]["reverses_orientation"],
+        distance=values["distance"].astype(np.float64),
+    )
+
+
+def _elements(obj: Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, corners and starts of faces, as `rest_surface` would have them."""
+    faces = read_faces(obj.data)
+    start = np.append(faces.start, len(faces.corner_vertex)).astype(np.int64)
+    return read_rest_positions(obj.data).astype(np.float64), faces.corner_vertex.astype(np.int64), start
+
+
+def _kept(obj: Object) -> dict[str, Any]:
+    kept = description(obj.data)
+    if kept is None:
+        raise zo.MeshError(f"The symmetry of '{obj.name}' was not detected yet: detect it first.")
+    return kept
+
+
+def _name(number: int, part: str) -> str:
+    return f"{SYMMETRY_ATTRIBUTES}{number}_{part}"
+
+
+def _write_parts(mesh: Mesh, number: int, parts: dict[str, np.ndarray]) -> None:
+    for part, values in parts.items():
+        _write(mesh, _name(number, part), *PARTS[part], values)
+
+
+def _write(mesh: Mesh, name: str, kind: Kind, data_type: str, values: np.ndarray) -> None:
+    write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
+
+
+def _update(mesh: Mesh, **values: Any) -> None:
+    mesh[PROPERTY] = json.dumps(json.loads(mesh[PROPERTY]) | values)

@@ -1,0 +1,113 @@
+"""The menus *Object > ZoomOut* and *Mesh > ZoomOut*, whose items Blender's search finds and which take shortcuts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import bpy
+from bpy.types import Context, Menu, UILayout
+
+from ..operators import landmarks, symmetry
+from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
+from ..operators.match import ZOOMOUT_OT_match
+from ..operators.match_collections import ZOOMOUT_OT_match_collections
+from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
+from ..operators.symmetry.detect import summary
+from ..operators.transfer import ZOOMOUT_OT_transfer
+from ..storage import stored_symmetry
+from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
+
+
+class ZOOMOUT_MT_object(Menu):
+    bl_label = "ZoomOut"
+
+    def draw(self, context: Context) -> None:
+        layout = invoking(self.layout)
+        for operator in (ZOOMOUT_OT_match, ZOOMOUT_OT_match_collections, ZOOMOUT_OT_transfer, ZOOMOUT_OT_cut_seams):
+            layout.operator(operator.bl_idname)
+        layout.separator()
+        layout.operator(ZOOMOUT_OT_swap_match_sides.bl_idname)
+        layout.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next Candidate")
+        _show(layout, OF_MATCH)
+        layout.operator(ZOOMOUT_OT_clear_preview.bl_idname)
+        layout.separator()
+        layout.menu(ZOOMOUT_MT_landmarks.__name__)
+        layout.menu(ZOOMOUT_MT_symmetry.__name__)
+
+
+class ZOOMOUT_MT_landmarks(Menu):
+    bl_label = "Landmarks"
+
+    def draw(self, context: Context) -> None:
+        layout = invoking(self.layout)
+        layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname)
+        for what, name in (("GROUPS", "Landmarks from Vertex Groups"), ("EMPTIES", "Landmarks from Empties")):
+            layout.operator(landmarks.ZOOMOUT_OT_import_landmarks.bl_idname, text=name).what = what
+        layout.operator(landmarks.ZOOMOUT_OT_remove_landmark.bl_idname)
+        layout.operator(landmarks.ZOOMOUT_OT_clear_landmarks.bl_idname)
+
+
+class ZOOMOUT_MT_symmetry(Menu):
+    bl_label = "Symmetry"
+
+    def draw(self, context: Context) -> None:
+        layout = invoking(self.layout)
+        _show(layout, {name: kind for name, kind in OF_SYMMETRY.items() if name != ASYMMETRY})
+        for operator in symmetry.CLASSES:
+            if operator is not symmetry.ZOOMOUT_OT_choose_symmetry:
+                layout.operator(operator.bl_idname)
+        obj = context.active_object
+        kept = stored_symmetry.description(obj.data) if obj and obj.type == "MESH" else None
+        if kept is None:
+            return
+        layout.separator()
+        for number, candidate in enumerate(kept["candidates"]):
+            text = f"Use {summary(candidate)}"
+            layout.operator(symmetry.ZOOMOUT_OT_choose_symmetry.bl_idname, text=text).number = number
+
+
+class ZOOMOUT_MT_mesh(Menu):
+    bl_label = "ZoomOut"
+
+    def draw(self, context: Context) -> None:
+        invoking(self.layout).operator(landmarks.ZOOMOUT_OT_landmarks_from_selected.bl_idname)
+
+
+# In the order in which Blender is to know them.
+CLASSES = (ZOOMOUT_MT_landmarks, ZOOMOUT_MT_symmetry, ZOOMOUT_MT_object, ZOOMOUT_MT_mesh)
+
+
+def register() -> None:
+    """Add them to Blender's menus."""
+    bpy.types.VIEW3D_MT_object.append(_draw_in_object)
+    bpy.types.VIEW3D_MT_edit_mesh.append(_draw_in_mesh)
+
+
+def unregister() -> None:
+    """Take them out again."""
+    bpy.types.VIEW3D_MT_object.remove(_draw_in_object)
+    bpy.types.VIEW3D_MT_edit_mesh.remove(_draw_in_mesh)
+
+
+def invoking(layout: UILayout) -> UILayout:
+    """A layout whose operators show how far they are, and can be cancelled, whatever menu it is in."""
+    layout.operator_context = "INVOKE_DEFAULT"
+    return layout
+
+
+def _draw_in_object(menu: Menu, context: Context) -> None:
+    menu.layout.separator()
+    menu.layout.menu(ZOOMOUT_MT_object.__name__)
+
+
+def _draw_in_mesh(menu: Menu, context: Context) -> None:
+    menu.layout.separator()
+    menu.layout.menu(ZOOMOUT_MT_mesh.__name__)
+
+
+def _show(layout: UILayout, kinds: Mapping[str, Kind]) -> None:
+    """An item for each of some previews."""
+    for name, kind in kinds.items():
+        layout.operator(ZOOMOUT_OT_preview.bl_idname, text=f"Show {kind.label}").kind = name

@@ -1,0 +1,87 @@
+"""The list of landmarks, below the panel to match."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.types import Context, Panel, UILayout, UIList
+
+import zoomout_core as zo
+
+from ...operators.landmarks import (
+    ZOOMOUT_OT_clear_landmarks,
+    ZOOMOUT_OT_import_landmarks,
+    ZOOMOUT_OT_landmarks_from_selected,
+    ZOOMOUT_OT_remove_landmark,
+)
+from ...operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from ...properties.landmarks import LandmarkSettings, ZOOMOUT_PG_landmark
+from ...services.landmarks import participants, places_on
+from .match import ZOOMOUT_PT_match
+from .sidebar import SidebarPanel, sentences
+
+
+class ZOOMOUT_UL_landmarks(UIList):
+    """Landmarks by number, each with marks that say whether the source and the target have it."""
+
+    def draw_item(
+        self,
+        context: Context,
+        layout: UILayout,
+        settings: LandmarkSettings,
+        landmark: ZOOMOUT_PG_landmark,
+        icon: int,
+        active_settings: LandmarkSettings,
+        active_property: str,
+        *_: Any,
+    ) -> None:
+        row = layout.row(align=True)
+        number = row.row()
+        number.ui_units_x = 1.2
+        number.label(text=str(landmark.number))
+        row.prop(landmark, "name", text="", emboss=False)
+        having = {kept.object for kept in landmark.places}
+        for obj in _pair(context):
+            row.label(text="", icon="CHECKMARK" if obj in having else "REMOVE")
+
+
+class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
+    bl_label = "Landmarks"
+    bl_parent_id = ZOOMOUT_PT_match.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 10
+
+    def draw(self, context: Context) -> None:
+        layout, settings = self.layout, context.scene.zoomout
+        if context.mode == "EDIT_MESH":
+            layout.operator(
+                ZOOMOUT_OT_landmarks_from_selected.bl_idname, text="From Selected Vertices", icon="VERTEXSEL"
+            )
+        else:
+            layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname, text="Place", icon="CURSOR")
+        pair = _pair(context)
+        row = layout.row()
+        row.template_list(ZOOMOUT_UL_landmarks.__name__, "", settings, "landmarks", settings, "active_landmark", rows=4)
+        column = row.column(align=True)
+        column.operator(ZOOMOUT_OT_remove_landmark.bl_idname, text="", icon="REMOVE")
+        column.operator(ZOOMOUT_OT_clear_landmarks.bl_idname, text="", icon="X")
+        column.separator()
+        column.prop(settings, "show_landmarks", text="", icon="HIDE_OFF" if settings.show_landmarks else "HIDE_ON")
+        if len(pair) == 2:
+            on = [set(places_on(context.scene, obj)) for obj in pair]
+            both = len(on[0] & on[1])
+            sentences(context, layout, [f"{both} on both; the marks are for '{pair[0].name}' and '{pair[1].name}'"])
+        row = layout.row(align=True)
+        row.label(text="Import")
+        row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Groups").what = "GROUPS"
+        row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Empties").what = "EMPTIES"
+        layout.prop(settings, "exact_landmarks")
+
+
+def _pair(context: Context) -> list[Any]:
+    """The source and the first of the targets, as far as there are any."""
+    try:
+        source, targets = participants(context)
+    except zo.MeshError:  # the buttons are greyed out, and say so
+        return []
+    return [source, *targets[:1]]

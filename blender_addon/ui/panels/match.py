@@ -1,0 +1,62 @@
+"""The panel to match: who is matched, how, what stands in the way, and the button."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel, UILayout
+
+from ...operators.match import ZOOMOUT_OT_match
+from ...presets import ZOOMOUT_PT_match_presets
+from ...services.preflight import findings, likely_source
+from ...services.targets import chosen_targets
+from ...storage import stored_match
+from .. import manual
+from .sidebar import SidebarPanel, counted, help_button, main_button, show_findings, split_properties
+
+
+class ZOOMOUT_PT_match(SidebarPanel, Panel):
+    bl_label = "Match"
+
+    def draw_header_preset(self, context: Context) -> None:
+        help_button(self.layout, manual.GUIDE)
+        ZOOMOUT_PT_match_presets.draw_panel_header(self.layout)
+
+    def draw(self, context: Context) -> None:
+        layout, settings, target = self.layout, context.scene.zoomout, context.active_object
+        split_properties(layout)
+        column = layout.column()
+        column.prop(settings, "source")
+        is_mesh = target is not None and target.type == "MESH"
+        source = likely_source(context) if is_mesh else None
+        if settings.source is None and source:
+            _object_row(column, "", f"{source.name} (selected)")
+        _object_row(column, "Target", f"{target.name} (active)" if is_mesh else "")
+        others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
+        if others:
+            names = others[0].name if len(others) == 1 else f"{len(others)} more"
+            _object_row(column, "", f"{names} (selected)")
+        layout.prop(settings, "initial")
+        if settings.initial == "FILE":
+            layout.prop(settings, "map_file")
+        if settings.initial not in ("NEAREST", "SAME_ORDER"):
+            row = layout.row(align=True)
+            row.use_property_split = False  # the three need all the width
+            row.prop(settings, "detail", expand=True)
+        found = findings(context)
+        show_findings(context, layout, found)
+        again = is_mesh and stored_match.description(target.data) is not None
+        main_button(
+            layout,
+            ZOOMOUT_OT_match.bl_idname,
+            "Match Again" if again and not others else counted("Match", "Match {} Targets", context, source),
+            "VIEWZOOM",
+            not any(finding.blocks for finding in found),
+        )
+
+
+def _object_row(layout: UILayout, label: str, text: str) -> None:
+    """Objects that were chosen elsewhere, in the place of a property."""
+    split = layout.split(factor=0.4)
+    name = split.row()
+    name.alignment = "RIGHT"
+    name.label(text=label)
+    split.label(text=text or "None", icon="OUTLINER_OB_MESH" if text else "BLANK1")

@@ -1,0 +1,40 @@
+"""Below the match: what it goes by beside the shapes, and what is seldom changed."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel
+
+from ...properties.match import EVIDENCE, NEARNESS
+from .match import ZOOMOUT_PT_match
+from .sidebar import SidebarPanel, split_properties
+
+
+class ZOOMOUT_PT_evidence(SidebarPanel, Panel):
+    bl_label = "Evidence"
+    bl_parent_id = ZOOMOUT_PT_match.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 20
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the start weighs any."""
+        return context.scene.zoomout.initial == "AUTO"
+
+    def draw(self, context: Context) -> None:
+        split_properties(self.layout)
+        column = self.layout.column(heading="Go By")
+        for name in EVIDENCE:
+            column.prop(context.scene.zoomout, name)
+
+
+class ZOOMOUT_PT_match_advanced(SidebarPanel, Panel):
+    bl_label = "Advanced"
+    bl_parent_id = ZOOMOUT_PT_match.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 30
+
+    def draw(self, context: Context) -> None:
+        split_properties(self.layout)
+        settings = context.scene.zoomout
+        for name in NEARNESS if settings.initial == "NEAREST" else ("k_final",):
+            self.layout.prop(settings, name)

@@ -1,0 +1,72 @@
+"""Below the match: what came of it, to be seen in the viewport, and what else it might have been."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel, UILayout
+
+from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ...services.preflight import Finding, outdated, stale
+from ...storage import candidates, stored_match
+from ...viewport import preview
+from ..thumbnails import icon_of_candidate, icon_of_source
+from .match import ZOOMOUT_PT_match
+from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
+
+# From this part of its vertices in doubt on, a match bears no check mark.
+DOUBTFUL = 0.25
+# How many pictures of candidates stand side by side.
+COLUMNS = 3
+
+
+class ZOOMOUT_PT_result(SidebarPanel, Panel):
+    bl_label = "Result"
+    bl_parent_id = ZOOMOUT_PT_match.__name__
+    bl_order = 0
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there is a match."""
+        target = context.active_object
+        return target is not None and target.type == "MESH" and stored_match.description(target.data) is not None
+
+    def draw(self, context: Context) -> None:
+        layout, target = self.layout, context.active_object
+        kept = stored_match.description(target.data)
+        if kept is None:
+            return
+        reason = stale(context, target)
+        if reason:
+            box = layout.box()
+            box.alert = True
+            sentences(context, box, [reason], "ERROR")
+        else:
+            doubtful = kept["low_confidence"] / kept["vertices"]
+            others = (look["name"] for look in stored_match.others(kept))
+            names = ", ".join(f"'{name}'" for name in (kept["source"], *others))
+            text = f"Matched with {names}, {doubtful:.0%} in doubt"
+            sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
+            show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
+        preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
+        usable = layout.column()
+        usable.enabled = not reason
+        listing = candidates.read(target.data)
+        if listing is not None:
+            _draw_candidates(usable, listing)
+        sentences(context, layout, kept["notes"], "DOT")
+
+
+def _draw_candidates(layout: UILayout, listing: candidates.Listing) -> None:
+    row = layout.row(align=True)
+    row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, text="Swap Sides", icon="MOD_MIRROR")
+    row.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next", icon="FORWARD")
+    grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
+    column = grid.column(align=True)
+    column.template_icon(icon_of_source(listing), scale=PICTURE)
+    column.label(text="Source")
+    for place, candidate in enumerate(listing.candidates):
+        column = grid.column(align=True)
+        column.template_icon(icon_of_candidate(listing, place), scale=PICTURE)
+        text = "Mirrored" if candidate.mirrored else f"{candidate.certainty:.0%}"
+        chosen = place == listing.chosen
+        button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=text, depress=chosen)
+        button.candidate = place + 1

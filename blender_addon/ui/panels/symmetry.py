@@ -1,0 +1,168 @@
+"""The panel of a mesh's own symmetry, and what is done along it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.types import Context, Object, Panel, UILayout
+
+from ...operators import symmetry as operators
+from ...operators.symmetry.detect import summary
+from ...properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
+from ...services.preflight import FEW_VERTICES, Finding
+from ...storage import stored_symmetry
+from ...viewport import preview
+from .. import manual
+from ..thumbnails import icon_of_symmetry
+from .sidebar import (
+    PICTURE,
+    SidebarPanel,
+    help_button,
+    main_button,
+    preview_buttons,
+    sentences,
+    show_findings,
+    split_properties,
+)
+
+EDITED = Finding("The mesh was edited since: detect its symmetry again.", True)
+RESHAPED = Finding("Reshaped since: Mirror Sculpt carries it over to the other side, or detect again.", False)
+FEW = Finding("Few vertices: if a symmetry is not found, subdivide the mesh and detect again.", False)
+# How many pictures of candidates stand side by side.
+COLUMNS = 2
+
+
+class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
+    bl_label = "Symmetry"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, context: Context) -> None:
+        help_button(self.layout, manual.GUIDE)
+
+    def draw(self, context: Context) -> None:
+        layout, settings = self.layout, context.scene.zoomout.symmetry
+        split_properties(layout)
+        layout.prop(settings, "left")
+        kept, target = _kept(context), context.active_object
+        if target is None or target.type != "MESH":
+            sentences(context, layout, ["Make a mesh active."], "INFO")
+        else:
+            show_findings(context, layout, _doubts(target))
+        again = "Detect Symmetry" if kept is None else "Detect Again"
+        main_button(layout, operators.ZOOMOUT_OT_detect_symmetry.bl_idname, again, "MOD_MIRROR", True)
+        if kept is None:
+            return
+        if stored_symmetry.is_outdated(target.data, kept):
+            show_findings(context, layout, [EDITED])
+            return
+        if stored_symmetry.is_reshaped(target, kept):
+            show_findings(context, layout, [RESHAPED])
+        _draw_candidates(context, layout, kept)
+        preview_buttons(context, layout, preview.OF_SYMMETRY)
+        layout.prop(settings, "check", text="Asymmetry Of")
+        layout.prop(settings, "direction")
+
+
+class SymmetrySubpanel(SidebarPanel):
+    """What the panels below that of the symmetry have in common."""
+
+    layout: UILayout  # of the panel
+    bl_parent_id = "ZOOMOUT_PT_symmetry"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active mesh has a symmetry to work along."""
+        kept = _kept(context)
+        return kept is not None and not stored_symmetry.is_outdated(context.active_object.data, kept)
+
+    def draw(self, context: Context) -> None:
+        layout, settings = self.layout, context.scene.zoomout.symmetry
+        split_properties(layout)
+        self.draw_options(layout, settings)
+
+    def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
+        """Options and operators of one kind of data."""
+        raise NotImplementedError
+
+
+class ZOOMOUT_PT_symmetry_weights(SymmetrySubpanel, Panel):
+    bl_label = "Weights"
+
+    def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
+        layout.prop(settings, "only_active")
+        layout.operator(operators.ZOOMOUT_OT_symmetrise_weights.bl_idname)
+
+
+class ZOOMOUT_PT_symmetry_keys(SymmetrySubpanel, Panel):
+    bl_label = "Shape Keys"
+
+    def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
+        layout.prop(settings, "key_mode")
+        if settings.key_mode == "SPLIT":
+            layout.prop(settings, "blend")
+        layout.operator(operators.ZOOMOUT_OT_mirror_shape_key.bl_idname)
+
+
+class ZOOMOUT_PT_symmetry_attributes(SymmetrySubpanel, Panel):
+    bl_label = "UVs, Colors, Marks"
+
+    def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
+        column = layout.column(heading="Mirror")
+        for name in KINDS_OF_DATA:
+            column.prop(settings, name)
+        row = layout.row()
+        row.enabled = settings.uv_maps
+        row.prop(settings, "uv_layout")
+        layout.operator(operators.ZOOMOUT_OT_mirror_attributes.bl_idname)
+
+
+class ZOOMOUT_PT_symmetry_shape(SymmetrySubpanel, Panel):
+    bl_label = "Sculpt and Sides"
+
+    def draw_options(self, layout: UILayout, settings: ZOOMOUT_PG_symmetry) -> None:
+        layout.operator(operators.ZOOMOUT_OT_mirror_sculpt.bl_idname)
+        layout.operator(operators.ZOOMOUT_OT_select_symmetry_line.bl_idname)
+        layout.prop(settings, "middle_width")
+        layout.operator(operators.ZOOMOUT_OT_name_sides.bl_idname)
+
+
+# In the order in which Blender is to know them.
+CLASSES = (
+    ZOOMOUT_PT_symmetry,
+    ZOOMOUT_PT_symmetry_weights,
+    ZOOMOUT_PT_symmetry_keys,
+    ZOOMOUT_PT_symmetry_attributes,
+    ZOOMOUT_PT_symmetry_shape,
+)
+
+
+def _doubts(target: Object) -> list[Finding]:
+    """What the user should know before a mesh's symmetry is sought."""
+    found = [FEW] if len(target.data.vertices) < FEW_VERTICES else []
+    halves = [modifier.name for modifier in target.modifiers if modifier.type == "MIRROR" and modifier.show_viewport]
+    return found + [Finding(f"'{name}' makes the mesh's other half: apply it first.", False) for name in halves]
+
+
+def _draw_candidates(context: Context, layout: UILayout, kept: dict[str, Any]) -> None:
+    """A picture and a button for each symmetry that was found, the chosen one marked, and what is to know of it."""
+    grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
+    pictures = stored_symmetry.pictured(kept)
+    for number, candidate in enumerate(kept["candidates"]):
+        column = grid.column(align=True)
+        if pictures:
+            column.template_icon(icon_of_symmetry(*pictures[number]), scale=PICTURE)
+        chosen = number == kept["chosen"]
+        button = column.operator(
+            operators.ZOOMOUT_OT_choose_symmetry.bl_idname, text=summary(candidate), depress=chosen
+        )
+        button.number = number
+    candidate = kept["candidates"][kept["chosen"]]
+    if candidate["sides"]:
+        layout.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, text="Swap Sides", icon="ARROW_LEFTRIGHT")
+    sentences(context, layout, candidate["notes"], "DOT")
+
+
+def _kept(context: Context) -> dict[str, Any] | None:
+    obj = context.active_object
+    return stored_symmetry.description(obj.data) if obj and obj.type == "MESH" else None

@@ -1,0 +1,81 @@
+"""The panel to transfer: what the source has, what stands in the way, the button, and the report."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Object, Panel, UILayout
+
+from ...operators.choose_data import ZOOMOUT_OT_choose_data
+from ...operators.transfer import ZOOMOUT_OT_transfer, summary
+from ...presets import ZOOMOUT_PT_transfer_presets
+from ...properties.transfer import TransferOptions
+from ...services.inventory import inventory
+from ...services.preflight import Finding, findings, likely_source, outdated, stale
+from ...storage import stored_match
+from ...storage.stored_report import transfer_report
+from .. import manual
+from .sidebar import SidebarPanel, counted, help_button, main_button, sentences, show_findings
+
+
+class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
+    bl_label = "Transfer"
+
+    def draw_header_preset(self, context: Context) -> None:
+        help_button(self.layout, manual.RULES)
+        ZOOMOUT_PT_transfer_presets.draw_panel_header(self.layout)
+
+    def draw(self, context: Context) -> None:
+        layout, target = self.layout, context.active_object
+        kept = stored_match.description(target.data) if target and target.type == "MESH" else None
+        known = kept["source"] if kept else ""
+        source = likely_source(context, known) if target else None
+        _draw_choice(layout, context, source)
+        # What is merely doubtful of the meshes stands above, in the panel to match.
+        found = [finding for finding in findings(context, known) if finding.blocks]
+        matched = bool(kept and source and source.name == known)
+        if matched and (reason := stale(context, target)):
+            found = [Finding(reason, True)]
+        elif matched:
+            found += [Finding(text, False) for text in outdated(context, target)]
+        show_findings(context, layout, found)
+        if matched:
+            text = counted("Transfer", "Transfer to {} Targets", context, source)
+        else:
+            text = counted("Match and Transfer", "Match and Transfer to {} Targets", context, source)
+        free = not any(finding.blocks for finding in found)
+        main_button(layout, ZOOMOUT_OT_transfer.bl_idname, text, "PASTEDOWN", free)
+
+
+class ZOOMOUT_PT_report(SidebarPanel, Panel):
+    bl_label = "Report"
+    bl_parent_id = ZOOMOUT_PT_transfer.__name__
+    bl_order = 0
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether there was a transfer."""
+        target = context.active_object
+        return target is not None and target.type == "MESH" and transfer_report(target) is not None
+
+    def draw(self, context: Context) -> None:
+        report = transfer_report(context.active_object)
+        if report is None:
+            return
+        sentences(context, self.layout, [summary(report)], "CHECKMARK")
+        skipped = [f"{name}: skipped, {reason}" for name, reason in report["skipped"].items()]
+        sentences(context, self.layout, [*skipped, *report["notes"]], "DOT")
+
+
+def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:
+    """Check marks with how much the source has of each; those of which it has none cannot be set."""
+    settings, counts = context.scene.zoomout, inventory(context, source) if source else {}
+    row = layout.row(align=True)
+    for text, every in (("All", True), ("None", False)):
+        row.operator(ZOOMOUT_OT_choose_data.bl_idname, text=text).every = every
+    column = layout.column(align=True)
+    for name in TransferOptions.__annotations__:
+        row = column.row()
+        row.enabled = counts.get(name) != 0
+        row.prop(settings, name)
+        number = row.row()
+        number.alignment = "RIGHT"
+        number.label(text=str(counts.get(name, "")))

@@ -1,0 +1,87 @@
+"""Small pictures of candidates: a mesh as each of them colours it, and the source that the colours come from."""
+
+from __future__ import annotations
+
+import bpy
+import bpy.utils.previews
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+
+from ..storage.candidates import Listing
+
+SIZE = 64
+# Radius of the dot that stands for each sample, and the border that stays free, in pixels.
+DOT, BORDER = 3, 5
+# Where it is looked from: from the front, a little from the left and from above, so that no shape hides a side.
+TURN, TILT = np.radians(30), np.radians(15)
+# How dark what is farthest away becomes.
+SHADE = 0.6
+
+_previews: bpy.utils.previews.ImagePreviewCollection | None = None
+
+
+def icon_of_candidate(listing: Listing, place: int) -> int:
+    """Blender's number of the picture of the target as a candidate colours it."""
+    return _icon(f"{listing.key} {place}", listing.points, listing.candidates[place].colors)
+
+
+def icon_of_source(listing: Listing) -> int:
+    """Blender's number of the picture of the source."""
+    colors = np.concatenate([candidate.colors for candidate in listing.candidates])
+    return _icon(f"{listing.key} source", colors / 255 * listing.box, colors)
+
+
+def icon_of_symmetry(name: str, points: Floats, colors: Integers) -> int:
+    """Blender's number of the picture of a mesh as one of its symmetries colours it, see `stored_symmetry.pictured`."""
+    return _icon(name, points, colors)
+
+
+def unregister() -> None:
+    """Let go of all pictures."""
+    global _previews
+    if _previews is not None:
+        bpy.utils.previews.remove(_previews)
+        _previews = None
+
+
+def picture(points: Floats, colors: Floats) -> Floats:
+    """A picture (SIZE, SIZE, 4), its rows from below, of points (s, 3), each a dot of its colour (s, 3)."""
+    across, depth, up = _seen(points).T
+    scale = (SIZE - 1 - 2 * BORDER) / max(np.ptp(across), np.ptp(up), 1e-12)
+    column = (across - (across.max() + across.min()) / 2) * scale + (SIZE - 1) / 2
+    row = (up - (up.max() + up.min()) / 2) * scale + (SIZE - 1) / 2
+    near = 1 - (depth - depth.min()) / max(np.ptp(depth), 1e-12)
+    shaded = colors * (SHADE + (1 - SHADE) * near[:, None])
+
+    dot = np.mgrid[-DOT : DOT + 1, -DOT : DOT + 1].reshape(2, -1)
+    dot = dot[:, (dot**2).sum(axis=0) <= DOT**2]
+    order = np.argsort(near, kind="stable")  # what is near is drawn last
+    rows = (np.rint(row[order]).astype(int)[:, None] + dot[0]).clip(0, SIZE - 1)
+    columns = (np.rint(column[order]).astype(int)[:, None] + dot[1]).clip(0, SIZE - 1)
+    pixels = np.zeros((SIZE, SIZE, 4))
+    pixels[rows, columns, :3] = shaded[order][:, None]
+    pixels[rows, columns, 3] = 1
+    return pixels
+
+
+def _seen(points: Floats) -> Floats:
+    """(s, 3) points as seen: to the right, away from the eye, and up."""
+    turn, tilt = (
+        np.array([[np.cos(TURN), np.sin(TURN), 0], [-np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]]),
+        np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]]),
+    )
+    return points @ (tilt @ turn).T
+
+
+def _icon(name: str, points: Floats, colors: Integers) -> int:
+    global _previews
+    if _previews is None:
+        _previews = bpy.utils.previews.new()
+    if name not in _previews:
+        made = _previews.new(name)
+        pixels = picture(points, colors / 255).ravel().astype(np.float32)
+        made.image_size = made.icon_size = SIZE, SIZE
+        made.image_pixels_float.foreach_set(pixels)
+        made.icon_pixels_float.foreach_set(pixels)
+    return int(_previews[name].icon_id)

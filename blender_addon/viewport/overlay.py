@@ -1,0 +1,228 @@
+"""Colours drawn over objects in the 3D views: nothing of the file is touched, so nothing has to be put back.
+
+A coat of colour lies over an object as its modifiers leave it, a hair nearer to the eye, whatever the viewport's
+shading is; it follows the object, its pose and its name. It is hidden with the viewport's other overlays, while its
+mesh is being edited, painted or sculpted, and as long as a mesh is not the one that its coat was made for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import bpy
+import gpu
+import numpy as np
+from bpy.types import Mesh, Object
+from mathutils import Vector
+
+from zoomout_core.arrays import Floats
+
+from ..mesh_data.arrays import read_array
+from ..services.mesh_facts import facts
+from .redraw import redraw_views
+
+# By how much of the depth range a coat is nearer than what it covers.
+NEARER = 2e-5
+# Squares of the checker across the UV map.
+SQUARES = 16
+
+VERTEX = """
+void main()
+{
+  shade = abs(dot(normalize(normal), towards));
+  paint = color;
+  gl_Position = ModelViewProjectionMatrix * vec4(position, 1.0);
+  gl_Position.z -= nearer * gl_Position.w;
+}
+"""
+# Colours are UVs where there are squares: dark and light ones take turns, and the hue tells where in the map.
+FRAGMENT = """
+void main()
+{
+  vec3 seen = paint;
+  if (squares > 0.0) {
+    vec2 square = floor(paint.xy * squares);
+    float light = mod(square.x + square.y, 2.0);
+    seen = mix(vec3(0.12 + 0.55 * paint.x, 0.16, 0.12 + 0.55 * paint.y),
+               vec3(0.95, 0.95 - 0.4 * paint.x, 0.95 - 0.4 * paint.y), light);
+  }
+  seen *= 0.45 + 0.55 * shade;
+  result = vec4(srgbTarget ? pow(seen, vec3(2.2)) : seen, 1.0);
+}
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Coat:
+    """Colours for one object.
+
+    Attributes:
+        object_uid: the session's number of the object, which it keeps when it is renamed.
+        values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the mesh that its modifiers leave.
+        content: of the object's own mesh, see `mesh_data.content_hash`.
+    """
+
+    object_uid: int
+    values: Floats
+    content: str
+
+    @property
+    def on_corners(self) -> bool:
+        """Whether values are UVs, of face corners."""
+        return self.values.shape[1] == 2
+
+
+_coats: tuple[Coat, ...] = ()
+# What is drawn of each coat, by the object's number; None where it does not fit the object.
+_batches: dict[int, gpu.types.GPUBatch | None] = {}
+# What objects were called when they were last looked for, by their numbers.
+_names: dict[int, str] = {}
+_handler: Any = None
+
+
+def show(coats: Sequence[Coat]) -> None:
+    """Draw coats, in place of others."""
+    global _coats, _handler
+    _coats = tuple(coats)
+    _batches.clear()
+    if _handler is None:
+        _handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+    redraw_views()
+
+
+def clear() -> None:
+    """Draw none."""
+    global _coats, _handler
+    if _handler is None:
+        return
+    bpy.types.SpaceView3D.draw_handler_remove(_handler, "WINDOW")
+    _coats, _handler = (), None
+    _batches.clear()
+    _names.clear()
+    redraw_views()
+
+
+def shown() -> tuple[Coat, ...]:
+    """What is drawn."""
+    return _coats
+
+
+def find(uid: int) -> Object | None:
+    """The object of a number in the view layer, or None."""
+    objects = bpy.context.view_layer.objects  # with a None for each that was just removed
+    obj = objects.get(_names.get(uid, ""))
+    if obj is None or obj.session_uid != uid:
+        obj = next((one for one in objects if one is not None and one.session_uid == uid), None)
+    if obj is not None:
+        _names[uid] = obj.name
+    return obj
+
+
+def repose(uids: Iterable[int] | None = None) -> None:
+    """Have coats of objects, or of all, laid on anew: their modifiers move them."""
+    for uid in list(_batches) if uids is None else uids:
+        _batches.pop(uid, None)
+
+
+def covered() -> list[tuple[Coat, Object]]:
+    """The coats that may be seen, each with the object that it lies over; if one is outdated, none may be seen."""
+    return [] if is_outdated() else [(coat, obj) for coat, obj in _found() if obj.mode == "OBJECT"]
+
+
+def is_outdated() -> bool:
+    """Whether one of the meshes is known to be another one than its coat was made for."""
+    return any((known := facts(obj)) is not None and known.content != coat.content for coat, obj in _found())
+
+
+def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
+    """What is drawn of a mesh, as arrays: `position`, `normal` and `color` (p, 3), and `triangles` (m, 3) of these.
+
+    None where the coat is one of another mesh.
+    """
+    vertices, corners = len(mesh.vertices), len(mesh.loops)
+    if len(coat.values) != (corners if coat.on_corners else vertices):
+        return None
+    mesh.calc_loop_triangles()
+    position = read_array(mesh.vertices, "co", np.float32, 3)
+    normal = read_array(mesh.vertex_normals, "vector", np.float32, 3)
+    color = coat.values.astype(np.float32)
+    if coat.on_corners:
+        vertex = read_array(mesh.loops, "vertex_index", np.int32)
+        position, normal = position[vertex], normal[vertex]
+        color = np.column_stack([color, np.zeros(corners, np.float32)])
+    triangles = read_array(mesh.loop_triangles, "loops" if coat.on_corners else "vertices", np.int32, 3)
+    return {"position": position, "normal": normal, "color": color, "triangles": triangles}
+
+
+def _found() -> list[tuple[Coat, Object]]:
+    return [(coat, obj) for coat in _coats if (obj := find(coat.object_uid)) is not None]
+
+
+def _draw() -> None:
+    context = bpy.context
+    if not context.space_data.overlay.show_overlays:
+        return
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    for coat, obj in covered():
+        if obj.visible_in_viewport_get(context.space_data):
+            _draw_coat(coat, obj.evaluated_get(context.evaluated_depsgraph_get()))
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
+
+
+def _draw_coat(coat: Coat, evaluated: Object) -> None:
+    if coat.object_uid not in _batches:
+        surface = surface_of(evaluated.data, coat)
+        _batches[coat.object_uid] = None if surface is None else _batch(surface)
+    batch = _batches[coat.object_uid]
+    if batch is None:
+        return
+    seen_from = bpy.context.region_data.view_rotation @ Vector((0, 0, 1))
+    with gpu.matrix.push_pop():
+        gpu.matrix.multiply_matrix(evaluated.matrix_world)
+        _draw_batch(batch, coat, evaluated.matrix_world.to_3x3().transposed() @ seen_from)
+
+
+def _draw_batch(batch: gpu.types.GPUBatch, coat: Coat, towards: Vector) -> None:
+    """Draw what `_batch` made of a coat, seen from a direction in the object's space."""
+    shader = _shader()
+    shader.bind()
+    shader.uniform_float("towards", towards.normalized())
+    shader.uniform_float("nearer", NEARER)
+    shader.uniform_float("squares", SQUARES if coat.on_corners else 0)
+    batch.draw(shader)
+
+
+def _batch(surface: dict[str, np.ndarray]) -> gpu.types.GPUBatch:
+    layout = gpu.types.GPUVertFormat()
+    for name in ("position", "normal", "color"):
+        layout.attr_add(id=name, comp_type="F32", len=3, fetch_mode="FLOAT")
+    vertices = gpu.types.GPUVertBuf(layout, len(surface["position"]))
+    for name in ("position", "normal", "color"):
+        vertices.attr_fill(name, np.ascontiguousarray(surface[name]))
+    triangles = gpu.types.GPUIndexBuf(type="TRIS", seq=np.ascontiguousarray(surface["triangles"]))
+    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=triangles)
+
+
+@cache
+def _shader() -> gpu.types.GPUShader:
+    passed = gpu.types.GPUStageInterfaceInfo("zoomout_coat")
+    passed.smooth("VEC3", "paint")
+    passed.smooth("FLOAT", "shade")
+    info = gpu.types.GPUShaderCreateInfo()
+    info.push_constant("MAT4", "ModelViewProjectionMatrix")
+    info.push_constant("BOOL", "srgbTarget")  # which Blender sets: whether it turns colours into sRGB itself
+    info.push_constant("VEC3", "towards")
+    info.push_constant("FLOAT", "nearer")
+    info.push_constant("FLOAT", "squares")
+    for slot, name in enumerate(("position", "normal", "color")):
+        info.vertex_in(slot, "VEC3", name)
+    info.vertex_out(passed)
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(VERTEX)
+    info.fragment_source(FRAGMENT)
+    return gpu.shader.create_from_info(info)
