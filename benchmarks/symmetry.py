@@ -18,9 +18,9 @@ from benchmarks.objects import draw_symmetries, object_rows, things
 from zoomout_core.arrays import Integers
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.match import proxy_size
-from zoomout_core.matching.memory_cache import kept_shape_steps
+from zoomout_core.matching.memory_cache import kept_analysis_steps
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.mesh.surface import Surface
@@ -103,13 +103,13 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     return tables | {"pairs": records + criteria}
 
 
-def _prepared(surface: Surface) -> tuple[Shape, float]:
+def _prepared(surface: Surface) -> tuple[ShapeAnalysis, float]:
     """The shape as `detect_symmetry` would prepare it; it will find it prepared."""
     zo.forget_shapes()
     start = perf_counter()
     with one_blas_thread:
         part = surface.working.part(0)[0]
-        shape = zo.drain(kept_shape_steps(part, K_FINAL, SAMPLES, 0, proxy_size(part, "auto")))
+        shape = zo.drain(kept_analysis_steps(part, K_FINAL, SAMPLES, 0, proxy_size(part, "auto")))
     return shape, perf_counter() - start
 
 
@@ -152,7 +152,7 @@ def _through_basis(surface: Surface, vertex: Integers, mirrored: Integers) -> In
     return vertex_map_of(functional_map, basis, basis)
 
 
-def _by_criterion(surface: Surface, shape: Shape, vertex: Integers, mirrored: Integers) -> Record:
+def _by_criterion(surface: Surface, shape: ShapeAnalysis, vertex: Integers, mirrored: Integers) -> Record:
     """Whether each criterion alone finds a right one among the candidates that reverse the orientation."""
     with one_blas_thread:
         pair = Pair(surface, surface, shape, shape, K_FINAL, 5)
@@ -164,7 +164,7 @@ def _by_criterion(surface: Surface, shape: Shape, vertex: Integers, mirrored: In
     return {name: right[int(np.argmin([entry[name] for entry in scores]))] for name in scores[0]} | {"any": any(right)}
 
 
-def _criteria(candidate: Candidate, shape: Shape) -> dict[str, float]:
+def _criteria(candidate: Candidate, shape: ShapeAnalysis) -> dict[str, float]:
     """What is least for the best candidate, by each criterion."""
     turned = {name: -candidate.scores[name] for name in ("curvature", "handedness", "fine handedness")}
     kept = {name: candidate.scores[name] for name in ("distance", "place", "facing", "total")}

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.anchors import Anchors, beside
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import vertex_numbers
-from zoomout_core.matching.anchors import Anchors, beside
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
-from functools import cached_property, wraps
-from typing import TypeVar, cast
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -31,7 +30,7 @@ DISTANCE_SAMPLES = 200
 # Distances to so many vertices, from all samples together, are worked out at once.
 VISITS = 100_000
 # Two samples of a limb turn alike when they are nearer than this, at unit area; so many of them are neighbours.
-REACH, NEIGHBOURS = 0.2, 8
+NEIGHBOURHOOD, NEIGHBOURS = 0.2, 8
 # Mean curvature is looked at on these scales (diffusion times at unit area), after cutting off its spikes.
 CURVATURE_TIMES = (5e-3, 2e-3, 8e-4, 3e-4)
 CURVATURE_LIMIT = 60.0
@@ -44,11 +43,9 @@ COARSE_FUNCTIONS, FINE_FUNCTIONS = 61, 101
 SIGNATURE_BANDS = 12
 PSEUDO_SCALAR_TIME = 3e-4
 
-Result = TypeVar("Result")
-
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class ShapeAnalysis:
     """A connected part of a surface with everything that matching needs of it.
 
     Attributes:
@@ -107,7 +104,7 @@ class Shape:
         Weights sum to one in each row; nearness is mutual.
         """
         between = self.distances_between[:, : len(self.distances)]
-        weights = np.exp(-((between / REACH) ** 2))
+        weights = np.exp(-((between / NEIGHBOURHOOD) ** 2))
         near = np.zeros(between.shape, dtype=bool)
         np.put_along_axis(near, np.argsort(between, axis=1)[:, 1 : NEIGHBOURS + 1], True, axis=1)
         return weights / weights.sum(axis=1, keepdims=True), near | near.T
@@ -155,22 +152,9 @@ class Shape:
         return self.basis.coefficients(bands), unit_columns(pairs, np.linalg.norm(pairs, axis=0))
 
 
-def once_per_shape(function: Callable[[Shape], Result]) -> Callable[[Shape], Result]:
-    """Keep what a function of a shape returns with the shape, as a cached property does."""
-    name = f"{function.__module__}.{function.__qualname__}"
-
-    @wraps(function)
-    def kept(shape: Shape) -> Result:
-        if name not in shape.__dict__:
-            shape.__dict__[name] = function(shape)
-        return cast(Result, shape.__dict__[name])
-
-    return kept
-
-
-def shape_steps(
+def analysis_steps(
     part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None = None
-) -> Generator[float, None, Shape]:
+) -> Generator[float, None, ShapeAnalysis]:
     """Prepare a connected working mesh, yielding the fraction done.
 
     Args:
@@ -200,7 +184,7 @@ def shape_steps(
             "as proxy_vertices or a coarser detail says."
         ) from None
     basis = SpectralBasis(*pairs, areas, mesh.vertices)
-    return Shape(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)
+    return ShapeAnalysis(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)
 
 
 def _distance_steps(mesh: WorkingMesh, samples: Integers) -> Generator[float, None, Floats]:

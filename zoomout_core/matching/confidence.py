@@ -6,7 +6,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap, turned_over
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
 
@@ -20,7 +20,12 @@ WITHOUT_PARTNER = 0.07
 
 
 def confidence_of(
-    there: SurfaceMap, back: SurfaceMap, functional_map: Floats, source: Shape, target: Shape, mirrored: bool
+    there: SurfaceMap,
+    back: SurfaceMap,
+    functional_map: Floats,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    mirrored: bool,
 ) -> tuple[Floats, float]:
     """Confidence from the error that two witnesses agree on, and from triangles that the map turns over.
 
@@ -52,7 +57,7 @@ def confidence_of(
     return upright / (1 + (expected / HALF_CONFIDENCE) ** 2), float(area[over].sum() / area.sum())
 
 
-def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: Shape) -> float:
+def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: ShapeAnalysis) -> float:
     """The part of the target's area, in [0, 1], to which nothing on the source seems to correspond.
 
     A tail that the source lacks goes to its surroundings there, from where no way leads back.
@@ -79,7 +84,7 @@ def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) ->
     return np.asarray(np.linalg.norm(returned - target_vertices, axis=1))
 
 
-def _spectral_error(there: SurfaceMap, functional_map: Floats, source: Shape, target: Shape) -> Floats:
+def _spectral_error(there: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Floats:
     """(n_t,) disagreement of the eigenfunctions at the two ends, as a distance at unit area."""
     k_target, k_source = functional_map.shape
     mapped = there.interpolate(source.basis.eigenvectors[:, :k_source]) @ functional_map.T

@@ -1,6 +1,6 @@
 """What a user knows beforehand: landmarks, common axes, regions of the same name, an earlier map.
 
-Evidence never decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
+Constraints never decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
 anchors where it names places.
 """
 
@@ -16,10 +16,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap, vertex_numbers
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import Anchors, coordinates
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_part
 from zoomout_core.matching.scores import IN_SPACE, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface
@@ -35,7 +35,7 @@ PINNING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Constraints:
     """What is known of the right map.
 
     Attributes:
@@ -179,12 +179,12 @@ def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, An
     return missed
 
 
-def _positions(surface: Surface, shape: Shape) -> Floats:
+def _positions(surface: Surface, shape: ShapeAnalysis) -> Floats:
     """(n, 3) the vertices of a shape's mesh in the surface's own frame."""
     return positions_of_part(surface, shape)[shape.proxy.full_vertex]
 
 
-def _members_on_shape(vertices: Integers, surface: Surface, shape: Shape) -> Floats:
+def _members_on_shape(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:
     """(n,) 1 at the vertices of a shape's mesh that stand for some of the surface's vertices."""
     of_surface = np.zeros(len(surface.vertices), dtype=bool)
     of_surface[vertices] = True

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from zoomout_core.maps.zoomout import SampledBasis
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -47,7 +47,7 @@ class ShapeFolder:
         self._folder = Path(folder) / f"shapes-{FORMAT}-{_package_version()}"
         self._most_bytes = most_bytes
 
-    def load(self, key: bytes, part: WorkingMesh) -> Shape | None:
+    def load(self, key: bytes, part: WorkingMesh) -> ShapeAnalysis | None:
         """The shape of a part that was stored under a key, or None."""
         path = self._path(key)
         try:
@@ -63,7 +63,7 @@ class ShapeFolder:
             return None
         return shape
 
-    def save(self, key: bytes, shape: Shape) -> None:
+    def save(self, key: bytes, shape: ShapeAnalysis) -> None:
         """Store a shape. Where that fails, as on a full disk, a warning is logged and nothing else happens."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ def _package_version() -> str:
         return "sources"
 
 
-def _arrays(shape: Shape) -> dict[str, Any]:
+def _arrays(shape: ShapeAnalysis) -> dict[str, Any]:
     """All that `_shape` needs beside the part itself."""
     proxy, basis = shape.proxy, shape.basis
     arrays = {
@@ -120,7 +120,7 @@ def _arrays(shape: Shape) -> dict[str, Any]:
     return arrays
 
 
-def _shape(arrays: dict[str, Any], part: WorkingMesh) -> Shape:
+def _shape(arrays: dict[str, Any], part: WorkingMesh) -> ShapeAnalysis:
     if "merged" in arrays:
         mesh = WorkingMesh(**{name: arrays[f"mesh.{name}"] for name in MESH_ARRAYS}, scale=float(arrays["mesh.scale"]))
         proxy = Proxy(part, mesh, arrays["vertices"], arrays["merged"])
@@ -129,4 +129,4 @@ def _shape(arrays: dict[str, Any], part: WorkingMesh) -> Shape:
     n = len(arrays["areas"])
     stiffness = csc_array(tuple(arrays[f"stiffness.{name}"] for name in SPARSE_ARRAYS), shape=(n, n))
     basis = SpectralBasis(arrays["eigenvalues"], arrays["eigenvectors"], arrays["areas"], proxy.mesh.vertices)
-    return Shape(proxy, stiffness, basis, SampledBasis.of(basis, arrays["samples"]), arrays["distances"])
+    return ShapeAnalysis(proxy, stiffness, basis, SampledBasis.of(basis, arrays["samples"]), arrays["distances"])

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.spectral.descriptors import pseudo_scalars
 
@@ -22,7 +22,7 @@ TURNING = 7
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class LandmarkFeatures:
     """Some vertices of a shape with their functions.
 
     Attributes:
@@ -36,9 +36,9 @@ class Places:
     distances: Floats
     turns: Floats
 
-    def at(self, rows: Integers) -> Places:
+    def at(self, rows: Integers) -> LandmarkFeatures:
         """The functions at some vertices (q,) only."""
-        return Places(self.vertices, self.distances[rows], self.turns[rows])
+        return LandmarkFeatures(self.vertices, self.distances[rows], self.turns[rows])
 
     def features(self, chosen: Integers, side: int = 1) -> Floats:
         """(n, d) features of unit scale: distances to the chosen places (c,), and turns of the first of them.
@@ -52,7 +52,7 @@ class Places:
         return np.hstack([distances, side * TURN_WEIGHT * self.turns[:, chosen[i], chosen[j]]])
 
 
-def places_on(shape: Shape, vertices: Integers) -> Places:
+def landmark_features(shape: ShapeAnalysis, vertices: Integers) -> LandmarkFeatures:
     """The functions of the given vertices (m,) of the shape's mesh."""
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
     distances = np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1).T
@@ -63,4 +63,4 @@ def places_on(shape: Shape, vertices: Integers) -> Places:
     upper /= np.maximum(upper.std(axis=0), 1e-12)
     turns = np.zeros((len(distances), len(vertices), len(vertices)))
     turns[:, i, j], turns[:, j, i] = upper, -upper
-    return Places(np.asarray(vertices), distances, turns)
+    return LandmarkFeatures(np.asarray(vertices), distances, turns)

@@ -15,10 +15,10 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import Anchors, coordinates
+from zoomout_core.matching.analysis import ShapeAnalysis
 
 # Eigenfunctions that images are smoothed by.
 IMAGE_FUNCTIONS = 100
@@ -36,7 +36,7 @@ NORMAL_WEIGHT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class Alignment:
     """A target laid over its source, in the source's frame, at unit area.
 
     Attributes:
@@ -47,19 +47,19 @@ class Laid:
     positions: Floats
     normals: Floats
 
-    def facing(self, normals: Floats, source: Shape, target: Shape) -> Laid:
+    def facing(self, normals: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Alignment:
         """The same with its normals turned to the side of those at the images (n, 3), where sides are not known."""
         if sides_are_known(source, target) or np.einsum("nx,nx->", self.normals, normals) >= 0:
             return self
-        return Laid(self.positions, -self.normals)
+        return Alignment(self.positions, -self.normals)
 
 
-def sides_are_known(source: Shape, target: Shape) -> bool:
+def sides_are_known(source: ShapeAnalysis, target: ShapeAnalysis) -> bool:
     """Whether outside and inside can be told on both shapes; a cloth may bend either way."""
     return source.mesh.sides_are_known and target.mesh.sides_are_known
 
 
-def lay(images: Floats, target: Shape, width: float, mirrored: bool, at: Integers | None = None) -> Laid:
+def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, at: Integers | None = None) -> Alignment:
     """Carry the target over to smoothed images, each of its places turned rigidly.
 
     Args:
@@ -84,13 +84,13 @@ def lay(images: Floats, target: Shape, width: float, mirrored: bool, at: Integer
     rotations = _rotations_of_blends(field.reshape(-1, 3, 3))
     vertices, normals = target.mesh.vertices[rows] * sense, target.mesh.vertex_normals[rows] * sense
     offsets, normals = np.einsum("nij,cnj->cni", rotations, np.stack([vertices - centres, normals]))
-    return Laid(image_centres + offsets, normals)
+    return Alignment(image_centres + offsets, normals)
 
 
-def lay_and_match(
+def align_and_match(
     vertex: Integers,
-    source: Shape,
-    target: Shape,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
     sampled: SampledBasis,
     anchors: Anchors | None,
     k: int,
@@ -98,7 +98,7 @@ def lay_and_match(
     mirrored: bool,
     among: Integers | slice = slice(None),
     weight: float = 1.0,
-) -> tuple[Integers, Laid]:
+) -> tuple[Integers, Alignment]:
     """One round on samples: lay the target by a map, and find the nearest vertices in spectrum and space.
 
     Args:
@@ -117,7 +117,7 @@ def lay_and_match(
         (s,) the next source vertices, and the laid samples.
     """
     count = min(IMAGE_FUNCTIONS, sampled.rows.shape[1])
-    laid = lay(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
+    laid = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
     laid = laid.facing(source.mesh.vertex_normals[vertex], source, target)
     functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
     anchors = None if anchors is None else Anchors(anchors.source[among], anchors.target)
@@ -129,8 +129,8 @@ def lay_and_match(
 def beside_places(
     queries: Floats,
     embedded: Floats,
-    laid: Laid,
-    source: Shape,
+    laid: Alignment,
+    source: ShapeAnalysis,
     k: int,
     weight: float,
     at: Integers | slice = slice(None),
@@ -150,7 +150,7 @@ def beside_places(
     )
 
 
-def _turns(here: Floats, there: Floats, target: Shape) -> Floats:
+def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
     """(d, 3, 3) rotations of the surroundings of the target's distance samples, from smoothed places to images.
 
     The surroundings' best rotation onto their images (Kabsch) where these have extent in all directions; along

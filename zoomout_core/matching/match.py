@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import coordinates
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps, tight_bodies_steps
-from zoomout_core.matching.components.lift import on_surfaces
+from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.components.overlap import overlapping
 from zoomout_core.matching.confidence import confidence_of, share_without_partner
-from zoomout_core.matching.constraints import Evidence, Landmarks, Regions, checked_axes, checked_regions, pinned
+from zoomout_core.matching.constraints import Constraints, Landmarks, Regions, checked_axes, checked_regions, pinned
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
@@ -30,7 +30,7 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
-from zoomout_core.matching.memory_cache import kept_shape_steps, kept_working_mesh
+from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
 from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import dense_steps
@@ -78,12 +78,12 @@ FEWEST_FUNCTIONS = 120
 
 # To have another kind of guess tried, add a function of the two shapes, and of what tells how far a map disagrees with
 # what is known.
-GUESSES: tuple[Callable[[Shape, Shape, Disagreement], list[Hypothesis]], ...] = (
+GUESSES: tuple[Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[Hypothesis]], ...] = (
     extremity_hypotheses,
     descriptor_hypotheses,
 )
 # What guesses need of each shape alone, so that it may be worked out for both at once, and is kept with them.
-ANALYSES: tuple[Callable[[Shape], object], ...] = (
+ANALYSES: tuple[Callable[[ShapeAnalysis], object], ...] = (
     extremities,
     attrgetter("descriptors"),
     attrgetter("pseudo_scalars"),
@@ -237,13 +237,15 @@ def match_steps(
     yield Progress(0.0, "Reading the meshes")
     yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
     bodies = yield from spread(bodies_steps(source, target, seed), 0.01, 0.04, "Finding the bodies")
-    known, exact = Evidence(landmarks, axes, paired), landmarks if exact_landmarks else None
+    known, exact = Constraints(landmarks, axes, paired), landmarks if exact_landmarks else None
     ahead = ANALYSES if initial in ("auto", "landmarks") else ()
 
     def attempt_steps(body: Bodies) -> Steps[Attempt]:
         analysing = (
             prepared_steps(
-                kept_shape_steps(part, max(k_final, FEWEST_FUNCTIONS), samples, seed, proxy_size(part, proxy_vertices)),
+                kept_analysis_steps(
+                    part, max(k_final, FEWEST_FUNCTIONS), samples, seed, proxy_size(part, proxy_vertices)
+                ),
                 ahead,
             )
             for part in (body.source, body.target)
@@ -271,7 +273,7 @@ def match_steps(
 
 
 def _candidates_steps(
-    pair: Pair, initial: Initial, evidence: Evidence, initial_map: SurfaceMap | ArrayLike | None
+    pair: Pair, initial: Initial, evidence: Constraints, initial_map: SurfaceMap | ArrayLike | None
 ) -> Steps[list[Candidate]]:
     """Maps between two shapes, the most likely first."""
     yield Progress(0.0, "Guessing")
@@ -358,7 +360,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
         fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
     there = fit.surface_map
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
-    carrying = in_background(lambda: on_surfaces(pair, fit, confidence))
+    carrying = in_background(lambda: lifted(pair, fit, confidence))
     whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
     notes = (*_notes_on_rest(there, back, source, target), *whole.notes)
     if over > NOTABLE_FOLDS:
@@ -376,7 +378,10 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
 
 
 def fitted_steps(
-    refining: Generator[float, None, tuple[SurfaceMap, Floats]], source: Shape, target: Shape, mirrored: bool
+    refining: Generator[float, None, tuple[SurfaceMap, Floats]],
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    mirrored: bool,
 ) -> Generator[float, None, tuple[Fit, Floats]]:
     """A refined map with the target bent onto the source by it, and the functional map of what comes of that."""
     refined, functional_map = yield from scaled(refining, 0.0, 0.6)
@@ -386,7 +391,9 @@ def fitted_steps(
     return fit, target.basis.coefficients(images)[:k_target]
 
 
-def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: Shape) -> tuple[str, ...]:
+def _notes_on_rest(
+    there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
+) -> tuple[str, ...]:
     """What is said about parts that only one of the two shapes has."""
     of_target, of_source = share_without_partner(there, back, target), share_without_partner(back, there, source)
     notes = (
@@ -397,7 +404,7 @@ def _notes_on_rest(there: SurfaceMap, back: SurfaceMap, source: Shape, target: S
 
 
 def _hypotheses_steps(
-    pair: Pair, initial: Initial, evidence: Evidence, disagreement: Disagreement, earlier: Hypothesis | None
+    pair: Pair, initial: Initial, evidence: Constraints, disagreement: Disagreement, earlier: Hypothesis | None
 ) -> Generator[float, None, list[Hypothesis]]:
     """What the match may begin with; yields the fraction done."""
     source, target = pair.source_shape, pair.target_shape

@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.disk_cache import MOST_BYTES as MOST_BYTES_ON_DISK
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
@@ -27,7 +27,7 @@ MOST_BYTES = 512 << 20
 # Numbers of eight bytes that a shape holds for each of its vertices, beside the eigenfunctions: distances above all.
 PER_VERTEX = 300
 
-Value = TypeVar("Value", Shape, WorkingMesh)
+Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
 
 class _Kept(Generic[Value]):
@@ -55,7 +55,7 @@ class _Kept(Generic[Value]):
             self._values.clear()
 
 
-_shapes: _Kept[Shape] = _Kept()
+_shapes: _Kept[ShapeAnalysis] = _Kept()
 _meshes: _Kept[WorkingMesh] = _Kept()
 _folder: ShapeFolder | None = None
 
@@ -72,17 +72,17 @@ def kept_working_mesh(surface: Surface) -> WorkingMesh:
     return mesh
 
 
-def kept_shape_steps(
+def kept_analysis_steps(
     part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None
-) -> Generator[float, None, Shape]:
-    """`shape_steps`, or at once the shape that it returned for the same mesh and numbers before."""
+) -> Generator[float, None, ShapeAnalysis]:
+    """`analysis_steps`, or at once the shape that it returned for the same mesh and numbers before."""
     key = _content(part, k, samples, seed, proxy_vertices)
     shape, folder = _shapes.take(key), _folder
     if shape is None and folder is not None:
         yield 0.0
         shape = folder.load(key, part)
     if shape is None:
-        shape = yield from shape_steps(part, k, samples, seed, proxy_vertices)
+        shape = yield from analysis_steps(part, k, samples, seed, proxy_vertices)
         if folder is not None:
             yield 1.0
             folder.save(key, shape)
@@ -121,7 +121,7 @@ def _hash(words: str, *arrays: Floats | Integers | Booleans) -> bytes:
     return digest.digest()
 
 
-def _bytes(value: Shape | WorkingMesh) -> int:
+def _bytes(value: ShapeAnalysis | WorkingMesh) -> int:
     """How much memory it takes, about, once a match has used it."""
     if isinstance(value, WorkingMesh):
         return 8 * value.vertices.nbytes

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import vertex_numbers
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import MeshError, Surface
 
 # A landmark that is farther off its surface than this part of the square root of the area is a mistake.
@@ -50,15 +50,15 @@ class Pair:
 
     source: Surface
     target: Surface
-    source_shape: Shape
-    target_shape: Shape
+    source_shape: ShapeAnalysis
+    target_shape: ShapeAnalysis
     k_final: int
     step: int
     exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
     regions: Sequence[tuple[Integers, Integers]] = ()
 
 
-def positions_of_part(surface: Surface, shape: Shape) -> Floats:
+def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:
     """(n, 3) the vertices of a shape's part in the surface's own frame and unit."""
     part = shape.proxy.full
     positions = part.to_surface(part.vertices)
@@ -75,7 +75,7 @@ def standing(pair: Pair) -> Floats:
     return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
 
 
-def surface_vertices(shape: Shape, vertices: Integers) -> Integers:
+def surface_vertices(shape: ShapeAnalysis, vertices: Integers) -> Integers:
     """(m,) the vertices of the surface that are nearest to vertices (m,) of a shape's mesh."""
     full = shape.proxy.full
     used = np.flatnonzero(full.vertex_of >= 0)
@@ -117,7 +117,7 @@ def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tu
     return source, target
 
 
-def _on_part(role: str, surface: Surface, shape: Shape, given: ArrayLike) -> Integers:
+def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike) -> Integers:
     """(m,) the vertices of the shape's mesh that are nearest to landmarks on the surface."""
     array = np.atleast_1d(np.asarray(given))
     if array.size == 0:

@@ -9,9 +9,9 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.zoomout import nearest_samples, upsample
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import Anchors
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
 from zoomout_core.matching.scores import (
@@ -96,8 +96,8 @@ _Map = TypeVar("_Map", _Screened, Candidate)
 
 def rank_steps(
     hypotheses: list[Hypothesis],
-    source: Shape,
-    target: Shape,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
     disagreement: Disagreement = nothing_known,
     quotas: tuple[Quota, Quota] = (DIRECT, MIRRORED),
     clear_orientation: float = CLEAR_ORIENTATION,
@@ -136,7 +136,7 @@ def rank_steps(
     return in_order(candidates, source, target)
 
 
-def in_order(candidates: list[Candidate], source: Shape, target: Shape) -> list[Candidate]:
+def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates with their certainty, the most likely first.
 
     Those of mirror images come last, and rival only each other; unless a cloth may just be bent the other way.
@@ -154,7 +154,7 @@ def in_order(candidates: list[Candidate], source: Shape, target: Shape) -> list[
     ]
 
 
-def _certainty(candidate: Candidate, candidates: list[Candidate], source: Shape) -> float:
+def _certainty(candidate: Candidate, candidates: list[Candidate], source: ShapeAnalysis) -> float:
     """Probability that a candidate is right: its share among the maps that rival it, times that of its fit in space.
 
     The right map may not be among the candidates at all, which a bad fit betrays. The three constants are of people,
@@ -180,7 +180,7 @@ def _of_shape(candidate: Candidate) -> float:
     return candidate.scores["total"] - EVIDENCE[IN_SPACE] * candidate.scores.get(IN_SPACE, 0.0)
 
 
-def _laid(candidate: Candidate, source: Shape, target: Shape) -> Candidate:
+def _laid(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:
     """The candidate with the scores of its fit in space; as itself or mirrored, where only this can tell."""
     either = [candidate]
     if not sides_are_known(source, target):
@@ -194,7 +194,11 @@ def _laid(candidate: Candidate, source: Shape, target: Shape) -> Candidate:
 
 
 def _screen(
-    hypothesis: Hypothesis, source: Shape, target: Shape, disagreement: Disagreement, clear_orientation: float
+    hypothesis: Hypothesis,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    disagreement: Disagreement,
+    clear_orientation: float,
 ) -> _Screened:
     size = min(SCREENING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(hypothesis.anchors, source, target)
@@ -205,7 +209,9 @@ def _screen(
     return _Screened(hypothesis, functional_map, sample_map, reverses, total_score(scores))
 
 
-def _leading(maps: Sequence[_Map], scores: Sequence[float], source: Shape, quotas: tuple[Quota, Quota]) -> list[_Map]:
+def _leading(
+    maps: Sequence[_Map], scores: Sequence[float], source: ShapeAnalysis, quotas: tuple[Quota, Quota]
+) -> list[_Map]:
     """The distinct ones of the best direct maps, and of the best mirror images."""
     if not maps:
         return []
@@ -223,7 +229,7 @@ def _leading(maps: Sequence[_Map], scores: Sequence[float], source: Shape, quota
     return leading
 
 
-def _candidate(entry: _Screened, source: Shape, target: Shape, disagreement: Disagreement) -> Candidate:
+def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement) -> Candidate:
     """Refine further, find the reverse map on its own, and average the scores of both."""
     size = min(RANKING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
@@ -254,5 +260,5 @@ def _candidate(entry: _Screened, source: Shape, target: Shape, disagreement: Dis
     )
 
 
-def _at_search_samples(anchors: Anchors | None, source: Shape, target: Shape) -> Anchors | None:
+def _at_search_samples(anchors: Anchors | None, source: ShapeAnalysis, target: ShapeAnalysis) -> Anchors | None:
     return None if anchors is None else anchors.at(source.search.samples, target.search.samples)

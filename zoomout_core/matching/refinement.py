@@ -10,12 +10,18 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import project_to_embedding
+from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest, nearest_among
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import Anchors, coordinates
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import spectral_distance
-from zoomout_core.matching.local_rigid_alignment import IMAGE_FUNCTIONS, Laid, beside_places, lay, lay_and_match
+from zoomout_core.matching.local_rigid_alignment import (
+    IMAGE_FUNCTIONS,
+    Alignment,
+    align,
+    align_and_match,
+    beside_places,
+)
 from zoomout_core.matching.ranking import SCREENING_SIZE
 
 # The weight of places in space is lower once the map has settled: along the surface, shapes that are nearly isometric
@@ -52,8 +58,8 @@ ONTO_ITSELF = Schedule(((30, 0.08), (60, 0.06)), (90, 120))
 
 
 def dense_steps(
-    source: Shape,
-    target: Shape,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
     functional_map: Floats,
     anchors: Anchors | None,
     mirrored: bool,
@@ -91,20 +97,20 @@ def dense_steps(
         yield 0.3 * i / len(schedule.laying)
         # While the map is still to grow, the source's samples are close enough.
         among = source.sampled.samples if k < size else slice(None)
-        vertex, laid = lay_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
+        vertex, laid = align_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
     regard = _regard_for_space(vertex, laid, source, target, size)
     settling = [*(min(k, size) for k in schedule.settling), *range(schedule.settling[-1] + step, size, step)]
     for i, k in enumerate(settling):
         yield 0.3 + 0.4 * i / len(settling)
         weight = SETTLING_WEIGHT * regard * min(1.0, regard) ** STEEPNESS
-        vertex, _ = lay_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
+        vertex, _ = align_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(IMAGE_FUNCTIONS, available)
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
     weight = FINISHING_WEIGHT * regard * min(1.0, FINISHING_SIZE / size) ** 2
     yield 0.7
-    laid = lay(images, target, width, mirrored)
+    laid = align(images, target, width, mirrored)
     laid = laid.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
     pair = embeddings(source, target, functional_map, anchors)
     queries, embedded = beside_places(*pair, laid, source, size, weight)
@@ -115,7 +121,9 @@ def dense_steps(
     return dense, functional_map
 
 
-def _regard_for_space(vertex: Integers, laid: Laid, source: Shape, target: Shape, size: int) -> float:
+def _regard_for_space(
+    vertex: Integers, laid: Alignment, source: ShapeAnalysis, target: ShapeAnalysis, size: int
+) -> float:
     """What to multiply the weight of places in space by, from how far a map misses in space and along the surface.
 
     Args:
@@ -133,13 +141,15 @@ def _regard_for_space(vertex: Integers, laid: Laid, source: Shape, target: Shape
     return float(np.clip((ratio / USUAL_RATIO) ** 2, LEAST_REGARD, MOST_REGARD))
 
 
-def _nearest_near_samples(queries: Floats, embedded: Floats, source: Shape) -> Integers:
+def _nearest_near_samples(queries: Floats, embedded: Floats, source: ShapeAnalysis) -> Integers:
     """(n_t,) the source vertex nearest to each query, among those around the nearest sample."""
     vertices, samples = source.mesh.vertices, source.sampled.samples
     around = np.asarray(cKDTree(vertices).query(vertices[samples], min(AROUND_SAMPLE, len(vertices)))[1])
     return nearest_among(queries, embedded, around[nearest(queries, embedded[samples])])
 
 
-def embeddings(source: Shape, target: Shape, functional_map: Floats, anchors: Anchors | None) -> tuple[Floats, Floats]:
+def embeddings(
+    source: ShapeAnalysis, target: ShapeAnalysis, functional_map: Floats, anchors: Anchors | None
+) -> tuple[Floats, Floats]:
     """Coordinates (n_t, d) of the target's vertices and (n_s, d) of the source's, near where they correspond."""
     return coordinates(target.basis.eigenvectors, source.basis.eigenvectors, functional_map, anchors)

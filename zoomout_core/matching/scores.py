@@ -13,15 +13,15 @@ from typing import TypeAlias
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.functional_map import commutativity_error, frequency_error
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import Anchors
-from zoomout_core.matching.local_rigid_alignment import Laid, lay_and_match
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.local_rigid_alignment import Alignment, align_and_match
 
 # Size of the functional maps that orientation and fit in space are judged by.
 SMOOTH_SIZE = 30
 # Maps are laid over the source smoothed over such a diffusion length, at unit area.
-LAYING_WIDTH = 0.08
+ALIGNMENT_WIDTH = 0.08
 # Evenly spread triangles that tell whether a map keeps the orientation.
 ORIENTATION_SAMPLES = 2000
 # A mean distance between samples and their images, of surfaces that lie over each other: these are likely to correspond
@@ -44,7 +44,11 @@ def nothing_known(_map: Floats, _samples: Integers, _anchors: Anchors | None) ->
 
 
 def scores_of(
-    functional_map: Floats, sample_map: Integers, source: Shape, target: Shape, reverses_orientation: bool
+    functional_map: Floats,
+    sample_map: Integers,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    reverses_orientation: bool,
 ) -> dict[str, float]:
     """The criteria for one direction of a map.
 
@@ -70,7 +74,7 @@ def scores_of(
     }
 
 
-def orientation_agreement(sample_map: Integers, source: Shape, target: Shape) -> float:
+def orientation_agreement(sample_map: Integers, source: ShapeAnalysis, target: ShapeAnalysis) -> float:
     """How well a map keeps the outward orientation: 1 throughout, -1 when it is reversed throughout.
 
     The target's mesh is laid on the source by low-passed positions; its normals there are compared with the
@@ -94,7 +98,7 @@ def orientation_agreement(sample_map: Integers, source: Shape, target: Shape) ->
 
 
 def fit_in_space(
-    sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: Shape, target: Shape
+    sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> dict[str, float]:
     """How well the target, laid over the source by a map, fits it.
 
@@ -116,8 +120,8 @@ def fit_in_space(
 
 
 def laid_over(
-    sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: Shape, target: Shape
-) -> tuple[Integers, Laid]:
+    sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: ShapeAnalysis, target: ShapeAnalysis
+) -> tuple[Integers, Alignment]:
     """A map after the target was laid over the source by it, which turns limbs back that it mirrors on their own.
 
     Args as for `fit_in_space`.
@@ -129,9 +133,9 @@ def laid_over(
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])
     vertex = source.search.samples[sample_map]
     k = min(SMOOTH_SIZE, len(target.basis.eigenvalues), len(source.basis.eigenvalues))
-    how = target.search, at_samples, k, LAYING_WIDTH, mirrored
+    how = target.search, at_samples, k, ALIGNMENT_WIDTH, mirrored
     for among in (source.sampled.samples, slice(None)):
-        vertex, laid = lay_and_match(vertex, source, target, *how, among)
+        vertex, laid = align_and_match(vertex, source, target, *how, among)
     return vertex, laid
 
 

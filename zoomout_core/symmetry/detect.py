@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import Attempt
-from zoomout_core.matching.components.lift import on_surfaces
+from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.confidence import confidence_of
 from zoomout_core.matching.match import ANALYSING, SURE_OF_BODY, check_sizes, fitted_steps
 from zoomout_core.matching.pair import Pair
@@ -153,7 +153,7 @@ def detect_symmetry_steps(
     return tuple(sorted(found, key=_place))
 
 
-def candidate_steps(shape: Shape) -> Generator[float, None, list[Candidate]]:
+def candidate_steps(shape: ShapeAnalysis) -> Generator[float, None, list[Candidate]]:
     """Maps of a shape onto itself that may be symmetries, the most likely first; yields the fraction done."""
     guesses = yield from scaled(for_each(lambda guess: guess(shape), GUESSES), 0.0, 0.4)
     ranking = rank_steps(
@@ -198,7 +198,7 @@ def _finished(
     confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, reverses)
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
-    surface_map, confidence, placed, notes = on_surfaces(pair, fit, confidence)
+    surface_map, confidence, placed, notes = lifted(pair, fit, confidence)
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.zoomout import SampledBasis, upsample
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
@@ -34,7 +34,7 @@ LEADING, FEWEST_REPEATED = 12, 2
 SAME_CHOICE = 0.5
 
 
-def mirroring_pairings(shape: Shape) -> list[Hypothesis]:
+def mirroring_pairings(shape: ShapeAnalysis) -> list[Hypothesis]:
     """Pairings of the shape's extremities among each other that turn it inside out, as a mirror does.
 
     A mirror that takes one tip to another takes that one back.
@@ -42,7 +42,7 @@ def mirroring_pairings(shape: Shape) -> list[Hypothesis]:
     return extremity_hypotheses(shape, shape, sides=(-1,), wanted=_there_and_back)
 
 
-def turning_pairings(shape: Shape) -> list[Hypothesis]:
+def turning_pairings(shape: ShapeAnalysis) -> list[Hypothesis]:
     """Pairings that keep the orientation, as turns do, where eigenvalues repeat: they do if there are turns of order 3.
 
     Half turns alone are signs of eigenfunctions, and found as these.
@@ -50,12 +50,12 @@ def turning_pairings(shape: Shape) -> list[Hypothesis]:
     return extremity_hypotheses(shape, shape, sides=(1,)) if _may_be_round(shape) else []
 
 
-def mirroring_descriptors(shape: Shape) -> list[Hypothesis]:
+def mirroring_descriptors(shape: ShapeAnalysis) -> list[Hypothesis]:
     """Fits of the shape's descriptors to themselves, with the pseudo-scalars turned to the other hand."""
     return descriptor_hypotheses(shape, shape, sides=(-1,))
 
 
-def blocks_of_eigenfunctions(shape: Shape) -> list[Hypothesis]:
+def blocks_of_eigenfunctions(shape: ShapeAnalysis) -> list[Hypothesis]:
     """Choices of signs, and of turns within repeated eigenvalues, for the first eigenfunctions."""
     groups = _groups(shape.basis.eigenvalues[: FUNCTIONS + 2])
     if not _may_be_round(shape):
@@ -71,7 +71,7 @@ def blocks_of_eigenfunctions(shape: Shape) -> list[Hypothesis]:
     return [Hypothesis(f"blocks of {len(C)} eigenfunctions, choice {i}", C) for i, C in enumerate(kept)]
 
 
-GUESSES: tuple[Callable[[Shape], list[Hypothesis]], ...] = (
+GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
     mirroring_pairings,
     turning_pairings,
     mirroring_descriptors,
@@ -85,7 +85,7 @@ def _there_and_back(first: Integers, second: Integers) -> bool:
     return all(partner.get(there) == here for here, there in partner.items())
 
 
-def _may_be_round(shape: Shape) -> bool:
+def _may_be_round(shape: ShapeAnalysis) -> bool:
     """Whether there may be turns of order 3 or more, for which many eigenvalues repeat: two are near by chance, too."""
     sizes = _groups(shape.basis.eigenvalues[: LEADING + 1])
     return sum(sizes) < LEADING or sum(size > 1 for size in sizes) >= FEWEST_REPEATED

@@ -7,7 +7,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 
 # A normal that is off by a right angle weighs as much as a place that is off by this, at unit area: opposite sides of
@@ -20,7 +20,7 @@ ROUNDS = 2
 HIGHEST_ORDER, HOME, NEARLY_HOME = 12, 0.08, 0.25
 
 
-def involution(there: SurfaceMap, shape: Shape) -> SurfaceMap:
+def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
     """A map that is nearly its own inverse, drawn half way towards that inverse, and again.
 
     The inverse is sought where the map itself leads: all is local, and limbs that touch do not matter.
@@ -42,7 +42,7 @@ def involution(there: SurfaceMap, shape: Shape) -> SurfaceMap:
     return there
 
 
-def order_of(sample_map: Integers, shape: Shape) -> int:
+def order_of(sample_map: Integers, shape: ShapeAnalysis) -> int:
     """How many times a symmetry has to be repeated until it leads back; 0 where none is few enough.
 
     Args:
@@ -58,12 +58,12 @@ def order_of(sample_map: Integers, shape: Shape) -> int:
     return 0
 
 
-def mean_distance(sample_map: Integers, shape: Shape) -> float:
+def mean_distance(sample_map: Integers, shape: ShapeAnalysis) -> float:
     """How far a map (s,) of a shape's search samples takes them along the surface, on average, at unit area."""
     return float(shape.weights @ distance_moved(sample_map, shape))
 
 
-def distance_moved(sample_map: Integers, shape: Shape) -> Floats:
+def distance_moved(sample_map: Integers, shape: ShapeAnalysis) -> Floats:
     """(s,) how far a map (s,) of a shape's search samples takes each along the surface, at unit area.
 
     An image counts as the nearest of the samples that distances are known from.

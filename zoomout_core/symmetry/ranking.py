@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import expit
 
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import ANOTHER_MAP, Candidate
 from zoomout_core.matching.scores import correlation, laid_over
 from zoomout_core.symmetry.involution import distance_moved, mean_distance
@@ -36,13 +36,13 @@ EXACT, STEEPNESS, BEHIND_RATE = 0.43, 16, 1.0
 SURE = 0.98
 
 
-def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, shape: Shape) -> bool:
+def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, shape: ShapeAnalysis) -> bool:
     """Whether a map (s,) of a shape's search samples moves enough of it; one that moves a limb only is no symmetry."""
     fixed = shape.weights @ (distance_moved(sample_map, shape) < NEARLY)
     return bool(fixed <= (MOST_FIXED_BY_REFLECTIONS if reverses_orientation else MOST_FIXED_BY_TURNS))
 
 
-def in_order(candidates: list[Candidate], shape: Shape) -> list[Candidate]:
+def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidate]:
     """The distinct candidates, with the scores and the certainty of a symmetry, the most likely first.
 
     Among those that are sure, reflections come before turns.
@@ -64,13 +64,13 @@ def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
     return -min(candidate.certainty, SURE), turns, -candidate.certainty, candidate.scores["total"]
 
 
-def _apart(one: Candidate, other: Candidate, shape: Shape) -> float:
+def _apart(one: Candidate, other: Candidate, shape: ShapeAnalysis) -> float:
     """Mean distance along the surface between the images of two maps, at unit area."""
     images = shape.nearest_distance_sample[one.sample_map]
     return float(shape.weights @ shape.distances_between[images, other.sample_map])
 
 
-def _scored(candidate: Candidate, shape: Shape) -> Candidate:
+def _scored(candidate: Candidate, shape: ShapeAnalysis) -> Candidate:
     moved = mean_distance(candidate.sample_map, shape)
     scores = candidate.scores | {"fine handedness": _fine_handedness(candidate, shape), "moved": moved}
     total = sum(weight * np.log(max(scores[name], least)) for name, (weight, least) in ERRORS.items())
@@ -89,7 +89,7 @@ def _certainty(candidate: Candidate, candidates: list[Candidate]) -> float:
     return float(expit(max(by_lead, exact)))
 
 
-def _fine_handedness(candidate: Candidate, shape: Shape) -> float:
+def _fine_handedness(candidate: Candidate, shape: ShapeAnalysis) -> float:
     """Mean correlation of pseudo-scalars, after their sign was turned where the map reverses.
 
     Limbs that the map mirrors on their own, as the Laplacian lets it, are turned back first.

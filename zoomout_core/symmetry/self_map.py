@@ -10,10 +10,10 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps
 from zoomout_core.matching.match import ANALYSES, FEWEST_FUNCTIONS, prepared_steps, proxy_size
-from zoomout_core.matching.memory_cache import kept_shape_steps
+from zoomout_core.matching.memory_cache import kept_analysis_steps
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, spread, within
@@ -43,7 +43,7 @@ class SelfMap:
     confidence: Floats
     reverses_orientation: bool
     distance: Floats
-    prepared: Shape | None = None
+    prepared: ShapeAnalysis | None = None
 
     @cached_property
     def line(self) -> Line:
@@ -51,7 +51,7 @@ class SelfMap:
         return zero_line(self.distance, self.surface)
 
     @cached_property
-    def shape(self) -> Shape:
+    def shape(self) -> ShapeAnalysis:
         """The surface's main part; analysed now, if it was not before."""
         return self.prepared or drain(main_shape_steps(self.surface))
 
@@ -72,7 +72,7 @@ def main_shape_steps(
     samples: int = SAMPLES,
     seed: int = 0,
     proxy_vertices: int | Literal["auto"] | None = "auto",
-) -> Steps[Shape]:
+) -> Steps[ShapeAnalysis]:
     """The main part of a surface, ready to have its symmetries found, or at once if it was prepared before.
 
     Arguments as for `detect_symmetry`.
@@ -93,8 +93,8 @@ def bodies_of_steps(surface: Surface, seed: int) -> Steps[list[Bodies]]:
 
 def body_shape_steps(
     body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
-) -> Steps[Shape]:
+) -> Steps[ShapeAnalysis]:
     """A surface's body, ready to have its symmetries found; arguments as for `detect_symmetry`."""
     k = max(k_final, FEWEST_FUNCTIONS)
-    preparing = kept_shape_steps(body, k, samples, seed, proxy_size(body, proxy_vertices))
+    preparing = kept_analysis_steps(body, k, samples, seed, proxy_size(body, proxy_vertices))
     return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.0, 1.0, "Analysing the shape"))

@@ -14,13 +14,13 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 
 # Sides are decided by places within about this distance, at unit area; the result is smoothed over a diffusion length,
 # so that the line between them does not follow the noise of the map.
-REACH, SMOOTHING = 0.1, 0.02
+SIDES_APART, SMOOTHING = 0.1, 0.02
 # Where so large a part of the differences contradicts two sides, there are none.
 MOST_CONTRADICTION = 0.2
 # Images that lie to the left by less than this part of the distances between places and images do not tell left.
@@ -63,7 +63,7 @@ class Line:
         return curves
 
 
-def signed_distance(there: SurfaceMap, shape: Shape) -> Floats | None:
+def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
     """(n,) distance along the surface of each vertex from the line of a mirror symmetry, positive on one side.
 
     It is half the distance between a vertex and its image, near the line; farther off than some tenth of the root of
@@ -87,13 +87,13 @@ def signed_distance(there: SurfaceMap, shape: Shape) -> Floats | None:
     if agreement < 1 - 2 * MOST_CONTRADICTION:
         return None
     closest = np.minimum(here, images)
-    weights = np.exp(-(((closest - closest.min(axis=1, keepdims=True)) / REACH) ** 2))
+    weights = np.exp(-(((closest - closest.min(axis=1, keepdims=True)) / SIDES_APART) ** 2))
     distance = (weights * nearer * side_of_sample).sum(axis=1) / weights.sum(axis=1) / 2
     antisymmetric = (distance - there.interpolate(distance)) / 2
     return shape.basis.smoothed(antisymmetric[:, None], SMOOTHING**2)[:, 0]
 
 
-def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: Shape, surface: Surface) -> Floats:
+def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnalysis, surface: Surface) -> Floats:
     """(n,) the signed distance of all vertices of a surface from the line, in the surface's unit.
 
     Loose parts lie on the side of the body near them: pairs as a whole, what is its own partner vertex by vertex.

@@ -2,7 +2,7 @@
 
 No edge of the target corresponds to one of the source, and the nearest edges of each form dashes. So the lines that
 the source's marked edges form are traced whole: each chain of edges, from one junction to the next, becomes the
-shortest path along the target's edges that stays near it. The target is laid onto the source by the map, so that
+shortest path along the target's edges that stays near it. The target is mapped onto the source, so that
 distances from a line are measured there. A step of a path costs its length, or that of the line between its ends
 where this is larger, and what it cuts short once more, so that no path skips from one reach of a line to another; and
 the more, the farther from the line it goes. Values are taken along the line.
@@ -25,9 +25,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.runtime.threads import threads
 from zoomout_core.transfer.attribute import Attribute, is_nothing, nothing
 from zoomout_core.transfer.cut_mesh import ragged
-from zoomout_core.transfer.edge_graph import REACH, Laid, Place, Web, placed
-from zoomout_core.transfer.mapped_target import Draped
-from zoomout_core.transfer.polylines import Chains, Samples, runs, sample, string_together
+from zoomout_core.transfer.edge_graph import MOST_EDGES_AWAY, EdgeGraph, LocatedPoints, MappedGraph, located
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.polylines import Polylines, PolylineSamples, polylines_of, runs, sample
 
 # Where more than this part of the edges have a value, these are no lines,
 MOST_MARKED = 0.5
@@ -50,76 +50,78 @@ ROUNDING = 1e-6
 BLOCK = 1 << 16
 
 
-def transfer_edges(attribute: Attribute, draped: Draped) -> Attribute:
+def transfer_edges(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values at edges: lines of edges that have one become lines; where most have one, a field of values."""
     values = np.asarray(attribute.values)
     marked = ~is_nothing(values)
-    source, target = Web(draped.source), Web(draped.target)
+    source, target = EdgeGraph(mapped.source), EdgeGraph(mapped.target)
     if not (marked.any() and len(target.ends)):
-        return replace(attribute, values=nothing(values, len(draped.target.edges)))
-    laid = Laid(draped, target)
-    if np.median(source.lengths) > COARSE * laid.edge_length:
-        return _traced(attribute, marked, source, laid)
+        return replace(attribute, values=nothing(values, len(mapped.target.edges)))
+    mapped_graph = MappedGraph(mapped, target)
+    if np.median(source.lengths) > COARSE * mapped_graph.edge_length:
+        return _traced(attribute, marked, source, mapped_graph)
     if marked.mean() > MOST_MARKED:
-        return _spread(attribute, draped)
+        return _spread(attribute, mapped)
     solid = _solid(marked, source)
-    traced = _traced(attribute, marked & ~solid, source, laid)
+    traced = _traced(attribute, marked & ~solid, source, mapped_graph)
     if not solid.any():
         return traced
-    nearest = _nearest_edges(draped, np.flatnonzero(solid | ~marked))
+    nearest = _nearest_edges(mapped, np.flatnonzero(solid | ~marked))
     inside = solid[nearest] & is_nothing(traced.values)
     traced.values[inside] = values[nearest[inside]]
     return traced
 
 
-def snap_marks(attribute: Attribute, draped: Draped) -> Attribute:
+def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values at vertices that single ones have: each goes to the nearest vertex, the largest where several meet."""
     values = np.asarray(attribute.values)
     marked = np.flatnonzero(~is_nothing(values))
-    web = Web(draped.target)
-    place = placed(draped.source.vertices[marked], Laid(draped, web))
-    at_knots = np.zeros(len(web.vertex) + 1, dtype=values.dtype)  # the last for vertices without a knot
-    np.maximum.at(at_knots, place.nearest[place.covered], values[marked[place.covered]])
+    edge_graph = EdgeGraph(mapped.target)
+    place = located(mapped.source.vertices[marked], MappedGraph(mapped, edge_graph))
+    at_vertices = np.zeros(
+        len(edge_graph.surface_vertex) + 1, dtype=values.dtype
+    )  # the last for vertices without a vertex
+    np.maximum.at(at_vertices, place.nearest[place.covered], values[marked[place.covered]])
     left = int((~place.covered).sum())
     note = (
         f"{attribute.name}: {left} of {len(marked)} marked vertices were left out, where the target has no counterpart "
         "of the source that can be trusted.",
     )
-    values = at_knots[draped.target.working.vertex_of]
+    values = at_vertices[mapped.target.working.vertex_of]
     return replace(attribute, values=values, notes=attribute.notes + note * bool(left))
 
 
 # --- fields -------------------------------------------------------------------------------------------------
 
 
-def _spread(attribute: Attribute, draped: Draped) -> Attribute:
+def _spread(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values of a field at edges: floats by way of the vertices, all others those of the nearest edge."""
-    values, source, target = np.asarray(attribute.values), draped.source, draped.target
+    values, source, target = np.asarray(attribute.values), mapped.source, mapped.target
     if values.dtype.kind == "f":
         ends = source.edges.ravel()
         table = csr_array((np.ones(len(ends)), (ends, np.arange(len(ends)) // 2)), (len(source.vertices), len(values)))
         sums = (table @ values.reshape(len(values), -1)) / np.maximum(table.sum(axis=1), 1).reshape(-1, 1)
-        mixed = draped.surface_map.interpolate(sums)[target.edges].mean(axis=1)
+        mixed = mapped.surface_map.interpolate(sums)[target.edges].mean(axis=1)
         return replace(attribute, values=mixed.reshape(-1, *values.shape[1:]).astype(values.dtype))
-    return replace(attribute, values=values[_nearest_edges(draped, np.arange(len(values)))])
+    return replace(attribute, values=values[_nearest_edges(mapped, np.arange(len(values)))])
 
 
-def _nearest_edges(draped: Draped, chosen: Integers) -> Integers:
+def _nearest_edges(mapped: MappedTarget, chosen: Integers) -> Integers:
     """(e_t,) which of chosen edges of the source has its middle nearest to that of each of the target's."""
-    middles = draped.source.vertices[draped.source.edges[chosen]].mean(axis=1)
-    found = cKDTree(middles).query(draped.points[draped.target.edges].mean(axis=1), workers=threads())[1]
+    middles = mapped.source.vertices[mapped.source.edges[chosen]].mean(axis=1)
+    found = cKDTree(middles).query(mapped.points[mapped.target.edges].mean(axis=1), workers=threads())[1]
     return chosen[found]
 
 
-def _solid(marked: Booleans, source: Web) -> Booleans:
+def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
     """(e_s,) which marked edges are between faces all of whose edges are marked."""
-    strands = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for what is no strand
-    strands[source.of_edge[marked]] = True
-    strands[-1] = False
-    full = np.logical_and.reduceat(strands[source.of_side], source.surface.face_start[:-1])
-    strands[source.of_side[~full[source.surface.corner_face]]] = False
-    strands[-1] = False
-    return marked & strands[source.of_edge]
+    graph_edges = np.zeros(len(source.ends) + 1, dtype=bool)  # the last for what is no edge of the graph
+    graph_edges[source.of_edge[marked]] = True
+    graph_edges[-1] = False
+    full = np.logical_and.reduceat(graph_edges[source.of_side], source.surface.face_start[:-1])
+    graph_edges[source.of_side[~full[source.surface.corner_face]]] = False
+    graph_edges[-1] = False
+    return marked & graph_edges[source.of_edge]
 
 
 # --- lines --------------------------------------------------------------------------------------------------
@@ -142,58 +144,60 @@ class _Pieces(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """Steps of paths along strands of the target.
+    """Steps of paths along edges of the target's graph.
 
     Attributes:
         piece: (t,) whose path they are part of.
-        strand: (t,) the strand.
+        graph_edge: (t,) the edge of the graph.
         sample: (t,) the sample of the line that is nearest to it.
-        stray: (t,) how far the strand's ends are from the line.
+        stray: (t,) how far the ends of that edge are from the line.
     """
 
     piece: Integers
-    strand: Integers
+    graph_edge: Integers
     sample: Integers
     stray: Floats
 
 
-def _traced(attribute: Attribute, marked: Booleans, source: Web, laid: Laid) -> Attribute:
+def _traced(attribute: Attribute, marked: Booleans, source: EdgeGraph, mapped_graph: MappedGraph) -> Attribute:
     """Values at the edges of lines, and none elsewhere."""
     values = np.asarray(attribute.values)
     edge = np.flatnonzero(marked)
     on_faces = source.of_edge[edge] >= 0
-    strand, index = np.unique(source.of_edge[edge[on_faces]], return_index=True)
+    graph_edge, index = np.unique(source.of_edge[edge[on_faces]], return_index=True)
     edge = edge[on_faces][index]
-    chains = string_together(source.ends[strand])
-    samples = sample(chains, source.points, SPACING * laid.edge_length)
-    place = _at_borders(placed(samples.point, laid), samples, source, laid)
-    pieces = _pieces(chains, samples, place, laid)
-    steps = _paths(pieces, samples, place, laid)
-    kept = _without_spurs(steps, pieces, place, laid.web)
-    result = nothing(values, len(laid.web.ends) + 1)  # the last for loose edges, whose strand is -1
-    result[steps.strand[kept]] = values[edge[samples.edge[steps.sample[kept]]]]
-    arrived = np.unique(steps.piece[np.isin(steps.strand, steps.strand[kept])])
+    chains = polylines_of(source.ends[graph_edge])
+    samples = sample(chains, source.points, SPACING * mapped_graph.edge_length)
+    place = _at_borders(located(samples.point, mapped_graph), samples, source, mapped_graph)
+    pieces = _pieces(chains, samples, place, mapped_graph)
+    steps = _paths(pieces, samples, place, mapped_graph)
+    kept = _without_spurs(steps, pieces, place, mapped_graph.edge_graph)
+    result = nothing(values, len(mapped_graph.edge_graph.ends) + 1)  # the last for loose edges, which the graph lacks
+    result[steps.graph_edge[kept]] = values[edge[samples.edge[steps.sample[kept]]]]
+    arrived = np.unique(steps.piece[np.isin(steps.graph_edge, steps.graph_edge[kept])])
     lost = np.setdiff1d(np.arange(len(pieces.first)), arrived)
-    notes = _notes(attribute.name, int((~on_faces).sum()), samples, pieces, lost, laid.edge_length)
-    return replace(attribute, values=result[laid.web.of_edge], notes=attribute.notes + notes)
+    notes = _notes(attribute.name, int((~on_faces).sum()), samples, pieces, lost, mapped_graph.edge_length)
+    return replace(attribute, values=result[mapped_graph.edge_graph.of_edge], notes=attribute.notes + notes)
 
 
-def _at_borders(place: Place, samples: Samples, source: Web, laid: Laid) -> Place:
+def _at_borders(
+    place: LocatedPoints, samples: PolylineSamples, source: EdgeGraph, mapped_graph: MappedGraph
+) -> LocatedPoints:
     """The places, where those of the source's border are at the target's, if one is about there."""
     at_border = np.flatnonzero(source.on_border[samples.vertex] & (samples.vertex >= 0))
-    knots = np.flatnonzero(laid.web.on_border)
-    if len(at_border) == 0 or len(knots) == 0:
+    vertices = np.flatnonzero(mapped_graph.edge_graph.on_border)
+    if len(at_border) == 0 or len(vertices) == 0:
         return place
-    distance, found = cKDTree(laid.points[knots]).query(samples.point[at_border])
-    near = np.asarray(distance) <= REACH * laid.edge_length
+    distance, found = cKDTree(mapped_graph.points[vertices]).query(samples.point[at_border])
+    near = np.asarray(distance) <= MOST_EDGES_AWAY * mapped_graph.edge_length
     nearest = place.nearest.copy()
-    nearest[at_border[near]] = knots[np.asarray(found)[near]]
+    nearest[at_border[near]] = vertices[np.asarray(found)[near]]
     return place._replace(nearest=nearest)
 
 
-def _pieces(chains: Chains, samples: Samples, place: Place, laid: Laid) -> _Pieces:
+def _pieces(chains: Polylines, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Pieces:
     """Divide lines where the target does not cover them, and loops in three, so that no path is its own way back."""
-    chain, covered = samples.chain, _bridged(samples, place.covered, GAP * laid.edge_length)
+    chain, covered = samples.chain, _bridged(samples, place.covered, GAP * mapped_graph.edge_length)
     run = runs(chain, covered)
     first = np.flatnonzero(np.diff(run, prepend=-1)) if len(run) else run
     last = np.append(first[1:], len(run)) - 1 if len(run) else run
@@ -215,7 +219,7 @@ def _pieces(chains: Chains, samples: Samples, place: Place, laid: Laid) -> _Piec
     )
 
 
-def _bridged(samples: Samples, covered: Booleans, longest: float) -> Booleans:
+def _bridged(samples: PolylineSamples, covered: Booleans, longest: float) -> Booleans:
     """(q,) the samples that count as covered, without short gaps and without short pieces between gaps."""
     chain, along = samples.chain, samples.along
     for state in (False, True):
@@ -230,51 +234,60 @@ def _bridged(samples: Samples, covered: Booleans, longest: float) -> Booleans:
     return covered
 
 
-def _anchors(first: Integers, last: Integers, samples: Samples, place: Place, share: float) -> Integers:
-    """(l,) a sample of each loop near a share of its length, as near to a knot of the target as may be."""
+def _anchors(first: Integers, last: Integers, samples: PolylineSamples, place: LocatedPoints, share: float) -> Integers:
+    """(l,) a sample of each loop near a share of its length, as near to a vertex of the target as may be."""
     owner, index = ragged(np.arange(len(first)), first, last + 1, np.arange(len(samples.chain)))
     length = (samples.along[last] - samples.along[first])[owner]
     part = (samples.along[index] - samples.along[first[owner]]) / length
     off = np.abs(part - share)
-    # Near a third and near a knot; any sample will do where a loop has few.
+    # Near a third and near a vertex; any sample will do where a loop has few.
     order = np.lexsort((np.where(off < 1 / 12, place.distance[index], off), off >= 1 / 12, owner))
     return index[order[np.flatnonzero(np.diff(owner[order], prepend=-1))]]
 
 
-def _paths(pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
+def _paths(pieces: _Pieces, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Steps:
     """The steps of the paths of all pieces, traced in blocks; those without a path again with more room."""
     parts = [_Steps(*(np.zeros(0, dtype=t) for t in (np.int64, np.int64, np.int64, np.float64)))]
     left = np.arange(len(pieces.first))
     for rings in RINGS:
         block_of = np.cumsum((pieces.last - pieces.first + 1)[left]) // BLOCK
         blocks = [left[block_of == block] for block in np.unique(block_of)]
-        parts += [_paths_of(block, rings, pieces, samples, place, laid) for block in blocks]
+        parts += [_paths_of(block, rings, pieces, samples, place, mapped_graph) for block in blocks]
         moving = place.nearest[pieces.first[left]] != place.nearest[pieces.last[left]]
         left = np.setdiff1d(left[moving], np.concatenate([part.piece for part in parts]))
     return _Steps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _paths_of(chosen: Integers, rings: int, pieces: _Pieces, samples: Samples, place: Place, laid: Laid) -> _Steps:
-    """The steps of the paths of some pieces: each has a graph of its own, of the knots around its line."""
-    web, count = laid.web, len(laid.web.vertex)
+def _paths_of(
+    chosen: Integers,
+    rings: int,
+    pieces: _Pieces,
+    samples: PolylineSamples,
+    place: LocatedPoints,
+    mapped_graph: MappedGraph,
+) -> _Steps:
+    """The steps of the paths of some pieces: each has a graph of its own, of the vertices around its line."""
+    edge_graph, count = mapped_graph.edge_graph, len(mapped_graph.edge_graph.surface_vertex)
     every = np.arange(len(samples.chain))
     piece, index = ragged(np.arange(len(chosen)), pieces.first[chosen], pieces.last[chosen] + 1, every)
-    met = np.column_stack([place.knots[index], place.nearest[index]])
-    nodes = _band(np.unique(piece[:, None] * count + met), rings, web)
-    owner, knot = np.divmod(nodes, count)
-    nearest, along, stray = _beside(owner, laid.points[knot], piece, index, samples)
+    met = np.column_stack([place.vertices[index], place.nearest[index]])
+    nodes = _band(np.unique(piece[:, None] * count + met), rings, edge_graph)
+    owner, vertex = np.divmod(nodes, count)
+    nearest, along, stray = _beside(owner, mapped_graph.points[vertex], piece, index, samples)
 
-    start, strands, other = web.around
-    node, entry = ragged(np.arange(len(nodes)), start[knot], start[knot + 1], np.arange(len(strands)))
+    start, graph_edges, other = edge_graph.around
+    node, entry = ragged(np.arange(len(nodes)), start[vertex], start[vertex + 1], np.arange(len(graph_edges)))
     there = owner[node] * count + other[entry]
     place_of = np.minimum(np.searchsorted(nodes, there), len(nodes) - 1)
     inside = (nodes[place_of] == there) & (place_of > node)
-    a, b, strand = node[inside], place_of[inside], strands[entry[inside]]
+    a, b, graph_edge = node[inside], place_of[inside], graph_edges[entry[inside]]
     passed = np.abs(along[a] - along[b])
-    skipped = np.maximum(passed - np.linalg.norm(laid.points[knot[a]] - laid.points[knot[b]], axis=1), 0)
-    away = (stray[a] + stray[b]) / (2 * laid.edge_length)
-    cost = np.maximum(laid.scale * web.lengths[strand], passed) * (1 + STRAYING * away) + skipped
-    cost = np.maximum(cost, 1e-9 * laid.edge_length)  # zeros would be no steps
+    skipped = np.maximum(
+        passed - np.linalg.norm(mapped_graph.points[vertex[a]] - mapped_graph.points[vertex[b]], axis=1), 0
+    )
+    away = (stray[a] + stray[b]) / (2 * mapped_graph.edge_length)
+    cost = np.maximum(mapped_graph.scale * edge_graph.lengths[graph_edge], passed) * (1 + STRAYING * away) + skipped
+    cost = np.maximum(cost, 1e-9 * mapped_graph.edge_length)  # zeros would be no steps
     graph = csr_array((cost, (a, b)), shape=(len(nodes), len(nodes)))
 
     begin, end = (
@@ -289,32 +302,32 @@ def _paths_of(chosen: Integers, rings: int, pieces: _Pieces, samples: Samples, p
         here = before[here]
         here = here[before[here] >= 0]
     step = np.concatenate([np.zeros((0, 2), dtype=np.int64), *walked]).astype(np.int64)
-    strand = web.strand_between(knot[step])
+    graph_edge = edge_graph.edge_between(vertex[step])
     of = owner[step[:, 0]]
-    travelled = np.bincount(of, laid.scale * web.lengths[strand], minlength=len(chosen))
+    travelled = np.bincount(of, mapped_graph.scale * edge_graph.lengths[graph_edge], minlength=len(chosen))
     straight = samples.along[pieces.last[chosen]] - samples.along[pieces.first[chosen]]
-    direct = (travelled <= DETOUR * straight + GAP * laid.edge_length)[of]
+    direct = (travelled <= DETOUR * straight + GAP * mapped_graph.edge_length)[of]
     return _Steps(
         chosen[of[direct]],
-        strand[direct],
+        graph_edge[direct],
         nearest[step].sum(axis=1)[direct] // 2,
         stray[step].sum(axis=1)[direct],
     )
 
 
-def _band(nodes: Integers, rings: int, web: Web) -> Integers:
-    """Numbers piece * k + knot, in rising order, with those of knots a few strands away."""
-    start, _, other = web.around
-    count = len(web.vertex)
+def _band(nodes: Integers, rings: int, edge_graph: EdgeGraph) -> Integers:
+    """Numbers piece * k + vertex, in rising order, with those of vertices a few edges away."""
+    start, _, other = edge_graph.around
+    count = len(edge_graph.surface_vertex)
     for _ in range(rings):
-        owner, knot = np.divmod(nodes, count)
-        owner, knot = ragged(owner, start[knot], start[knot + 1], other)
-        nodes = np.unique(np.concatenate([nodes, owner * count + knot]))
+        owner, vertex = np.divmod(nodes, count)
+        owner, vertex = ragged(owner, start[vertex], start[vertex + 1], other)
+        nodes = np.unique(np.concatenate([nodes, owner * count + vertex]))
     return nodes
 
 
 def _beside(
-    owner: Integers, points: Floats, piece: Integers, index: Integers, samples: Samples
+    owner: Integers, points: Floats, piece: Integers, index: Integers, samples: PolylineSamples
 ) -> tuple[Integers, Floats, Floats]:
     """Where points are beside the lines of their pieces.
 
@@ -348,24 +361,24 @@ def _beside(
     return nearest, along, stray
 
 
-def _without_spurs(steps: _Steps, pieces: _Pieces, place: Place, web: Web) -> Integers:
-    """The steps, one for each strand, that lead somewhere: to another, or to the end of a line."""
-    order = np.lexsort((steps.stray, steps.strand))
-    kept = order[np.flatnonzero(np.diff(steps.strand[order], prepend=-1))]
-    ends = np.zeros(len(web.vertex), dtype=bool)
+def _without_spurs(steps: _Steps, pieces: _Pieces, place: LocatedPoints, edge_graph: EdgeGraph) -> Integers:
+    """The steps, one for each edge of the graph, that lead somewhere: to another, or to the end of a line."""
+    order = np.lexsort((steps.stray, steps.graph_edge))
+    kept = order[np.flatnonzero(np.diff(steps.graph_edge[order], prepend=-1))]
+    ends = np.zeros(len(edge_graph.surface_vertex), dtype=bool)
     ends[place.nearest[pieces.first[pieces.loose_first]]] = True
     ends[place.nearest[pieces.last[pieces.loose_last]]] = True
     while True:
-        knots = web.ends[steps.strand[kept]]
-        meeting = np.bincount(knots.ravel(), minlength=len(web.vertex))
-        leads_on = ((meeting[knots] > 1) | ends[knots]).all(axis=1)
+        vertices = edge_graph.ends[steps.graph_edge[kept]]
+        meeting = np.bincount(vertices.ravel(), minlength=len(edge_graph.surface_vertex))
+        leads_on = ((meeting[vertices] > 1) | ends[vertices]).all(axis=1)
         if leads_on.all():
             return kept
         kept = kept[leads_on]
 
 
 def _notes(
-    name: str, loose: int, samples: Samples, pieces: _Pieces, lost: Integers, edge_length: float
+    name: str, loose: int, samples: PolylineSamples, pieces: _Pieces, lost: Integers, edge_length: float
 ) -> tuple[str, ...]:
     """What did not arrive: of loose edges, of parts that the target lacks, and of pieces that have no path."""
     notes = []

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array
@@ -18,15 +17,14 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
-
-if TYPE_CHECKING:  # which keeps its frames
-    from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # How wide neighbourhoods are, over the square root of the area: about a wrist. Half as wide or twice as wide, keys
 # err by a fifth to a quarter more on posed characters, as noise remains or bones are mixed.
-REACH = 0.02
+SMOOTHING_LENGTH = 0.02
 # A confidence from which on the map is followed; below it is the less, the lower, and never not at all, so that
 # parts without any confidence have a place as well.
 TRUSTED, LEAST_TRUST = 0.5, 1e-6
@@ -44,7 +42,7 @@ class Frames:
     """Rotation and growth from the source to some vertices of the target's working mesh, n in number.
 
     Attributes:
-        draped: the target, draped over the source.
+        mapped: the target, mapped over the source.
         number: (n,) the vertices, of the working mesh.
         stiffness: (n, n) of the edges between them.
         areas: (n,) of the vertices, as parts of the whole area.
@@ -52,7 +50,7 @@ class Frames:
         confidence: (n,) how far the map is to be trusted.
     """
 
-    draped: Draped
+    mapped: MappedTarget
     number: Integers
     stiffness: csc_array
     areas: Floats
@@ -78,15 +76,15 @@ class Frames:
     @cached_property
     def rotations(self) -> Floats:
         """(n, 3, 3) what turns a vector (3,) at the source to one at the target; reflections where a map mirrors."""
-        normals = self._handed[:, None] * self.draped.target.working.vertex_normals[self.number]
-        upright = normals[:, :, None] * self._laid_normals[:, None, :] / self.draped.source.area
+        normals = self._handed[:, None] * self.mapped.target.working.vertex_normals[self.number]
+        upright = normals[:, :, None] * self._laid_normals[:, None, :] / self.mapped.source.area
         fitted = self.smooth((self._differential + upright).reshape(-1, 9))
         return nearest_rotations(fitted.reshape(-1, 3, 3), self._handed)
 
     @cached_property
     def turns(self) -> Floats:
         """(n, 3, 3) matrices that turn and scale a vector (3,) at the source to one at the target."""
-        working = self.draped.target.working
+        working = self.mapped.target.working
         vertices = working.vertices[self.number]
         # In each of two directions a length of the target has shrunk to this part on the source.
         whole = np.einsum("nxx->n", _products_of_gradients(self.trusted_stiffness, vertices, vertices))
@@ -98,7 +96,7 @@ class Frames:
         shrinking = np.maximum(shrinking, whole / MOST_GROWTH)
         growth = np.divide(whole, shrinking, out=np.ones_like(whole), where=shrinking > 0)
         growth = np.maximum(growth, 1 / MOST_GROWTH)
-        return (working.scale / np.sqrt(self.draped.source.area) * growth)[:, None, None] * self.rotations
+        return (working.scale / np.sqrt(self.mapped.source.area) * growth)[:, None, None] * self.rotations
 
     @cached_property
     def _differential(self) -> Floats:
@@ -106,8 +104,8 @@ class Frames:
 
         Both surfaces are of unit area.
         """
-        images = self.points[self.number] / np.sqrt(self.draped.source.area)
-        return _products_of_gradients(self.trusted_stiffness, self.draped.target.working.vertices[self.number], images)
+        images = self.points[self.number] / np.sqrt(self.mapped.source.area)
+        return _products_of_gradients(self.trusted_stiffness, self.mapped.target.working.vertices[self.number], images)
 
     @cached_property
     def _laid_normals(self) -> Floats:
@@ -115,7 +113,7 @@ class Frames:
 
         Triangles count as far as their corners are trusted.
         """
-        triangles, count = self.draped.target.working.oriented_triangles, len(self.points)
+        triangles, count = self.mapped.target.working.oriented_triangles, len(self.points)
         trust = np.zeros(count)
         trust[self.number] = self.trust
         a, b, c = (self.points[triangles[:, i]] for i in range(3))
@@ -126,10 +124,10 @@ class Frames:
     @cached_property
     def _handed(self) -> Floats:
         """(n,) -1 where a component is laid onto the source as its mirror image, else 1; also if no side is outside."""
-        source, target = self.draped.source.working, self.draped.target.working
+        source, target = self.mapped.source.working, self.mapped.target.working
         if not (source.sides_are_known and target.sides_are_known):
             return np.ones(len(self.number))
-        outward = self.draped.surface_map.interpolate(source.vertex_normals[source.vertex_of])
+        outward = self.mapped.surface_map.interpolate(source.vertex_normals[source.vertex_of])
         outward = on_working_mesh(target, outward)[self.number]
         component = target.component[self.number]
         facing = np.bincount(component, np.einsum("nx,nx->n", outward, self._laid_normals))
@@ -137,7 +135,7 @@ class Frames:
 
     def nearest(self, positions: Floats) -> Integers:
         """(q,) which of the n lies nearest to positions (q, 3) around the target."""
-        own = on_working_mesh(self.draped.target.working, self.draped.target.vertices)[self.number]
+        own = on_working_mesh(self.mapped.target.working, self.mapped.target.vertices)[self.number]
         return np.asarray(cKDTree(own).query(positions)[1])
 
     def smooth(self, loads: Floats) -> Floats:
@@ -148,7 +146,7 @@ class Frames:
     @cached_property
     def _factors(self) -> SuperLU:
         stiffness = self.trusted_stiffness + self.doubted_stiffness
-        matrix = csc_array(diags_array(self.trust * self.areas) + REACH**2 * stiffness)
+        matrix = csc_array(diags_array(self.trust * self.areas) + SMOOTHING_LENGTH**2 * stiffness)
         # Supernodes of a dozen columns: solves take four fifths of the time.
         return splu(
             matrix,
@@ -160,23 +158,29 @@ class Frames:
         )
 
 
-def frames_on(draped: Draped, vertices: Booleans) -> Frames:
+@once_per_argument
+def frames_of(mapped: MappedTarget) -> Frames:
+    """Frames at all vertices of the target."""
+    return frames_on(mapped, np.ones(len(mapped.target.vertices), dtype=bool))
+
+
+def frames_on(mapped: MappedTarget, vertices: Booleans) -> Frames:
     """Frames at some vertices (n_t,) of the target, and at the neighbours of these."""
-    working = draped.target.working
+    working = mapped.target.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     chosen = on_working_mesh(working, vertices)
     number = np.flatnonzero(chosen | (abs(stiffness) @ chosen > 0))
     among = _without_sums(stiffness[number][:, number])
-    confidence = on_working_mesh(working, draped.confidence)[number]
-    return Frames(draped, number, among, areas[number], on_working_mesh(working, draped.points), confidence)
+    confidence = on_working_mesh(working, mapped.confidence)[number]
+    return Frames(mapped, number, among, areas[number], on_working_mesh(working, mapped.points), confidence)
 
 
-def rotations(draped: Draped, domain: Domain) -> Floats:
+def rotations(mapped: MappedTarget, domain: Domain) -> Floats:
     """(count, 3, 3) what turns a direction of the source into one of the target, at points, faces or corners.
 
     They are reflections where the map mirrors the source.
     """
-    target, frames = draped.target, draped.frames
+    target, frames = mapped.target, frames_of(mapped)
     place = target.working.vertex_of.copy()
     loose = np.flatnonzero(place < 0)
     if len(loose):

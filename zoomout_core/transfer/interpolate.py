@@ -15,81 +15,81 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.cut_mesh import cut_open, edge_lengths
 from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import LOYALTY, elect, tally
 
 
-def mix_points(attribute: Attribute, draped: Draped) -> Attribute:
+def mix_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values (n, ...) at vertices."""
-    return _filled(attribute, draped, draped.surface_map.interpolate(_floats(attribute)), np.arange(len(draped.points)))
+    return _filled(attribute, mapped, mapped.surface_map.interpolate(_floats(attribute)), np.arange(len(mapped.points)))
 
 
-def mix_faces(attribute: Attribute, draped: Draped) -> Attribute:
+def mix_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values (f, ...) of faces: means of samples over the area that a face covers."""
     values = _floats(attribute)
-    samples = draped.samples(np.arange(len(draped.target.face_start) - 1))
+    samples = mapped.samples(np.arange(len(mapped.target.face_start) - 1))
     covered = coo_array(
-        (samples.area, (samples.face, draped.source.triangle_face[samples.triangle])),
-        shape=(len(draped.target.face_start) - 1, len(values)),
+        (samples.area, (samples.face, mapped.source.triangle_face[samples.triangle])),
+        shape=(len(mapped.target.face_start) - 1, len(values)),
     ).tocsr()
     mean = (covered @ values.reshape(len(values), -1)) / covered.sum(axis=1).reshape(-1, 1)
     return _mixed(attribute, mean.reshape(-1, *values.shape[1:]))
 
 
-def mix_corners(attribute: Attribute, draped: Draped) -> Attribute:
+def mix_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Values (c, ...) at face corners, which jump where the source's values jump from face to face.
 
     A corner takes the side that its face lies on, and the value as near to it as that side reaches. Those that are
     filled in do not jump: they continue the means of the corners at each vertex around them.
     """
     values = _floats(attribute)
-    target, corners_of = draped.target, draped.source.triangle_corners
-    triangle = draped.surface_map.triangle[target.corner_vertex]
-    barycentric = draped.surface_map.barycentric[target.corner_vertex]
-    cut = cut_open(draped.source, values.reshape(len(values), -1))
-    near = np.flatnonzero(draped.near_border(cut)[target.corner_face])
-    start, _ = draped.nudged(near)
-    triangle[near], barycentric[near], _ = cut.walk(start, draped.points[target.corner_vertex[near]])
+    target, corners_of = mapped.target, mapped.source.triangle_corners
+    triangle = mapped.surface_map.triangle[target.corner_vertex]
+    barycentric = mapped.surface_map.barycentric[target.corner_vertex]
+    cut = cut_open(mapped.source, values.reshape(len(values), -1))
+    near = np.flatnonzero(mapped.near_border(cut)[target.corner_face])
+    start, _ = mapped.nudged(near)
+    triangle[near], barycentric[near], _ = cut.walk(start, mapped.points[target.corner_vertex[near]])
     mixed = np.einsum("ck,ck...->c...", barycentric, values[corners_of[triangle]])
-    return _filled(attribute, draped, mixed, target.corner_vertex)
+    return _filled(attribute, mapped, mixed, target.corner_vertex)
 
 
 MIX = {Domain.POINT: mix_points, Domain.FACE: mix_faces, Domain.CORNER: mix_corners}
 
 
-def vote_points(attribute: Attribute, draped: Draped) -> Attribute:
+def vote_points(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Labels at vertices: the one with the largest barycentric weight."""
     code, distinct = _coded(attribute)
     winner = _heaviest(
-        code[draped.surface_map.source_triangles[draped.surface_map.triangle]], draped.surface_map.barycentric
+        code[mapped.surface_map.source_triangles[mapped.surface_map.triangle]], mapped.surface_map.barycentric
     )
     return replace(attribute, values=distinct[winner])
 
 
-def vote_corners(attribute: Attribute, draped: Draped) -> Attribute:
+def vote_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Labels at face corners, read a little inside the face."""
     code, distinct = _coded(attribute)
-    triangle, barycentric = draped.nudged(np.arange(len(draped.target.corner_vertex)))
-    return replace(attribute, values=distinct[_heaviest(code[draped.source.triangle_corners[triangle]], barycentric)])
+    triangle, barycentric = mapped.nudged(np.arange(len(mapped.target.corner_vertex)))
+    return replace(attribute, values=distinct[_heaviest(code[mapped.source.triangle_corners[triangle]], barycentric)])
 
 
-def vote_faces(attribute: Attribute, draped: Draped) -> Attribute:
+def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Labels of faces: a vote of samples, by area and confidence; in doubt borders are kept short.
 
     Small islands of the source survive, and single faces beyond a border take the label around them.
     """
     code, distinct = _coded(attribute)
-    target, island = draped.target, islands_of(draped.source, code)
+    target, island = mapped.target, islands_of(mapped.source, code)
     label_of = np.empty(island.max() + 1, dtype=np.int64)
     label_of[island] = code
-    samples = draped.samples(np.arange(len(target.face_start) - 1))
-    candidates, island = tally(samples.face, island[draped.source.triangle_face[samples.triangle]], samples.weight)
+    samples = mapped.samples(np.arange(len(target.face_start) - 1))
+    candidates, island = tally(samples.face, island[mapped.source.triangle_face[samples.triangle]], samples.weight)
     label = label_of[island]
-    edges, opposite = candidates.contested(*draped.adjacent, target.corner_face)
+    edges, opposite = candidates.contested(*mapped.adjacent, target.corner_face)
     edge, first, second = candidates.pairs(target.corner_face[edges[:, 0]], target.corner_face[opposite[:, 0]])
     chosen = elect(
         candidates,
-        LOYALTY * draped.circumference,
+        LOYALTY * mapped.circumference,
         first,
         second,
         edge_lengths(target.vertices[target.corner_vertex], edges)[edge],
@@ -112,13 +112,13 @@ def _mixed(attribute: Attribute, values: Floats) -> Attribute:
     return replace(attribute, values=values.astype(dtype) if dtype.kind == "f" else values)
 
 
-def _filled(attribute: Attribute, draped: Draped, values: Floats, vertex: Integers) -> Attribute:
+def _filled(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: Integers) -> Attribute:
     """The attribute with values (q, ...) at vertices (q,), those of too little confidence filled in."""
-    filling = draped.filling
+    filling = mapped.filling
     if filling is None:
         return _mixed(attribute, values)
     flat = values.reshape(len(values), -1)
-    count = np.bincount(vertex, minlength=len(draped.points))
+    count = np.bincount(vertex, minlength=len(mapped.points))
     sums = csr_array((np.ones(len(vertex)), (vertex, np.arange(len(vertex)))), shape=(len(count), len(vertex))) @ flat
     whole = filling.fill(sums / np.maximum(count, 1)[:, None])
     chosen = np.isin(vertex, filling.filled)

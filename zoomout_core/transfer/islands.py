@@ -21,9 +21,9 @@ LEAST_COVER = 0.5
 
 def islands_of(surface: Surface, label: Integers) -> Integers:
     """(f,) number of the island that each face is part of, with its neighbours of the same label (f,)."""
-    knot = surface.working.vertex_of[surface.corner_vertex]
-    knot = np.where(knot >= 0, knot, len(surface.vertices) + surface.corner_vertex)
-    _, meeting = np.unique(knot * (label.max() + 1) + label[surface.corner_face], return_inverse=True)
+    vertex = surface.working.vertex_of[surface.corner_vertex]
+    vertex = np.where(vertex >= 0, vertex, len(surface.vertices) + surface.corner_vertex)
+    _, meeting = np.unique(vertex * (label.max() + 1) + label[surface.corner_face], return_inverse=True)
     meeting = meeting.reshape(-1) + len(label)
     group = joined_groups(int(meeting.max()) + 1, surface.corner_face, meeting)
     return np.unique(group[: len(label)], return_inverse=True)[1].reshape(-1)

@@ -20,7 +20,6 @@ from zoomout_core.transfer.cut_mesh import (
     nearer_than,
     ragged,
 )
-from zoomout_core.transfer.frames import Frames, frames_on
 from zoomout_core.transfer.inpaint import Filling, filling
 
 # A corner's side of an edge of the source is asked for this far into the face.
@@ -33,7 +32,7 @@ LEAST_AREA = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class FaceSamples:
     """Points spread evenly over faces of the target, and where they lie on the source; ordered by face.
 
     Attributes:
@@ -52,8 +51,8 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class Draped:
-    """The target draped over the source.
+class MappedTarget:
+    """The target mapped over the source.
 
     Attributes:
         source: the surface that gives.
@@ -100,11 +99,6 @@ class Draped:
         return middle, np.sqrt(np.maximum.reduceat(np.einsum("cx,cx->c", off, off), begin))
 
     @cached_property
-    def frames(self) -> Frames:
-        """How the target turns and grows at each of its vertices."""
-        return frames_on(self, np.ones(len(self.target.vertices), dtype=bool))
-
-    @cached_property
     def filling(self) -> Filling | None:
         """How vertices of too little confidence are filled in, or None where there are none."""
         trusted = self.confidence >= (0 if self.fill_below is None else self.fill_below)
@@ -129,7 +123,7 @@ class Draped:
         found, weights, _ = self.whole.walk(self.surface_map.triangle[nearest], points)
         return found, weights
 
-    def samples(self, faces: Integers) -> Samples:
+    def samples(self, faces: Integers) -> FaceSamples:
         """Four samples to each triangle of some faces (f,), which are in rising order."""
         target = self.target
         of_face = np.argsort(target.triangle_face, kind="stable")
@@ -141,7 +135,7 @@ class Draped:
         face, triangle, area = (np.repeat(array, len(SAMPLES)) for array in (face, triangle, area))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
-        return Samples(face, *self.locate(triangle, barycentric), area, area * (confidence + LEAST_CONFIDENCE))
+        return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + LEAST_CONFIDENCE))
 
     def nudged(self, corners: Integers) -> tuple[Integers, Floats]:
         """Where corners (q,) of the target lie on the source if they are moved into their faces a little."""

@@ -12,30 +12,30 @@ from zoomout_core.mesh.triangles import triangle_areas, triangle_normals, unit_v
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Sine of the angle above the surface that a normal is lifted to where only the transfer pushed it below.
 LIFTED = 0.05
 
 
-def turn_directions(attribute: Attribute, draped: Draped) -> Attribute:
+def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Directions (count, 3): mixed, turned with the surface, and as long as those that they are mixed from."""
     length = np.linalg.norm(np.asarray(attribute.values, dtype=np.float64), axis=1)
-    turned, length = _turned(attribute, length, draped)
+    turned, length = _turned(attribute, length, mapped)
     return replace(turned, values=(unit_vectors(turned.values) * length[:, None]).astype(attribute.values.dtype))
 
 
-def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
+def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Unit normals (count, 3): directions that stay above the surface where they are above the source's.
 
     What is above is what the surface's faces say, as they are wound.
     """
     values = np.asarray(attribute.values, dtype=np.float64)
-    height = np.einsum("cx,cx->c", values, _outward(draped.source, attribute.domain))
-    turned, height = _turned(attribute, height, draped)
-    normals, outward = unit_vectors(turned.values), _outward(draped.target, attribute.domain)
+    height = np.einsum("cx,cx->c", values, _outward(mapped.source, attribute.domain))
+    turned, height = _turned(attribute, height, mapped)
+    normals, outward = unit_vectors(turned.values), _outward(mapped.target, attribute.domain)
     found = np.einsum("cx,cx->c", normals, outward)
-    component = _components(draped.target, attribute.domain)
+    component = _components(mapped.target, attribute.domain)
     inside_out = (np.bincount(component, height * found) < 0)[component]
     normals[inside_out] -= 2 * (found[:, None] * outward)[inside_out]
     found[inside_out] *= -1
@@ -44,11 +44,11 @@ def turn_normals(attribute: Attribute, draped: Draped) -> Attribute:
     return replace(turned, values=unit_vectors(normals).astype(attribute.values.dtype))
 
 
-def _turned(attribute: Attribute, number: Floats, draped: Draped) -> tuple[Attribute, Floats]:
+def _turned(attribute: Attribute, number: Floats, mapped: MappedTarget) -> tuple[Attribute, Floats]:
     """Vectors on the target, mixed and turned, and a number (count,) that goes with each, mixed."""
     both = np.column_stack([np.asarray(attribute.values, dtype=np.float64), number])
-    mixed = MIX[attribute.domain](replace(attribute, values=both), draped)
-    turned = np.einsum("cxy,cy->cx", rotations(draped, attribute.domain), mixed.values[:, :3])
+    mixed = MIX[attribute.domain](replace(attribute, values=both), mapped)
+    turned = np.einsum("cxy,cy->cx", rotations(mapped, attribute.domain), mixed.values[:, :3])
     return replace(mixed, values=turned), mixed.values[:, 3]
 
 

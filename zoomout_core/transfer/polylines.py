@@ -16,7 +16,7 @@ from zoomout_core.transfer.cut_mesh import ragged
 
 
 @dataclass(frozen=True, eq=False)
-class Chains:
+class Polylines:
     """Edges strung together; ordered by chain, and along each.
 
     Attributes:
@@ -33,7 +33,7 @@ class Chains:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class PolylineSamples:
     """Points along chains; ordered by chain, and along each, from its first vertex to its last.
 
     Attributes:
@@ -51,41 +51,41 @@ class Samples:
     vertex: Integers
 
 
-def string_together(edges: Integers) -> Chains:
-    """Chains of edges (k, 2), each pair of vertices at most once, that end where not two edges meet."""
+def polylines_of(edges: Integers) -> Polylines:
+    """Polylines of edges (k, 2), each pair of vertices at most once, that end where not two edges meet."""
     count = len(edges)
     ends = edges.ravel()
-    # Between two edges a vertex is one knot; elsewhere every edge ends in a knot of its own.
+    # Between two edges a vertex is one node; elsewhere every edge ends in a node of its own.
     vertex_count = int(ends.max(initial=-1)) + 1
     inner = np.bincount(ends, minlength=vertex_count)[ends] == 2
-    knot = np.where(inner, ends, vertex_count + np.arange(2 * count))
-    chain = _components(knot)
+    node = np.where(inner, ends, vertex_count + np.arange(2 * count))
+    chain = _components(node)
     # A loop has no such end: it is opened where its first edge begins.
     closed = np.ones(chain.max(initial=-1) + 1, dtype=bool)
     closed[chain[~inner]] = False
     first = np.unique(chain, return_index=True)[1][closed]
-    knot[first] = vertex_count + first
-    outer = np.flatnonzero(knot >= vertex_count)
-    start = knot[outer[np.unique(chain[outer], return_index=True)[1]]]
-    knots, number = np.unique(knot, return_inverse=True)
-    steps = coo_array((np.ones(count), (number[::2], number[1::2])), shape=(len(knots), len(knots))).tocsr()
-    rank = dijkstra(steps, directed=False, indices=np.searchsorted(knots, start), min_only=True) if count else knots
+    node[first] = vertex_count + first
+    outer = np.flatnonzero(node >= vertex_count)
+    start = node[outer[np.unique(chain[outer], return_index=True)[1]]]
+    nodes, number = np.unique(node, return_inverse=True)
+    steps = coo_array((np.ones(count), (number[::2], number[1::2])), shape=(len(nodes), len(nodes))).tocsr()
+    rank = dijkstra(steps, directed=False, indices=np.searchsorted(nodes, start), min_only=True) if count else nodes
     rank = rank[number].reshape(-1, 2)
     forward = rank[:, 0] < rank[:, 1]
     order = np.lexsort((rank.min(axis=1), chain[::2]))
     directed = np.where(forward[:, None], edges, edges[:, ::-1])[order]
-    return Chains(order, chain[::2][order], directed[:, 0], directed[:, 1])
+    return Polylines(order, chain[::2][order], directed[:, 0], directed[:, 1])
 
 
-def _components(knot: Integers) -> Integers:
-    """(2k,) the chain of each edge's ends, which are at knots (2k,)."""
-    knots, number = np.unique(knot, return_inverse=True)
-    shape = len(knots), len(knots)
-    graph = coo_array((np.ones(len(knot) // 2, dtype=bool), (number[::2], number[1::2])), shape=shape)
+def _components(node: Integers) -> Integers:
+    """(2k,) the chain of each edge's ends, which are at nodes (2k,)."""
+    nodes, number = np.unique(node, return_inverse=True)
+    shape = len(nodes), len(nodes)
+    graph = coo_array((np.ones(len(node) // 2, dtype=bool), (number[::2], number[1::2])), shape=shape)
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)[number]
 
 
-def sample(chains: Chains, vertices: Floats, spacing: float) -> Samples:
+def sample(chains: Polylines, vertices: Floats, spacing: float) -> PolylineSamples:
     """Points along chains on vertices (n, 3), all of their vertices among them, at most `spacing` apart."""
     begin, end = vertices[chains.begin], vertices[chains.end]
     length = np.linalg.norm(end - begin, axis=1)
@@ -98,7 +98,7 @@ def sample(chains: Chains, vertices: Floats, spacing: float) -> Samples:
     first = np.append(True, last[:-1])[: len(parts)]
     before -= before[np.flatnonzero(first)][np.cumsum(first) - 1]
     vertex = np.where(step == 0, chains.begin[on], np.where(step == parts[on], chains.end[on], -1))
-    return Samples(
+    return PolylineSamples(
         chain=chains.chain[on],
         along=before[on] + share * length[on],
         point=begin[on] + share[:, None] * (end - begin)[on],

@@ -15,24 +15,24 @@ from zoomout_core.arrays import Floats
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Where all quaternions are zero, this makes their mean the rotation by nothing.
 NOTHING = 1e-12
 
 
-def mix_quaternions(attribute: Attribute, draped: Draped, *, turned: bool = False) -> Attribute:
+def mix_quaternions(attribute: Attribute, mapped: MappedTarget, *, turned: bool = False) -> Attribute:
     """Unit quaternions (count, 4), w first; mixed, and if they are to be `turned`, turned with the surface."""
     values = np.asarray(attribute.values, dtype=np.float64)
     both = replace(attribute, values=np.column_stack([_squared(values), values]))
-    mixed = MIX[attribute.domain](both, draped)
+    mixed = MIX[attribute.domain](both, mapped)
     quaternions = _mean(mixed.values[:, :16], mixed.values[:, 16:])
     if turned:
-        quaternions = _quaternions(_turning(attribute, draped) @ _matrices(quaternions))
+        quaternions = _quaternions(_turning(attribute, mapped) @ _matrices(quaternions))
     return replace(mixed, values=quaternions.astype(attribute.values.dtype))
 
 
-def mix_matrices(attribute: Attribute, draped: Draped, *, turned: bool = False) -> Attribute:
+def mix_matrices(attribute: Attribute, mapped: MappedTarget, *, turned: bool = False) -> Attribute:
     """Matrices (count, 16), row by row: rotations are mixed as quaternions, stretch and translation as numbers.
 
     If they are to be `turned`, their rotations turn with the surface.
@@ -46,18 +46,18 @@ def mix_matrices(attribute: Attribute, draped: Draped, *, turned: bool = False) 
     rest = matrices.copy()
     rest[:, :3, :3] = np.einsum("qkx,qk,qky->qxy", right, stretch, right)
     parts = np.column_stack([_squared(_quaternions(left @ right)), rest.reshape(-1, 16)])
-    mixed = MIX[attribute.domain](replace(attribute, values=parts), draped)
+    mixed = MIX[attribute.domain](replace(attribute, values=parts), mapped)
     rotation = _matrices(_mean(mixed.values[:, :16], None))
     if turned:
-        rotation = _turning(attribute, draped) @ rotation
+        rotation = _turning(attribute, mapped) @ rotation
     result = mixed.values[:, 16:].reshape(-1, 4, 4)
     result[:, :3, :3] = rotation @ result[:, :3, :3]
     return replace(mixed, values=result.reshape(-1, 16).astype(attribute.values.dtype))
 
 
-def _turning(attribute: Attribute, draped: Draped) -> Floats:
+def _turning(attribute: Attribute, mapped: MappedTarget) -> Floats:
     """(count, 3, 3) rotations from the source's surface to the target's; point reflections undo mirrored ones."""
-    found = rotations(draped, attribute.domain)
+    found = rotations(mapped, attribute.domain)
     return found * np.sign(np.linalg.det(found))[:, None, None]
 
 

@@ -17,7 +17,7 @@ from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.interpolate import MIX, VOTE
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
 from zoomout_core.transfer.shape_keys import carry_offsets, conformed
@@ -40,7 +40,7 @@ class Rule:
     """How values of one kind are transferred, and what they must look like.
 
     Attributes:
-        domains: for each domain the function (attribute, draped, **options) -> attribute on the target.
+        domains: for each domain the function (attribute, mapped, **options) -> attribute on the target.
         widths: how many columns values may have; 0 stands for values without a second axis.
         dtypes: numpy's letters for the types that values may have.
         meaning: the same in words, for the user.
@@ -133,7 +133,9 @@ def transfer(
     return transfer_along(attribute, drape(result, source, target, fill_below), **options)
 
 
-def drape(result: Match | SurfaceMap, source: Surface, target: Surface, fill_below: float | None = None) -> Draped:
+def drape(
+    result: Match | SurfaceMap, source: Surface, target: Surface, fill_below: float | None = None
+) -> MappedTarget:
     """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.
 
     Raises:
@@ -145,19 +147,19 @@ def drape(result: Match | SurfaceMap, source: Surface, target: Surface, fill_bel
     surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
     confidence = np.ones(len(target.vertices)) if isinstance(result, SurfaceMap) else np.asarray(result.confidence)
     _check_map(surface_map, confidence, source, target)
-    return Draped(source, target, surface_map, confidence, fill_below)
+    return MappedTarget(source, target, surface_map, confidence, fill_below)
 
 
-def transfer_along(attribute: Attribute, draped: Draped, **options: Any) -> Attribute:
+def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:
     """`transfer` of one of many attributes, which share what is worked out of the map."""
     rule = _rule(attribute)
-    _check_values(attribute, rule, draped.source)
-    return rule.domains[attribute.domain](attribute, draped, **options)
+    _check_values(attribute, rule, mapped.source)
+    return rule.domains[attribute.domain](attribute, mapped, **options)
 
 
-def transfer_steps(attribute: Attribute, draped: Draped, **options: Any) -> Generator[float, None, Attribute]:
+def transfer_steps(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Generator[float, None, Attribute]:
     """`transfer_along` in the background of short steps; yields the fraction done."""
-    return in_background(partial(transfer_along, attribute, draped, **options))
+    return in_background(partial(transfer_along, attribute, mapped, **options))
 
 
 def conform(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:

@@ -22,7 +22,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CutSurface, cut_open, ragged
 from zoomout_core.transfer.frames import on_working_mesh
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # A crossing nearer to an edge's end than this part of the edge is at that end: no slivers.
 SNAP = 0.1
@@ -99,19 +99,19 @@ def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int
     return around
 
 
-def seam_cut(uv: Attribute, draped: Draped) -> SeamCut:
+def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     """Where to cut the target along the seams of a UV map of the source.
 
     Args:
         uv: of the source, with values (c, 2) at its corners.
-        draped: the target on the source.
+        mapped: the target on the source.
     """
-    cut = cut_open(draped.source, np.asarray(uv.values, dtype=np.float64))
-    edge = _edges_of(np.flatnonzero(draped.near_border(cut)), draped)
-    crossing = _leaves_sheet(cut, draped, edge, np.ones(len(edge)))[0]
+    cut = cut_open(mapped.source, np.asarray(uv.values, dtype=np.float64))
+    edge = _edges_of(np.flatnonzero(mapped.near_border(cut)), mapped)
+    crossing = _leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]
     edge = edge[crossing]
-    fraction, place = _crossings(cut, draped, edge)
-    n = len(draped.target.vertices)
+    fraction, place = _crossings(cut, mapped, edge)
+    n = len(mapped.target.vertices)
 
     # A vertex next to a seam counts as on it, and so do all crossings of the edges around it.
     nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
@@ -119,18 +119,18 @@ def seam_cut(uv: Attribute, draped: Draped) -> SeamCut:
     snapped = snapped[np.argsort(-np.minimum(fraction, 1 - fraction)[snapped], kind="stable")]  # the nearest come last
     on_seam = np.zeros(n, dtype=bool)
     on_seam[nearer[snapped]] = True
-    triangle, barycentric = draped.surface_map.triangle.copy(), draped.surface_map.barycentric.copy()
+    triangle, barycentric = mapped.surface_map.triangle.copy(), mapped.surface_map.barycentric.copy()
     triangle[nearer[snapped]], barycentric[nearer[snapped]] = place.triangle[snapped], place.barycentric[snapped]
     kept = ~on_seam[edge].any(axis=1)
     edge, fraction = edge[kept], fraction[kept]
-    around = _crossings_around(draped, edge, on_seam)
-    face, ends = _divided(draped, around)
-    meetings = _meetings(cut, draped, around)
-    junctions = SurfaceMap.from_vertices(meetings.vertex, draped.source)
+    around = _crossings_around(mapped, edge, on_seam)
+    face, ends = _divided(mapped, around)
+    meetings = _meetings(cut, mapped, around)
+    junctions = SurfaceMap.from_vertices(meetings.vertex, mapped.source)
     surface_map = SurfaceMap(
         np.concatenate([triangle, place.triangle[kept], junctions.triangle]),
         np.concatenate([barycentric, place.barycentric[kept], junctions.barycentric]),
-        draped.surface_map.source_triangles,
+        mapped.surface_map.source_triangles,
     )
     return SeamCut(
         edge,
@@ -146,41 +146,43 @@ def seam_cut(uv: Attribute, draped: Draped) -> SeamCut:
     )
 
 
-def _edges_of(faces: Integers, draped: Draped) -> Integers:
+def _edges_of(faces: Integers, mapped: MappedTarget) -> Integers:
     """(e, 2) the vertices of the edges of some faces of the target, each edge once, the smaller number first."""
-    target = draped.target
+    target = mapped.target
     start, end = target.face_start[faces], target.face_start[faces + 1]
     _, corner = ragged(faces, start, end, np.arange(len(target.corner_vertex)))
-    ends = np.sort(target.corner_vertex[np.stack([corner, _next_corner(corner, draped)], axis=1)], axis=1)
+    ends = np.sort(target.corner_vertex[np.stack([corner, _next_corner(corner, mapped)], axis=1)], axis=1)
     ends = np.unique(ends, axis=0)
     return np.asarray(ends[ends[:, 0] != ends[:, 1]])
 
 
-def _next_corner(corner: Integers, draped: Draped) -> Integers:
-    target = draped.target
+def _next_corner(corner: Integers, mapped: MappedTarget) -> Integers:
+    target = mapped.target
     face = target.corner_face[corner]
     return np.where(corner + 1 < target.face_start[face + 1], corner + 1, target.face_start[face])
 
 
-def _leaves_sheet(cut: CutSurface, draped: Draped, edge: Integers, fraction: Floats) -> tuple[Booleans, SurfaceMap]:
+def _leaves_sheet(
+    cut: CutSurface, mapped: MappedTarget, edge: Integers, fraction: Floats
+) -> tuple[Booleans, SurfaceMap]:
     """Whether the way from an edge's first vertex to a place on it crosses a cut, and that place on the source."""
-    begin, end = draped.points[edge[:, 0]], draped.points[edge[:, 1]]
+    begin, end = mapped.points[edge[:, 0]], mapped.points[edge[:, 1]]
     points = begin + fraction[:, None] * (end - begin)
     nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
-    triangle, barycentric, _ = draped.whole.walk(draped.surface_map.triangle[nearer], points)
-    place = SurfaceMap(triangle, barycentric, draped.surface_map.source_triangles)
-    _, _, gap = cut.walk(draped.surface_map.triangle[edge[:, 0]], place.interpolate(draped.source.vertices))
+    triangle, barycentric, _ = mapped.whole.walk(mapped.surface_map.triangle[nearer], points)
+    place = SurfaceMap(triangle, barycentric, mapped.surface_map.source_triangles)
+    _, _, gap = cut.walk(mapped.surface_map.triangle[edge[:, 0]], place.interpolate(mapped.source.vertices))
     return gap > 0, place
 
 
-def _crossings(cut: CutSurface, draped: Draped, edge: Integers) -> tuple[Floats, SurfaceMap]:
+def _crossings(cut: CutSurface, mapped: MappedTarget, edge: Integers) -> tuple[Floats, SurfaceMap]:
     """(e,) where edges whose ends lie on two sheets cross from one to the other, and these places on the source."""
     low, high = np.zeros(len(edge)), np.ones(len(edge))
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        beyond, _ = _leaves_sheet(cut, draped, edge, middle)
+        beyond, _ = _leaves_sheet(cut, mapped, edge, middle)
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    _, place = _leaves_sheet(cut, draped, edge, low)
+    _, place = _leaves_sheet(cut, mapped, edge, low)
     return low, place
 
 
@@ -202,12 +204,12 @@ class _Around(NamedTuple):
     number: Integers
 
 
-def _crossings_around(draped: Draped, edge: Integers, on_seam: Booleans) -> _Around:
+def _crossings_around(mapped: MappedTarget, edge: Integers, on_seam: Booleans) -> _Around:
     """The places around all faces, of vertices on a seam and of crossings on edges (e, 2)."""
-    target = draped.target
+    target = mapped.target
     n = len(target.vertices)
     corner = np.arange(len(target.corner_vertex))
-    vertex, following = target.corner_vertex, target.corner_vertex[_next_corner(corner, draped)]
+    vertex, following = target.corner_vertex, target.corner_vertex[_next_corner(corner, mapped)]
     key = np.minimum(vertex, following) * n + np.maximum(vertex, following)
     order = np.argsort(edge[:, 0] * n + edge[:, 1], kind="stable")
     known = (edge[:, 0] * n + edge[:, 1])[order]
@@ -223,10 +225,10 @@ def _crossings_around(draped: Draped, edge: Integers, on_seam: Booleans) -> _Aro
     return _Around(face, steps[order], place[order], first, np.diff(first, append=len(face)))
 
 
-def _divided(draped: Draped, around: _Around) -> tuple[Integers, Integers]:
+def _divided(mapped: MappedTarget, around: _Around) -> tuple[Integers, Integers]:
     """The faces that the seam divides straight, and the two places that each is divided between."""
     pair = around.first[around.number == 2]
-    length = 2 * np.diff(draped.target.face_start)[around.face[pair]]
+    length = 2 * np.diff(mapped.target.face_start)[around.face[pair]]
     gap = around.step[pair + 1] - around.step[pair]
     # Two vertices at the ends of one edge are joined by that edge.
     corners = (around.step[pair] % 2 == 0) & (around.step[pair + 1] % 2 == 0)
@@ -252,9 +254,9 @@ class _Meetings(NamedTuple):
     spokes: tuple[Integers, ...]
 
 
-def _meetings(cut: CutSurface, draped: Draped, around: _Around) -> _Meetings:
+def _meetings(cut: CutSurface, mapped: MappedTarget, around: _Around) -> _Meetings:
     """Where seams meet within faces that they cross at three places or more."""
-    target, n = draped.target, len(draped.target.vertices)
+    target, n = mapped.target, len(mapped.target.vertices)
     crossed = np.logical_or.reduceat(around.place >= n, around.first) if len(around.first) else around.first > 0
     group = np.flatnonzero((around.number > 2) & crossed)
     face = around.face[around.first[group]]
@@ -262,12 +264,12 @@ def _meetings(cut: CutSurface, draped: Draped, around: _Around) -> _Meetings:
     if len(junction) == 0 or len(face) == 0:
         none = np.empty(0, dtype=np.int64)
         return _Meetings(none, none, none.reshape(0, 3), np.empty((0, 3)), ())
-    middle, radius = (part[face] for part in draped.balls)
-    distance, nearest = cKDTree(draped.source.vertices[junction]).query(middle)
+    middle, radius = (part[face] for part in mapped.balls)
+    distance, nearest = cKDTree(mapped.source.vertices[junction]).query(middle)
     vertex = junction[nearest]
-    corners, weights = _within(draped.source.vertices[vertex], face, draped)
+    corners, weights = _within(mapped.source.vertices[vertex], face, mapped)
     point = np.einsum("hc,hcx->hx", weights, target.vertices[corners])
-    inside = (np.asarray(distance) <= radius) & _sees_all(point, face, draped)
+    inside = (np.asarray(distance) <= radius) & _sees_all(point, face, mapped)
     spokes = np.split(around.place, around.first[1:])
     return _Meetings(
         face[inside], vertex[inside], corners[inside], weights[inside], tuple(spokes[i] for i in group[inside].tolist())
@@ -277,24 +279,24 @@ def _meetings(cut: CutSurface, draped: Draped, around: _Around) -> _Meetings:
 def _junctions(cut: CutSurface) -> Integers:
     """(j,) vertices of the source at which three borders or more meet; of those in one place, one."""
     source = cut.surface
-    knots = np.sort(source.working.vertex_of[source.corner_vertex[cut.border]], axis=1)
-    knots = np.unique(knots[(knots[:, 0] >= 0) & (knots[:, 0] < knots[:, 1])], axis=0)
-    meeting = np.bincount(knots.ravel(), minlength=len(source.working.vertices)) > 2
+    vertices = np.sort(source.working.vertex_of[source.corner_vertex[cut.border]], axis=1)
+    vertices = np.unique(vertices[(vertices[:, 0] >= 0) & (vertices[:, 0] < vertices[:, 1])], axis=0)
+    meeting = np.bincount(vertices.ravel(), minlength=len(source.working.vertices)) > 2
     return on_working_mesh(source.working, np.arange(len(source.vertices)))[meeting]
 
 
-def _within(points: Floats, face: Integers, draped: Draped) -> tuple[Integers, Floats]:
+def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integers, Floats]:
     """For points (h, 3) of the source the nearest one of each face (h,) of the target, as it is laid onto the source.
 
     Returns:
         (h, 3) the corners of a triangle of the face, and (h, 3) the barycentric coordinates in it.
     """
-    target = draped.target
+    target = mapped.target
     order = np.argsort(target.triangle_face, kind="stable")
     start, end = (np.searchsorted(target.triangle_face[order], face, side) for side in ("left", "right"))
     owner, triangle = ragged(np.arange(len(face)), start, end, order)
     corners = target.triangles[triangle]
-    a, b, c = draped.points[corners].transpose(1, 0, 2)
+    a, b, c = mapped.points[corners].transpose(1, 0, 2)
     ap, ab, ac = points[owner] - a, b - a, c - a
     dots = [np.einsum("qx,qx->q", x, y) for x, y in ((ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac))]
     weights = barycentric_of_closest(tuple(dots))
@@ -304,13 +306,13 @@ def _within(points: Floats, face: Integers, draped: Draped) -> tuple[Integers, F
     return corners[best], weights[best]
 
 
-def _sees_all(point: Floats, face: Integers, draped: Draped) -> Booleans:
+def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     """(h,) whether straight lines from a point (h, 3) to the outline of its face (h,) stay within the face."""
-    target = draped.target
+    target = mapped.target
     start, end = target.face_start[face], target.face_start[face + 1]
     owner, corner = ragged(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
     here = target.vertices[target.corner_vertex[corner]] - point[owner]
-    there = target.vertices[target.corner_vertex[_next_corner(corner, draped)]] - point[owner]
+    there = target.vertices[target.corner_vertex[_next_corner(corner, mapped)]] - point[owner]
     normal = np.cross(here, there)
     sums = np.stack([np.bincount(owner, axis) for axis in normal.T], axis=1)
     share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]

@@ -2,8 +2,8 @@
 
 Deformation transfer for triangle meshes (Sumner and Popović 2004) carries the gradients of a motion over, and solves
 for the motion that has them. Held at anchors alone it drifts where the target's pose turns within the region that
-moves, so the motion is drawn to the turned offsets as well: these hold over distances longer than `frames.REACH`,
-and gradients below, where errors of frames and maps would show as dents.
+moves, so the motion is drawn to the turned offsets as well: these hold over distances longer than
+`frames.SMOOTHING_LENGTH`, and gradients below, where errors of frames and maps would show as dents.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from zoomout_core.arrays import Floats
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.frames import REACH, TRUSTED, Frames, frames_on, on_working_mesh
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.frames import SMOOTHING_LENGTH, TRUSTED, Frames, frames_of, frames_on, on_working_mesh
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Offsets shorter than these parts of a key's longest one, and of the surface's size, are noise.
 SMALLEST_OF_KEY, SMALLEST_OF_SURFACE = 1e-4, 1e-7
@@ -26,7 +26,7 @@ SMALLEST_OF_KEY, SMALLEST_OF_SURFACE = 1e-4, 1e-7
 KEYS_AT_ONCE = 5
 
 
-def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
+def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Offsets (n, keys, 3) of vertices, in the space of the surfaces.
 
     They turn and scale with the target's shape. Vertices that lie where a key does not move the source stay exactly
@@ -35,15 +35,15 @@ def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
     Args:
         attribute: offsets (n_s, keys, 3) from the vertices of the source, which are those that the keys start from:
             those of the rest shape, if the source is posed after it is moved by keys.
-        draped: the target on the source.
+        mapped: the target on the source.
     """
-    offsets = _without_noise(np.asarray(attribute.values), draped.source.area)
-    moved = draped.surface_map.interpolate(offsets.any(axis=(1, 2))) > 0
-    doubtful = draped.confidence < TRUSTED
+    offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
+    moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2))) > 0
+    doubtful = mapped.confidence < TRUSTED
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
     if not moved.any():
         return replace(attribute, values=carried)
-    frames = frames_on(draped, moved | doubtful)
+    frames = frames_on(mapped, moved | doubtful)
     loading = _loading(frames)
 
     def carry(first: int) -> None:
@@ -58,16 +58,16 @@ def carry_offsets(attribute: Attribute, draped: Draped) -> Attribute:
     return replace(attribute, values=carried, notes=notes)
 
 
-def conformed(draped: Draped) -> Floats:
+def conformed(mapped: MappedTarget) -> Floats:
     """(n_t, 3) positions that lay the target onto the source; where confidence is low it keeps more of its shape."""
-    target, frames = draped.target, draped.frames
+    target, frames = mapped.target, frames_of(mapped)
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
     own = on_working_mesh(target.working, target.vertices)
     gradients = _turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
-    laid = frames.smooth((frames.trust * frames.areas)[:, None] * frames.points + REACH**2 * gradients)
+    laid = frames.smooth((frames.trust * frames.areas)[:, None] * frames.points + SMOOTHING_LENGTH**2 * gradients)
     number = target.working.vertex_of
-    return np.where((number >= 0)[:, None], laid[number], draped.points)
+    return np.where((number >= 0)[:, None], laid[number], mapped.points)
 
 
 def _without_noise(offsets: Floats, area: float) -> Floats:
@@ -79,8 +79,8 @@ def _without_noise(offsets: Floats, area: float) -> Floats:
 
 def _carried(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
     """(n_t, keys, 3) offsets of the target's vertices, for (n_s, keys, 3) of the source's."""
-    target = frames.draped.target
-    plain = frames.draped.surface_map.interpolate(offsets)
+    target = frames.mapped.target
+    plain = frames.mapped.surface_map.interpolate(offsets)
     here = on_working_mesh(target.working, plain)[frames.number]
     n, keys, _ = here.shape
     loads = loading @ here.transpose(0, 2, 1).reshape(3 * n, keys)
@@ -100,7 +100,7 @@ def _loading(frames: Frames) -> bsr_array:
     """(3n, 3n) what makes the right-hand sides of `Frames.smooth` of offsets, which it turns: (n, 3), as one column."""
     own = (frames.trust * frames.areas)[:, None, None] * frames.turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
-    return bsr_array(blocks + REACH**2 * _turned_gradients(frames.trusted_stiffness, frames.turns))
+    return bsr_array(blocks + SMOOTHING_LENGTH**2 * _turned_gradients(frames.trusted_stiffness, frames.turns))
 
 
 def _turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:

@@ -28,7 +28,7 @@ from zoomout_core.transfer.cut_mesh import (
     joined_groups,
     ragged,
 )
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import LOYALTY, Candidates, elect
 
 # More parts than these do not meet in one face, unless it is larger than islands.
@@ -120,13 +120,13 @@ class Sheets:
         return self.row[candidate] + corner - target.face_start[self.candidates.face[candidate]]
 
 
-def transfer_uv(attribute: Attribute, draped: Draped) -> Attribute:
+def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """UVs (c, 2) at face corners."""
-    target = draped.target
-    chart = chart_of(draped.source, np.asarray(attribute.values, dtype=np.float64))
-    sheets = _sheets(chart, draped)
-    first, second = draped.adjacent
-    chosen = _elected(sheets, chart, draped)
+    target = mapped.target
+    chart = chart_of(mapped.source, np.asarray(attribute.values, dtype=np.float64))
+    sheets = _sheets(chart, mapped)
+    first, second = mapped.adjacent
+    chosen = _elected(sheets, chart, mapped)
     corner = np.arange(len(target.corner_vertex))
     row = sheets.rows(chosen[target.corner_face], corner, target)
     agree = _agree(
@@ -139,7 +139,7 @@ def transfer_uv(attribute: Attribute, draped: Draped) -> Attribute:
         second,
     )
     uv = _shared(sheets.uv[row], sheets.gap[row], first[agree], second[agree])
-    notes = _notes(attribute.name, chart, draped, sheets.seed[chosen], uv)
+    notes = _notes(attribute.name, chart, mapped, sheets.seed[chosen], uv)
     return replace(attribute, values=uv.astype(np.asarray(attribute.values).dtype), notes=attribute.notes + notes)
 
 
@@ -174,53 +174,55 @@ def uv_seams(surface: Surface, uv: Floats) -> Booleans:
     return np.isin(low * n + high, ends[:, 0] * n + ends[:, 1])
 
 
-def _sheets(chart: Chart, draped: Draped) -> Sheets:
+def _sheets(chart: Chart, mapped: MappedTarget) -> Sheets:
     """One sheet for faces that lie within a border, and for others those that their samples fall onto."""
-    target, cut = draped.target, chart.cut
-    near = draped.near_border(cut)
+    target, cut = mapped.target, chart.cut
+    near = mapped.near_border(cut)
     safe = np.flatnonzero(~near)
-    face, seed, middle, share = _sampled_sheets(cut, draped, np.flatnonzero(near))
+    face, seed, middle, share = _sampled_sheets(cut, mapped, np.flatnonzero(near))
     face, share = np.concatenate([safe, face]), np.concatenate([np.ones(len(safe)), share])
     order = np.argsort(face, kind="stable")
     first_vertex = target.corner_vertex[target.face_start[safe]]
-    seed = np.concatenate([draped.surface_map.triangle[first_vertex], seed])[order]
-    middle = np.concatenate([draped.points[first_vertex], middle])[order]
-    return _read(chart, draped, near, Candidates(face[order], share[order]), seed, middle)
+    seed = np.concatenate([mapped.surface_map.triangle[first_vertex], seed])[order]
+    middle = np.concatenate([mapped.points[first_vertex], middle])[order]
+    return _read(chart, mapped, near, Candidates(face[order], share[order]), seed, middle)
 
 
 def _read(
-    chart: Chart, draped: Draped, near: Booleans, candidates: Candidates, seed: Integers, middle: Floats
+    chart: Chart, mapped: MappedTarget, near: Booleans, candidates: Candidates, seed: Integers, middle: Floats
 ) -> Sheets:
     """The corners of each candidate's face on its sheet: looked for where the face is near a border, else known."""
-    target, cut, face = draped.target, chart.cut, candidates.face
+    target, cut, face = mapped.target, chart.cut, candidates.face
     start, end = target.face_start[face], target.face_start[face + 1]
     candidate, corner = ragged(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
     vertex = target.corner_vertex[corner]
-    triangle, barycentric = draped.surface_map.triangle[vertex], draped.surface_map.barycentric[vertex]
+    triangle, barycentric = mapped.surface_map.triangle[vertex], mapped.surface_map.barycentric[vertex]
     gap = np.zeros(len(vertex))
     walked = near[face[candidate]]
-    points = draped.points[vertex[walked]]
+    points = mapped.points[vertex[walked]]
     inside = points + INWARD * (middle[candidate[walked]] - points)
     entered, _, _ = cut.walk(seed[candidate[walked]], inside)
     triangle[walked], barycentric[walked], gap[walked] = cut.walk(entered, points)
     uv = chart.at(triangle, barycentric)
     over = np.flatnonzero(gap > 0)
-    uv[over] = chart.beyond(triangle[over], barycentric[over], draped.points[vertex[over]])
+    uv[over] = chart.beyond(triangle[over], barycentric[over], mapped.points[vertex[over]])
     return Sheets(candidates, seed, np.cumsum(end - start) - (end - start), uv, gap)
 
 
-def _sampled_sheets(cut: CutSurface, draped: Draped, faces: Integers) -> tuple[Integers, Integers, Floats, Floats]:
+def _sampled_sheets(
+    cut: CutSurface, mapped: MappedTarget, faces: Integers
+) -> tuple[Integers, Integers, Floats, Floats]:
     """The sheets that samples of some faces of the target fall onto.
 
     Returns:
         For each sheet its face, a triangle and a point on it, the sample nearest to the face's middle,
         and its share of the face's votes.
     """
-    samples = draped.samples(faces)
+    samples = mapped.samples(faces)
     points = np.einsum(
-        "qc,qcx->qx", samples.barycentric, draped.source.vertices[draped.source.triangles[samples.triangle]]
+        "qc,qcx->qx", samples.barycentric, mapped.source.vertices[mapped.source.triangles[samples.triangle]]
     )
-    count = np.bincount(samples.face, minlength=len(draped.target.face_start) - 1)
+    count = np.bincount(samples.face, minlength=len(mapped.target.face_start) - 1)
     middle = np.stack([np.bincount(samples.face, axis, minlength=len(count)) for axis in points.T], axis=1)
     off_middle = np.linalg.norm(points - middle[samples.face] / count[samples.face, None], axis=1)
     order = np.lexsort((off_middle, samples.face))
@@ -241,14 +243,14 @@ def _sampled_sheets(cut: CutSurface, draped: Draped, faces: Integers) -> tuple[I
     return samples.face[seed], samples.triangle[seed], points[seed], share
 
 
-def _elected(sheets: Sheets, chart: Chart, draped: Draped) -> Integers:
+def _elected(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
     """(f,) the candidate that each face takes, so that the seams on the target are short."""
-    target = draped.target
-    first, second = sheets.candidates.contested(*draped.adjacent, target.corner_face)
+    target = mapped.target
+    first, second = sheets.candidates.contested(*mapped.adjacent, target.corner_face)
     edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
     return elect(
         sheets.candidates,
-        LOYALTY * draped.circumference,
+        LOYALTY * mapped.circumference,
         one,
         other,
         edge_lengths(target.vertices[target.corner_vertex], first)[edge],
@@ -292,9 +294,9 @@ def _shared(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Float
     return np.where(taken[:, None], of_nearest, uv)
 
 
-def _notes(name: str, chart: Chart, draped: Draped, seed: Integers, uv: Floats) -> tuple[str, ...]:
+def _notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
     """What the user should look at, a sentence each."""
-    flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, draped, seed, uv))
+    flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, mapped, seed, uv))
     faces, islands = len(seed), len(chart.density)
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
     sentences = (
@@ -306,42 +308,42 @@ def _notes(name: str, chart: Chart, draped: Draped, seed: Integers, uv: Floats) 
     return tuple(f"{name}: {sentence}" for count, sentence in sentences if count)
 
 
-def _faults(chart: Chart, draped: Draped, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
+def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
     """Which faces have UVs that are flipped against the source's, without an area, or strongly stretched.
 
     Args:
         chart: the source's UV map.
-        draped: the target on the source.
+        mapped: the target on the source.
         seed: (f,) a triangle of the source where each face lies.
         uv: (c, 2) the target's.
     """
-    source, target = draped.source, draped.target
+    source, target = mapped.source, mapped.target
     island = chart.cut.triangle_island[seed]
     signed = _signed_areas(uv[target.triangle_corners])
     covered = np.bincount(target.triangle_face, signed)
     area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
     expected = chart.density[island] ** 2 * area * source.area / target.area
     degenerate = np.abs(covered) < DEGENERATE * expected
-    flipped = _flipped(chart, draped, seed, signed) & ~degenerate
+    flipped = _flipped(chart, mapped, seed, signed) & ~degenerate
 
     around_face, around_seed = face_edges(target), source.triangle_corners[seed][:, [[0, 1], [1, 2], [2, 0]]]
     in_space = edge_lengths(source.vertices[source.corner_vertex], around_seed).sum(axis=1)
     in_uv = edge_lengths(chart.uv, around_seed).sum(axis=1)
     local = np.divide(in_uv, in_space, out=np.zeros(len(seed)), where=in_space > 0)
-    length = draped.circumference * np.sqrt(source.area / target.area)
+    length = mapped.circumference * np.sqrt(source.area / target.area)
     found = np.bincount(target.corner_face, edge_lengths(uv, around_face))
     long = found > STRETCHED * length * np.maximum(local, chart.density[island])
     short = found * STRETCHED < length * np.minimum(local, chart.density[island])
     return flipped, degenerate, (long | short) & ~degenerate
 
 
-def _flipped(chart: Chart, draped: Draped, seed: Integers, signed: Floats) -> Booleans:
+def _flipped(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
     """(f,) which faces of the target, whose triangles cover UV areas (m,), are turned against the source at the seeds.
 
     Where the source's UVs fold without a seam, a seed may lie over the fold; then the middle of the face decides,
     or rather of the triangle that covers most.
     """
-    source, target = draped.source, draped.target
+    source, target = mapped.source, mapped.target
     outwards = np.bincount(target.triangle_face, signed * _outward(target))
     on_source = _signed_areas(chart.uv[source.triangle_corners]) * _outward(source)
     flipped = outwards * on_source[seed] < 0
@@ -349,7 +351,7 @@ def _flipped(chart: Chart, draped: Draped, seed: Integers, signed: Floats) -> Bo
     largest = np.empty(len(flipped), dtype=np.int64)
     largest[target.triangle_face[order]] = order
     suspects = np.flatnonzero(flipped)
-    middle, _ = draped.locate(largest[suspects], np.full((len(suspects), 3), 1 / 3))
+    middle, _ = mapped.locate(largest[suspects], np.full((len(suspects), 3), 1 / 3))
     island = chart.cut.triangle_island
     over_fold = (island[middle] == island[seed[suspects]]) & (outwards[suspects] * on_source[middle] > 0)
     flipped[suspects[over_fold]] = False

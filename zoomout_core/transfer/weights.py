@@ -15,7 +15,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.inpaint import CLIP
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Weights that sum to one up to rounding are meant to.
 SUM_TOLERANCE = 0.01
@@ -27,7 +27,7 @@ FADING = 3
 
 def mix_weights(
     attribute: Attribute,
-    draped: Draped,
+    mapped: MappedTarget,
     *,
     normalised: ArrayLike | None = None,
     limit: int | None = None,
@@ -42,7 +42,7 @@ def mix_weights(
 
     Args:
         attribute: values are a sparse (n_s, groups) array.
-        draped: the target on the source.
+        mapped: the target on the source.
         normalised: (groups,) mask, or column numbers, of the groups that share a vertex among them: those
             that deform and are not locked. All, when not given.
         limit: how many of these a vertex may have; the most that one has on the source, when not given. Where it
@@ -59,15 +59,15 @@ def mix_weights(
     shared = _column_mask(normalised, weights.shape[1])
     if limit is not None and limit < 1:
         raise MeshError(f"A limit of {limit} weights to a vertex leaves none: give 1 or more.")
-    mixing = _mixing_matrix(draped)
+    mixing = _mixing_matrix(mapped)
     mixed = csr_array(mixing @ weights)
     own_sums = weights @ shared.astype(float)
-    source_sums = own_sums if sums is None else _each(sums, len(draped.source.vertices), "sums")
+    source_sums = own_sums if sums is None else _each(sums, len(mapped.source.vertices), "sums")
     both_sums = mixing @ np.stack([source_sums, own_sums], axis=1)
     notes = attribute.notes
-    if draped.filling is not None:
-        mixed, both_sums = draped.filling.fill_weights(mixed), draped.filling.fill(both_sums, following=True)
-        notes += draped.filling.notes(following=True)
+    if mapped.filling is not None:
+        mixed, both_sums = mapped.filling.fill_weights(mixed), mapped.filling.fill(both_sums, following=True)
+        notes += mapped.filling.notes(following=True)
     mixed.data[mixed.data < CLIP] = 0
     mixed.eliminate_zeros()
     counted = shared[weights.indices] & (weights.data >= CLIP)
@@ -75,7 +75,7 @@ def mix_weights(
     if limit is None or limit >= most:
         _keep_largest(mixed, shared, limit or most)
     else:
-        limit_weights(mixed, draped.target, shared, limit)
+        limit_weights(mixed, mapped.target, shared, limit)
     wanted = np.where(np.abs(both_sums[:, 0] - 1) < SUM_TOLERANCE, 1.0, both_sums[:, 1])
     without = _rescale(mixed, shared, np.minimum(wanted, _each(room, len(wanted), "room")))
     mixed.sort_indices()
@@ -160,14 +160,14 @@ def _column_mask(columns: ArrayLike | None, count: int) -> Booleans:
     return mask
 
 
-def _mixing_matrix(draped: Draped) -> Any:
+def _mixing_matrix(mapped: MappedTarget) -> Any:
     """(n_t, n_s) sparse: row i holds the barycentric weights of target vertex i."""
-    surface_map = draped.surface_map
+    surface_map = mapped.surface_map
     count = len(surface_map.triangle)
     vertices = surface_map.source_triangles[surface_map.triangle]
     return csr_array(
         (surface_map.barycentric.ravel(), vertices.ravel(), np.arange(0, 3 * count + 1, 3)),
-        shape=(count, len(draped.source.vertices)),
+        shape=(count, len(mapped.source.vertices)),
     )
 
 

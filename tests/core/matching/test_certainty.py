@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from shapes import sheet
 
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.ranking import Candidate, _laid, _leading, in_order, rank_steps
 from zoomout_core.matching.scores import EVIDENCE, IN_SPACE
@@ -105,7 +105,7 @@ def test_a_cloth_may_be_bent_the_other_way_so_its_mirror_images_are_rivals() -> 
 
 
 def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken() -> None:
-    shape = drain(shape_steps(sheet(300).surface.working.part(0)[0], 40, 120, 0))
+    shape = drain(analysis_steps(sheet(300).surface.working.part(0)[0], 40, 120, 0))
     identity = np.arange(len(shape.search.samples))
     scores = {"commutativity": 0.1, "frequency": 0.1, "distance": 0.1, "curvature": 0.0, "handedness": 0.0}
     mirrored = replace(candidate(0.0, mirrored=True), sample_map=identity, scores=scores)
@@ -146,9 +146,9 @@ def creatures() -> tuple[Creature, Creature]:
 
 
 @pytest.fixture(scope="module")
-def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], Shape, Shape]:
+def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], ShapeAnalysis, ShapeAnalysis]:
     """The true map, its mirror image, and one that turns about, each told by few functions, and what comes of them."""
-    source, target = (drain(shape_steps(one.surface.working.part(0)[0], 90, 300, 0)) for one in creatures)
+    source, target = (drain(analysis_steps(one.surface.working.part(0)[0], 90, 300, 0)) for one in creatures)
     about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
     maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
     guesses = [

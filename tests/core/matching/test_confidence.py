@@ -7,7 +7,7 @@ import pytest
 from creatures import creature
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.confidence import (
     confidence_of,
     cycle_error,
@@ -21,47 +21,47 @@ TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
-    return drain(shape_steps(MADE.surface.working.part(0)[0], 60, 200, 0))
+def shape() -> ShapeAnalysis:
+    return drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 200, 0))
 
 
-def vertex_map(vertex: np.ndarray, shape: Shape) -> SurfaceMap:
+def vertex_map(vertex: np.ndarray, shape: ShapeAnalysis) -> SurfaceMap:
     found = SurfaceMap.from_vertices(vertex, MADE.surface)
     return SurfaceMap(found.triangle, found.barycentric, shape.mesh.triangles)
 
 
-def identity(shape: Shape) -> SurfaceMap:
+def identity(shape: ShapeAnalysis) -> SurfaceMap:
     return vertex_map(np.arange(len(shape.mesh.vertices)), shape)
 
 
-def shuffled(shape: Shape, where: np.ndarray) -> SurfaceMap:
+def shuffled(shape: ShapeAnalysis, where: np.ndarray) -> SurfaceMap:
     """The identity, but for some vertices that change places with each other."""
     vertex = np.arange(len(where))
     vertex[where] = np.random.default_rng(0).permutation(vertex[where])
     return vertex_map(vertex, shape)
 
 
-def elsewhere(shape: Shape, where: np.ndarray) -> SurfaceMap:
+def elsewhere(shape: ShapeAnalysis, where: np.ndarray) -> SurfaceMap:
     """The identity, but for some vertices, which all go to the first vertex that is none of them."""
     vertex = np.arange(len(where))
     vertex[where] = np.flatnonzero(~where)[0]
     return vertex_map(vertex, shape)
 
 
-def test_a_map_that_all_agree_on_is_trusted(shape: Shape) -> None:
+def test_a_map_that_all_agree_on_is_trusted(shape: ShapeAnalysis) -> None:
     confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, False)
     assert confidence.min() > 0.99
     assert over == 0
 
 
-def test_where_both_witnesses_speak_against_a_map_it_is_not_trusted(shape: Shape) -> None:
+def test_where_both_witnesses_speak_against_a_map_it_is_not_trusted(shape: ShapeAnalysis) -> None:
     there, back = elsewhere(shape, TAIL), identity(shape)
     confidence, _ = confidence_of(there, back, np.eye(40), shape, shape, False)
     assert confidence[TAIL].mean() < 0.3
     assert np.median(confidence[~TAIL]) > 0.8
 
 
-def test_one_witness_that_vouches_for_a_map_is_enough(shape: Shape) -> None:
+def test_one_witness_that_vouches_for_a_map_is_enough(shape: ShapeAnalysis) -> None:
     # A way back that was lost, where the eigenfunctions at both ends agree.
     confidence, _ = confidence_of(identity(shape), elsewhere(shape, TAIL), np.eye(40), shape, shape, False)
     assert confidence[TAIL].mean() > 0.95
@@ -76,7 +76,7 @@ def test_one_witness_that_vouches_for_a_map_is_enough(shape: Shape) -> None:
     [(0.004, 0.004, 0.9, 1.0), (0.022, 0.022, 0.4, 0.6), (0.025, 0.5, 0.0, 0.1), (0.004, 0.12, 0.4, 0.6)],
 )
 def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
-    shape: Shape, cycle: float, spectral: float, low: float, high: float
+    shape: ShapeAnalysis, cycle: float, spectral: float, low: float, high: float
 ) -> None:
     # The way back ends beside the start, along an edge.
     there = identity(shape)
@@ -96,7 +96,7 @@ def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
 
 def test_what_lies_beside_an_error_is_doubted_too() -> None:
     # So many functions that nothing is smooth unless it is made so.
-    shape = drain(shape_steps(MADE.surface.working.part(0)[0], 400, 400, 0))
+    shape = drain(analysis_steps(MADE.surface.working.part(0)[0], 400, 400, 0))
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
     confidence, _ = confidence_of(elsewhere(shape, TAIL), identity(shape), np.eye(40), shape, shape, False)
     beside, far = (distance > 0.07) & (distance < 0.1), distance > 0.3
@@ -104,7 +104,7 @@ def test_what_lies_beside_an_error_is_doubted_too() -> None:
     assert confidence[beside].mean() < 0.9
 
 
-def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Shape) -> None:
+def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: ShapeAnalysis) -> None:
     confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, True)
     assert over == pytest.approx(1)
     assert confidence.max() < 0.01
@@ -118,13 +118,13 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
     assert ((confidence > 0.05) & (confidence < 0.95)).any()  # as much as is turned over around each vertex
 
 
-def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: Shape) -> None:
+def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: ShapeAnalysis) -> None:
     share = share_without_partner(elsewhere(shape, TAIL), identity(shape), shape)
     assert share == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
     assert share_without_partner(identity(shape), identity(shape), shape) == 0
 
 
-def test_small_errors_do_not_make_a_place_lonely(shape: Shape) -> None:
+def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices, axis=2)
     np.fill_diagonal(distance, np.inf)
     beside = np.where(distance.min(axis=1) < 0.04, distance.argmin(axis=1), np.arange(len(distance)))
@@ -132,14 +132,14 @@ def test_small_errors_do_not_make_a_place_lonely(shape: Shape) -> None:
     assert share_without_partner(vertex_map(beside, shape), identity(shape), shape) < 0.02
 
 
-def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: Shape) -> None:
+def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: ShapeAnalysis) -> None:
     back = shuffled(shape, TAIL)
     error = cycle_error(identity(shape), back, 10 * shape.mesh.vertices)
     moved = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[back.vertex], axis=1)
     np.testing.assert_allclose(error, 10 * moved, atol=1e-9)
 
 
-def test_a_step_along_the_surface_changes_eigenfunctions_by_its_length(shape: Shape) -> None:
+def test_a_step_along_the_surface_changes_eigenfunctions_by_its_length(shape: ShapeAnalysis) -> None:
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
     step = np.linalg.norm(shape.mesh.vertices[a] - shape.mesh.vertices[b], axis=1)
     rows, values = shape.basis.eigenvectors[:, :30], shape.basis.eigenvalues[:30]

@@ -9,23 +9,23 @@ import pytest
 from creatures import creature
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape, shape_steps
-from zoomout_core.matching.constraints import Evidence, pinned
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.constraints import Constraints, pinned
 from zoomout_core.matching.pair import Pair
 from zoomout_core.runtime.stepping import drain
 
 MADE = creature(500, seed=0)
-NOTHING = Evidence(None, np.zeros((0, 3)), [])
+NOTHING = Constraints(None, np.zeros((0, 3)), [])
 LEG, TAIL = MADE.directions[:, 2] < -0.7, MADE.directions[:, 1] > 0.8
 
 
 @pytest.fixture(scope="module")
 def pair() -> Pair:
-    shape = drain(shape_steps(MADE.surface.working.part(0)[0], 60, 500, 0))
+    shape = drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 500, 0))
     return Pair(MADE.surface, MADE.surface, shape, shape, 60, 20)
 
 
-def disagreement(pair: Pair, evidence: Evidence, vertex: np.ndarray) -> dict[str, float]:
+def disagreement(pair: Pair, evidence: Constraints, vertex: np.ndarray) -> dict[str, float]:
     """Of a map of all vertices, as far as the samples tell it."""
     shape = pair.source_shape
     samples = shape.search.samples
@@ -110,7 +110,7 @@ def test_anchors_of_regions_are_of_unit_scale_and_fade_beyond_them(pair: Pair) -
 
 
 def test_a_pinned_landmark_takes_its_surroundings_along_and_nothing_else(pair: Pair) -> None:
-    shape: Shape = pair.target_shape
+    shape: ShapeAnalysis = pair.target_shape
     corner_at = np.zeros(len(LEG), dtype=int)
     corner_at[shape.mesh.triangles.ravel()] = np.arange(shape.mesh.triangles.size)
     identity = SurfaceMap(corner_at // 3, np.eye(3)[corner_at % 3], shape.mesh.triangles)

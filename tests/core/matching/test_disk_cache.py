@@ -15,7 +15,7 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.matching import memory_cache
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.runtime.stepping import drain
 
 COUNT = 6000  # large enough to be decimated
@@ -35,15 +35,15 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Grows by one with each shape that is prepared anew."""
     calls: list[int] = []
-    original = memory_cache.shape_steps
-    monkeypatch.setattr(memory_cache, "shape_steps", lambda *args: (calls.append(1), original(*args))[1])
+    original = memory_cache.analysis_steps
+    monkeypatch.setattr(memory_cache, "analysis_steps", lambda *args: (calls.append(1), original(*args))[1])
     return calls
 
 
-def prepared(count: int = COUNT, proxy_vertices: int | None = 2000) -> Shape:
+def prepared(count: int = COUNT, proxy_vertices: int | None = 2000) -> ShapeAnalysis:
     zo.forget_shapes()
     part, _ = creature(count).surface.working.part(0)
-    return drain(memory_cache.kept_shape_steps(part, 40, 300, 0, proxy_vertices))
+    return drain(memory_cache.kept_analysis_steps(part, 40, 300, 0, proxy_vertices))
 
 
 @pytest.mark.parametrize("proxy_vertices", [None, 2000])
@@ -74,8 +74,8 @@ def test_a_match_in_another_process_finds_them_and_gives_the_same_map(folder: Pa
     code = f"""
 import numpy as np, zoomout_core as zo
 from zoomout_core.matching import memory_cache
-def shape_steps(*args): raise AssertionError("prepared anew")
-memory_cache.shape_steps = shape_steps
+def analysis_steps(*args): raise AssertionError("prepared anew")
+memory_cache.analysis_steps = analysis_steps
 zo.store_shapes({str(folder)!r})
 m = np.load({str(tmp_path / "meshes.npz")!r})
 result = zo.match(*(zo.Surface(m[f"v{{i}}"], m[f"t{{i}}"]) for i in (0, 1)), **{NUMBERS!r})
@@ -158,12 +158,12 @@ def test_processes_that_write_at_the_same_time_do_each_other_no_harm(folder: Pat
 import sys; sys.path[:0] = {sys.path!r}
 import zoomout_core as zo
 from creatures import creature
-from zoomout_core.matching.memory_cache import kept_shape_steps
+from zoomout_core.matching.memory_cache import kept_analysis_steps
 zo.store_shapes({str(folder)!r}, 3_000_000)
 for number in range(12):
     zo.forget_shapes()
     part, _ = creature(1300 + number % 3).surface.working.part(0)
-    assert len(zo.drain(kept_shape_steps(part, 30, 100, 0, None)).basis.eigenvalues) == 30
+    assert len(zo.drain(kept_analysis_steps(part, 30, 100, 0, None)).basis.eigenvalues) == 30
 """
     running = [subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE) for _ in range(3)]
     for process in running:

@@ -9,16 +9,16 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.evaluation import flipped_share
-from zoomout_core.matching.analysis import Shape, shape_steps
-from zoomout_core.matching.local_rigid_alignment import lay
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.local_rigid_alignment import align
 
 WIDTH = 0.08
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
+def shape() -> ShapeAnalysis:
     mesh, _ = creature(2500, seed=1, bend=0.4).surface.working.part(0)
-    steps = shape_steps(mesh, 120, 400, 0)
+    steps = analysis_steps(mesh, 120, 400, 0)
     while True:
         try:
             next(steps)
@@ -26,20 +26,20 @@ def shape() -> Shape:
             return finished.value
 
 
-def laid_over(images: np.ndarray, shape: Shape, mirrored: bool = False) -> np.ndarray:
-    return lay(shape.basis.coefficients(images), shape, WIDTH, mirrored).positions
+def laid_over(images: np.ndarray, shape: ShapeAnalysis, mirrored: bool = False) -> np.ndarray:
+    return align(shape.basis.coefficients(images), shape, WIDTH, mirrored).positions
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(a - b, axis=1).mean())
 
 
-def test_a_turned_copy_is_laid_onto_itself(shape: Shape) -> None:
+def test_a_turned_copy_is_laid_onto_itself(shape: ShapeAnalysis) -> None:
     turned = shape.mesh.vertices @ Rotation.from_euler("xyz", [0.5, 2.0, -1.0]).as_matrix().T
     assert distance(laid_over(turned, shape), turned) < 0.005
 
 
-def test_a_mirrored_limb_is_laid_with_its_own_sense(shape: Shape) -> None:
+def test_a_mirrored_limb_is_laid_with_its_own_sense(shape: ShapeAnalysis) -> None:
     vertices = shape.mesh.vertices
     arm = vertices[:, 0] > 0.6 * vertices[:, 0].max()
     images = vertices.copy()
@@ -48,7 +48,7 @@ def test_a_mirrored_limb_is_laid_with_its_own_sense(shape: Shape) -> None:
     assert distance(laid_over(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
 
 
-def test_maps_that_reverse_the_orientation_are_laid_mirrored(shape: Shape) -> None:
+def test_maps_that_reverse_the_orientation_are_laid_mirrored(shape: ShapeAnalysis) -> None:
     mirrored = shape.mesh.vertices * [1, -1, 1]
     assert distance(laid_over(mirrored, shape, mirrored=True), mirrored) < 0.005
     assert distance(laid_over(mirrored, shape, mirrored=False), mirrored) > 0.02

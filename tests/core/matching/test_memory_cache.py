@@ -11,8 +11,8 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.matching import memory_cache
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.memory_cache import kept_shape_steps, kept_working_mesh
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain
@@ -34,8 +34,8 @@ def as_new(surface: Surface) -> Surface:
     return Surface(surface.vertices, surface.triangles)
 
 
-def prepared(part: WorkingMesh, k: int = 30) -> Shape:
-    return drain(kept_shape_steps(part, k, 100, 0, None))
+def prepared(part: WorkingMesh, k: int = 30) -> ShapeAnalysis:
+    return drain(kept_analysis_steps(part, k, 100, 0, None))
 
 
 def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
@@ -103,11 +103,11 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
         return first
 
     first = prepared(part)
-    monkeypatch.setattr(memory_cache, "shape_steps", prepare)
+    monkeypatch.setattr(memory_cache, "analysis_steps", prepare)
     numbers = {"k": 31, "samples": 100, "seed": 0, "proxy_vertices": None}
     other = numbers | {changed: 700}
     for each in (numbers, other, numbers, other):
-        drain(kept_shape_steps(part, **each))
+        drain(kept_analysis_steps(part, **each))
     assert asked == [tuple(numbers.values()), tuple(other.values())]
 
 
@@ -117,6 +117,6 @@ def test_what_a_shape_takes_is_reckoned_with_all_that_it_holds(part: WorkingMesh
         held = shape.distances.nbytes + shape.basis.eigenvectors.nbytes + shape.proxy.full.vertices.nbytes
         assert held < memory_cache._bytes(shape) < 10 * held
     assert 2 * part.vertices.nbytes < memory_cache._bytes(part) < 20 * part.vertices.nbytes
-    by_stand_in = drain(memory_cache.shape_steps(creature(3000).surface.working, 20, 100, 0, 1000))
-    by_itself = drain(memory_cache.shape_steps(by_stand_in.mesh, 20, 100, 0, None))
+    by_stand_in = drain(memory_cache.analysis_steps(creature(3000).surface.working, 20, 100, 0, 1000))
+    by_itself = drain(memory_cache.analysis_steps(by_stand_in.mesh, 20, 100, 0, None))
     assert memory_cache._bytes(by_stand_in) > memory_cache._bytes(by_itself) + by_stand_in.proxy.full.vertices.nbytes

@@ -7,7 +7,7 @@ import pytest
 from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -15,9 +15,9 @@ from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.stepping import drain
 
 
-def shape_of(surface: Surface, proxy_vertices: int | None = None) -> Shape:
+def shape_of(surface: Surface, proxy_vertices: int | None = None) -> ShapeAnalysis:
     part, _ = surface.working.part(0)
-    return drain(shape_steps(part, k=20, samples=50, seed=0, proxy_vertices=proxy_vertices))
+    return drain(analysis_steps(part, k=20, samples=50, seed=0, proxy_vertices=proxy_vertices))
 
 
 @pytest.fixture(scope="module")

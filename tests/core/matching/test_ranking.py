@@ -8,7 +8,7 @@ from creatures import Creature, mirrored_vertex, true_vertex
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.ranking import rank_steps
 from zoomout_core.matching.scores import orientation_agreement, scores_of
@@ -17,14 +17,14 @@ from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture(scope="module")
-def shapes(resting: Creature, bent: Creature) -> tuple[Shape, Shape]:
+def shapes(resting: Creature, bent: Creature) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     source, target = (
-        drain(shape_steps(creature.surface.working.part(0)[0], 100, 500, 0)) for creature in (resting, bent)
+        drain(analysis_steps(creature.surface.working.part(0)[0], 100, 500, 0)) for creature in (resting, bent)
     )
     return source, target
 
 
-def sample_map(vertex: np.ndarray, source: Shape, target: Shape) -> np.ndarray:
+def sample_map(vertex: np.ndarray, source: ShapeAnalysis, target: ShapeAnalysis) -> np.ndarray:
     """A vertex map as a map between search samples: the source sample nearest to each image."""
     samples = source.mesh.vertices[source.search.samples]
     return np.asarray(cKDTree(samples).query(source.mesh.vertices[vertex[target.search.samples]])[1])
@@ -54,7 +54,7 @@ def test_every_criterion_prefers_the_true_map_to_a_wrong_one(shapes, resting, be
 def test_handedness_tells_a_shape_from_its_mirror_image(shapes, resting) -> None:
     source = shapes[0]
     mirror = Surface(resting.surface.vertices * [-1, 1, 1], resting.surface.triangles[:, ::-1])
-    target = drain(shape_steps(mirror.working, 100, 500, 0))
+    target = drain(analysis_steps(mirror.working, 100, 500, 0))
     identity = np.arange(len(source.search.samples))
     for reverses, expected in ((False, -1), (True, 1)):
         scores = scores_of(np.eye(60), identity, source, target, reverses)

@@ -9,28 +9,28 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.matching.analysis import Shape, shape_steps
-from zoomout_core.matching.local_rigid_alignment import Laid, _rotations_of_blends, beside_places, lay
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.local_rigid_alignment import Alignment, _rotations_of_blends, align, beside_places
 from zoomout_core.matching.refinement import _nearest_near_samples, _regard_for_space, dense_steps
 from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
-    return drain(shape_steps(creature(500).surface.working.part(0)[0], 100, 200, 0))
+def shape() -> ShapeAnalysis:
+    return drain(analysis_steps(creature(500).surface.working.part(0)[0], 100, 200, 0))
 
 
-def regard(shape: Shape, off_in_space: float, off_along: float) -> float:
+def regard(shape: ShapeAnalysis, off_in_space: float, off_along: float) -> float:
     """For a map that misses by so much in space, and by about so much along the surface."""
     samples = shape.sampled.samples
     vertices = shape.mesh.vertices
     noise = np.random.default_rng(0).normal(scale=off_along, size=(len(samples), 3))
     vertex = np.linalg.norm((vertices[samples] + noise)[:, None] - vertices, axis=2).argmin(axis=1)
-    laid = Laid(vertices[vertex] + [off_in_space, 0, 0], shape.mesh.vertex_normals[samples])
+    laid = Alignment(vertices[vertex] + [off_in_space, 0, 0], shape.mesh.vertex_normals[samples])
     return _regard_for_space(vertex, laid, shape, shape, 30)
 
 
-def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: Shape) -> None:
+def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: ShapeAnalysis) -> None:
     regards = [regard(shape, off, 0.1) for off in (0.001, 0.03, 0.06, 1.0)]
     assert regards == sorted(regards, reverse=True)
     assert regards[0] > 2
@@ -41,10 +41,10 @@ def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: 
     assert regard(shape, 0.03, 0.2) > regard(shape, 0.03, 0.02)
 
 
-def test_places_and_eigenfunctions_are_in_one_scale(shape: Shape) -> None:
+def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:
     # Neighbours along the surface are as far apart in the one as in the other.
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
-    laid = Laid(shape.mesh.vertices, 0 * shape.mesh.vertex_normals)
+    laid = Alignment(shape.mesh.vertices, 0 * shape.mesh.vertex_normals)
     rows = shape.basis.eigenvectors[:, :30]
     both, _ = beside_places(rows, rows, laid, shape, 30, 1.0)
     step = both[a] - both[b]
@@ -54,10 +54,10 @@ def test_places_and_eigenfunctions_are_in_one_scale(shape: Shape) -> None:
     np.testing.assert_allclose(quarter[:, 30:33], both[:, 30:33] / 2)
 
 
-def test_normals_tell_the_two_sides_of_a_limb_apart(shape: Shape) -> None:
+def test_normals_tell_the_two_sides_of_a_limb_apart(shape: ShapeAnalysis) -> None:
     rows = np.zeros((len(shape.mesh.vertices), 1))
     normals = shape.mesh.vertex_normals
-    laid = Laid(shape.mesh.vertices, -normals)
+    laid = Alignment(shape.mesh.vertices, -normals)
     queries, embedded = beside_places(rows, rows, laid, shape, 30, 1.0)
     other_side = np.linalg.norm(queries[:, None] - embedded, axis=2).argmin(axis=1)
     assert np.median(np.einsum("nx,nx->n", normals, normals[other_side])) < -0.3
@@ -65,7 +65,7 @@ def test_normals_tell_the_two_sides_of_a_limb_apart(shape: Shape) -> None:
     assert np.median(off) < 0.3  # and no farther off than that is worth
 
 
-def test_the_nearest_vertex_is_found_around_the_nearest_sample(shape: Shape) -> None:
+def test_the_nearest_vertex_is_found_around_the_nearest_sample(shape: ShapeAnalysis) -> None:
     queries = shape.mesh.vertices + np.random.default_rng(0).normal(scale=0.01, size=shape.mesh.vertices.shape)
     exact = np.linalg.norm(queries[:, None] - shape.mesh.vertices, axis=2).argmin(axis=1)
     assert (_nearest_near_samples(queries, shape.mesh.vertices, shape) == exact).mean() > 0.99
@@ -81,27 +81,27 @@ def test_blends_become_the_nearest_rotations_clear_or_not() -> None:
     np.testing.assert_allclose(_rotations_of_blends(1e-3 * clear), nearest_rotations(clear), atol=1e-6)
 
 
-def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_target(shape: Shape) -> None:
+def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_target(shape: ShapeAnalysis) -> None:
     noise = np.random.default_rng(0).normal(scale=0.05, size=shape.mesh.vertices.shape)
     images = shape.basis.coefficients(shape.mesh.vertices + noise)
     off = [
-        np.linalg.norm(lay(images, shape, width, False).positions - shape.mesh.vertices, axis=1).mean()
+        np.linalg.norm(align(images, shape, width, False).positions - shape.mesh.vertices, axis=1).mean()
         for width in (0.0, 0.08)
     ]
     assert off[1] < 0.8 * off[0]
 
 
-def test_a_few_vertices_are_laid_as_they_are_among_all(shape: Shape) -> None:
+def test_a_few_vertices_are_laid_as_they_are_among_all(shape: ShapeAnalysis) -> None:
     images = shape.basis.coefficients(shape.mesh.vertices @ Rotation.from_rotvec([0, 0, 1.0]).as_matrix().T)
     some = np.array([3, 77, 400])
-    whole, few = lay(images, shape, 0.08, False), lay(images, shape, 0.08, False, some)
+    whole, few = align(images, shape, 0.08, False), align(images, shape, 0.08, False, some)
     np.testing.assert_allclose(few.positions, whole.positions[some])
     np.testing.assert_allclose(few.normals, whole.normals[some])
 
 
 def test_a_candidate_becomes_a_dense_map_that_is_finer_and_no_larger_than_the_mesh_resolves() -> None:
     source, target = creature(600, seed=0), creature(560, seed=1, bend=0.4)
-    shapes = [drain(shape_steps(one.surface.working.part(0)[0], 100, 300, 0)) for one in (source, target)]
+    shapes = [drain(analysis_steps(one.surface.working.part(0)[0], 100, 300, 0)) for one in (source, target)]
     C = functional_map_of(true_vertex(source, target), shapes[0].basis, shapes[1].basis, 10, 10)
     rough = vertex_map_of(C, shapes[0].basis, shapes[1].basis)
     dense, functional_map = drain(dense_steps(*shapes, C, None, False, 100, 20))

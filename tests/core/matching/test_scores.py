@@ -8,7 +8,7 @@ from creatures import creature, true_vertex
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.scores import (
     EVIDENCE,
     correlation,
@@ -32,12 +32,12 @@ SCORES = {
 }
 
 
-def shape_of(surface: Surface) -> Shape:
-    return drain(shape_steps(surface.working.part(0)[0], 60, 200, 0))
+def shape_of(surface: Surface) -> ShapeAnalysis:
+    return drain(analysis_steps(surface.working.part(0)[0], 60, 200, 0))
 
 
 @pytest.fixture(scope="module")
-def shapes() -> tuple[Shape, Shape]:
+def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return shape_of(creature(500, seed=0).surface), shape_of(creature(480, seed=1).surface)
 
 
@@ -97,7 +97,9 @@ def test_a_function_that_is_constant_but_for_rounding_correlates_with_nothing() 
     assert abs(correlation(flat, x, np.full(50, 0.02))) < 1e-3
 
 
-def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(shapes: tuple[Shape, Shape]) -> None:
+def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(
+    shapes: tuple[ShapeAnalysis, ShapeAnalysis],
+) -> None:
     shape = shapes[0]
     identity = np.arange(len(shape.search.samples))
     kept = scores_of(np.eye(40), identity, shape, shape, False)
@@ -113,7 +115,7 @@ def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(shapes: tu
     assert abs(lost["handedness"]) < 0.3
 
 
-def test_orientation_is_a_matter_of_sign(shapes: tuple[Shape, Shape]) -> None:
+def test_orientation_is_a_matter_of_sign(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> None:
     shape = shapes[0]
     identity = np.arange(len(shape.search.samples))
     mirror = shape_of(Surface(shape.mesh.vertices * [-1, 1, 1], shape.mesh.oriented_triangles[:, ::-1]))
@@ -127,7 +129,7 @@ def test_orientation_is_a_matter_of_sign(shapes: tuple[Shape, Shape]) -> None:
 
 
 def test_the_target_fits_in_space_where_the_map_is_right_in_whatever_way_it_is_turned(
-    shapes: tuple[Shape, Shape],
+    shapes: tuple[ShapeAnalysis, ShapeAnalysis],
 ) -> None:
     shape = shapes[0]
     identity = np.arange(len(shape.search.samples))

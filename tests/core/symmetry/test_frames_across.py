@@ -13,7 +13,7 @@ from creatures import directions
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.matching.analysis import shape_steps
+from zoomout_core.matching.analysis import analysis_steps
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.detect import _place, energies
@@ -33,7 +33,7 @@ def egg(scale: float = 1.0) -> SelfMap:
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
     triangles[inward] = triangles[inward][:, ::-1]
     surface = Surface(scale * EVEN * [1, 0.8, 1.3], triangles)
-    shape = drain(shape_steps(surface.working, 100, 150, 0))
+    shape = drain(analysis_steps(surface.working, 100, 150, 0))
     return replace(self_map(surface), prepared=shape)
 
 
@@ -72,7 +72,7 @@ def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() ->
         near, mirrored = (np.linalg.norm(EVEN - place, axis=1) for place in (at, at * MIRROR))
         dent = 0.15 * np.exp(-((near / 0.3) ** 2))
         dented = even.surface.with_vertices(even.surface.vertices * (1 - dent[:, None]))
-        shape = drain(shape_steps(dented.working, 100, 150, 0))
+        shape = drain(analysis_steps(dented.working, 100, 150, 0))
         heat = shape_asymmetry(replace(even, surface=dented, prepared=shape)) / scale
         for distance in (near, mirrored):
             assert 0.4 * dent.max() < heat[distance < 0.2].max() < 1.3 * dent.max()

@@ -13,7 +13,7 @@ from creatures import creature, directions
 from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
@@ -26,11 +26,11 @@ from zoomout_core.symmetry.hypotheses import (
 COUNT = 6
 
 
-def prepared(surface: Surface) -> Shape:
-    return drain(shape_steps(surface.working, 130, 400, 0))
+def prepared(surface: Surface) -> ShapeAnalysis:
+    return drain(analysis_steps(surface.working, 130, 400, 0))
 
 
-def mirror_of(shape: Shape, places: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def mirror_of(shape: ShapeAnalysis, places: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The functional map of the mirror of a shape whose vertices stand for places (n, 3) on the sphere."""
     triangle, weights = closest_points(places * MIRROR, places, triangles)
     images = np.einsum("nc,nck->nk", weights, shape.basis.eigenvectors[triangles[triangle]])
@@ -38,7 +38,7 @@ def mirror_of(shape: Shape, places: np.ndarray, triangles: np.ndarray) -> np.nda
 
 
 @pytest.fixture(scope="module")
-def animal() -> tuple[Shape, np.ndarray]:
+def animal() -> tuple[ShapeAnalysis, np.ndarray]:
     """A creature, and the functional map of its mirror."""
     made = creature(500)
     shape = prepared(made.surface)
@@ -46,7 +46,7 @@ def animal() -> tuple[Shape, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def stone() -> tuple[Shape, np.ndarray]:
+def stone() -> tuple[ShapeAnalysis, np.ndarray]:
     """A stone without limbs, whose left and right are alike and nothing else is."""
     places = directions(400, seed=2)
     _, y, z = places.T
@@ -85,24 +85,24 @@ def closeness(hypotheses: list[Hypothesis], truth: np.ndarray) -> list[float]:
     ]
 
 
-def test_the_mirror_of_an_animal_is_among_pairings_of_its_tips(animal: tuple[Shape, np.ndarray]) -> None:
+def test_the_mirror_of_an_animal_is_among_pairings_of_its_tips(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, truth = animal
     assert min(closeness(mirroring_pairings(shape), truth)) < 0.35
 
 
-def test_the_mirror_of_a_stone_is_among_few_blocks(stone: tuple[Shape, np.ndarray]) -> None:
+def test_the_mirror_of_a_stone_is_among_few_blocks(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, truth = stone
     assert min(closeness(blocks_of_eigenfunctions(shape), truth)) < 0.35
 
 
-def test_pairings_lead_back(animal: tuple[Shape, np.ndarray]) -> None:
+def test_pairings_lead_back(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, _ = animal
     for guess in mirroring_pairings(shape):
         block = guess.functional_map
         assert np.linalg.norm(block @ block - np.eye(len(block))) < np.linalg.norm(np.eye(len(block)))
 
 
-def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple[Shape, np.ndarray]) -> None:
+def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, _ = animal
     maps = [guess.functional_map for guess in blocks_of_eigenfunctions(shape)]
     assert 2 <= len(maps) <= 8
@@ -112,7 +112,7 @@ def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple
         assert all(np.linalg.norm(one - other) > 0.5 * np.linalg.norm(other) for other in maps[:i])
 
 
-def turned(shape: Shape, angle: float, mirrored: bool = False) -> np.ndarray:
+def turned(shape: ShapeAnalysis, angle: float, mirrored: bool = False) -> np.ndarray:
     """The functional map of a turn around z, or a mirror through it."""
     vertices = shape.mesh.vertices
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -147,16 +147,16 @@ def test_axes_of_a_cube_change_places() -> None:
     assert len(orders) > 1
 
 
-def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[Shape, np.ndarray]) -> None:
+def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape = stone[0]
-    few = drain(shape_steps(shape.proxy.full, 10, 200, 0))
+    few = drain(analysis_steps(shape.proxy.full, 10, 200, 0))
     maps = [guess.functional_map for guess in blocks_of_eigenfunctions(few)]
     assert len(maps) > 1
     assert all(2 <= len(block) <= 5 for block in maps)
 
 
 def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(
-    animal: tuple[Shape, np.ndarray], monkeypatch: pytest.MonkeyPatch
+    animal: tuple[ShapeAnalysis, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shape, _ = animal
     assert turning_pairings(shape) == []
@@ -167,7 +167,7 @@ def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(
         monkeypatch.setattr(
             "zoomout_core.symmetry.hypotheses.extremity_hypotheses", lambda *_, **__: found.append(True) or []
         )
-        turning_pairings(cast(Shape, SimpleNamespace(basis=SimpleNamespace(eigenvalues=eigenvalues))))
+        turning_pairings(cast(ShapeAnalysis, SimpleNamespace(basis=SimpleNamespace(eigenvalues=eigenvalues))))
         return bool(found)
 
     assert not asked(apart)

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.involution import involution, return_error
 
@@ -28,9 +28,11 @@ def lens(thickness: float, count: int = 400) -> Surface:
     return Surface(points * [1, 1, thickness], triangles)
 
 
-def shape_of(surface: Surface) -> Shape:
+def shape_of(surface: Surface) -> ShapeAnalysis:
     mesh = surface.working
-    return cast(Shape, SimpleNamespace(mesh=mesh, neighbourhoods=Neighbourhoods(mesh.triangles, len(mesh.vertices))))
+    return cast(
+        ShapeAnalysis, SimpleNamespace(mesh=mesh, neighbourhoods=Neighbourhoods(mesh.triangles, len(mesh.vertices)))
+    )
 
 
 def noisy_mirror(surface: Surface, noise: float) -> SurfaceMap:

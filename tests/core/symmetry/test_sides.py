@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance, zero_line
@@ -27,8 +27,8 @@ def made() -> Creature:
 
 
 @pytest.fixture(scope="module")
-def shape(made: Creature) -> Shape:
-    return drain(shape_steps(made.surface.working, 60, 200, 0))
+def shape(made: Creature) -> ShapeAnalysis:
+    return drain(analysis_steps(made.surface.working, 60, 200, 0))
 
 
 def onto(made: Creature, places: np.ndarray) -> SurfaceMap:
@@ -36,7 +36,7 @@ def onto(made: Creature, places: np.ndarray) -> SurfaceMap:
     return SurfaceMap(*closest_points(places, made.directions, made.surface.triangles), made.surface.triangles)
 
 
-def test_a_mirror_divides_a_body_in_two(made: Creature, shape: Shape) -> None:
+def test_a_mirror_divides_a_body_in_two(made: Creature, shape: ShapeAnalysis) -> None:
     mirror = onto(made, made.directions * MIRROR)
     distance = signed_distance(mirror, shape)
     assert distance is not None
@@ -54,12 +54,12 @@ def test_a_mirror_divides_a_body_in_two(made: Creature, shape: Shape) -> None:
 def test_a_point_reflection_does_not() -> None:
     places = directions(400, seed=1)
     ball = Creature(Surface(places, ConvexHull(places).simplices), places)
-    shape = drain(shape_steps(ball.surface.working, 60, 200, 0))
+    shape = drain(analysis_steps(ball.surface.working, 60, 200, 0))
     assert signed_distance(onto(ball, -places), shape) is None
     assert signed_distance(onto(ball, places * MIRROR), shape) is not None
 
 
-def test_a_mirror_of_which_half_is_noise_still_does(made: Creature, shape: Shape) -> None:
+def test_a_mirror_of_which_half_is_noise_still_does(made: Creature, shape: ShapeAnalysis) -> None:
     random = np.random.default_rng(0)
     off = np.where(random.random((400, 1)) < 0.5, random.normal(scale=1.0, size=(400, 3)), 0)
     distance = signed_distance(onto(made, made.directions * MIRROR + off), shape)
@@ -105,12 +105,12 @@ def joined(parts: list[tuple[Surface, np.ndarray]]) -> tuple[Surface, np.ndarray
     return Surface(vertices, faces), np.repeat(np.arange(len(parts)), np.diff(starts))
 
 
-def around(surface: Surface, body: np.ndarray, scale: float, is_skin: bool = False) -> Shape:
+def around(surface: Surface, body: np.ndarray, scale: float, is_skin: bool = False) -> ShapeAnalysis:
     """What is asked of a shape whose mesh is some vertices (n,) of a surface, at another scale."""
     number = np.where(body, np.cumsum(body) - 1, -1)
     full = SimpleNamespace(vertex_of=number, scale=scale, is_skin=is_skin)
     place = SimpleNamespace(interpolate=lambda values: values)
-    return cast(Shape, SimpleNamespace(proxy=SimpleNamespace(full=full, place=place)))
+    return cast(ShapeAnalysis, SimpleNamespace(proxy=SimpleNamespace(full=full, place=place)))
 
 
 def test_eyes_lie_on_the_side_of_the_body_that_is_near_and_a_nose_on_both() -> None:

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.symmetry import ranking
 from zoomout_core.symmetry.involution import distance_moved, mean_distance, order_of
@@ -20,7 +20,7 @@ AT = (np.stack(np.divmod(np.arange(SIDE**2), SIDE), axis=1) + 0.5) / SIDE
 GOOD = {"commutativity": 0.6, "distance": 0.03, "place": 0.02, "curvature": 0.9}
 
 
-def shape_at(places: np.ndarray, pseudo_scalars: np.ndarray | None = None) -> Shape:
+def shape_at(places: np.ndarray, pseudo_scalars: np.ndarray | None = None) -> ShapeAnalysis:
     """What is asked of a shape, for samples (s, d) in a space of unit size; pseudo-scalars (s, p) or zeros."""
     count = len(places)
     between = np.linalg.norm(places[:, None] - places, axis=2)
@@ -33,7 +33,7 @@ def shape_at(places: np.ndarray, pseudo_scalars: np.ndarray | None = None) -> Sh
         "search": SimpleNamespace(samples=np.arange(count), rows=np.eye(count)),
         "basis": SimpleNamespace(eigenvectors=np.eye(count)),
     }
-    return cast(Shape, SimpleNamespace(**parts))
+    return cast(ShapeAnalysis, SimpleNamespace(**parts))
 
 
 def image(places: np.ndarray) -> np.ndarray:
@@ -57,7 +57,7 @@ def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def square() -> Shape:
+def square() -> ShapeAnalysis:
     return shape_at(AT)
 
 
@@ -65,7 +65,9 @@ def square() -> Shape:
     ("criterion", "better", "worse"),
     [("commutativity", 0.5, 0.7), ("distance", 0.02, 0.05), ("place", 0.01, 0.03), ("curvature", 0.95, 0.8)],
 )
-def test_each_criterion_puts_the_better_map_first(square: Shape, criterion: str, better: float, worse: float) -> None:
+def test_each_criterion_puts_the_better_map_first(
+    square: ShapeAnalysis, criterion: str, better: float, worse: float
+) -> None:
     for maps in ((LEFT_RIGHT, UP_DOWN), (UP_DOWN, LEFT_RIGHT)):
         one, other = in_order(
             [candidate(maps[0], **{criterion: worse}), candidate(maps[1], **{criterion: better})], square
@@ -79,7 +81,9 @@ def test_each_criterion_puts_the_better_map_first(square: Shape, criterion: str,
     ("criterion", "values"),
     [("commutativity", (0.09, 1e-3)), ("distance", (9e-3, 1e-5)), ("place", (1.9e-3, 1e-5)), ("curvature", (0.991, 1))],
 )
-def test_what_a_mesh_makes_of_nothing_is_nothing(square: Shape, criterion: str, values: tuple[float, float]) -> None:
+def test_what_a_mesh_makes_of_nothing_is_nothing(
+    square: ShapeAnalysis, criterion: str, values: tuple[float, float]
+) -> None:
     maps = [candidate(m, **{criterion: value}) for m, value in zip((LEFT_RIGHT, UP_DOWN), values, strict=True)]
     one, other = in_order(maps, square)
     assert one.scores["total"] == pytest.approx(other.scores["total"])
@@ -94,14 +98,14 @@ def test_a_map_that_turns_pseudo_scalars_as_its_orientation_says_comes_first() -
     assert (one.sample_map == UP_DOWN).all()
 
 
-def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: Shape) -> None:
+def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: ShapeAnalysis) -> None:
     half = np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT)))
     one, other = in_order([candidate(half), candidate(LEFT_RIGHT)], square)
     assert (one.sample_map == LEFT_RIGHT).all()
     assert one.scores["moved"] == pytest.approx(2 * other.scores["moved"])
 
 
-def test_a_turn_has_to_be_better_than_a_reflection(square: Shape) -> None:
+def test_a_turn_has_to_be_better_than_a_reflection(square: ShapeAnalysis) -> None:
     def first_reverses(place: float) -> bool:
         # They lead to the same places, and are two nevertheless.
         first, _ = in_order([candidate(LEFT_RIGHT, False, place=place), candidate(LEFT_RIGHT)], square)
@@ -112,7 +116,7 @@ def test_a_turn_has_to_be_better_than_a_reflection(square: Shape) -> None:
     assert not first_reverses(0.2 * GOOD["place"])
 
 
-def test_maps_that_lead_to_about_the_same_places_are_one(square: Shape) -> None:
+def test_maps_that_lead_to_about_the_same_places_are_one(square: ShapeAnalysis) -> None:
     # Some samples go one place too far, a tenth of the side: 0.07 off on average, or 0.2.
     for share, count in ((0.7, 1), (1.0, 2)):
         off = image(np.clip(AT[LEFT_RIGHT] + [0, 0.1 if share < 1 else 0.25], 0, 0.95))
@@ -122,11 +126,11 @@ def test_maps_that_lead_to_about_the_same_places_are_one(square: Shape) -> None:
         assert (found[0].sample_map == LEFT_RIGHT).all()
 
 
-def certainties(square: Shape, *candidates: Candidate) -> list[float]:
+def certainties(square: ShapeAnalysis, *candidates: Candidate) -> list[float]:
     return [one.certainty for one in in_order(list(candidates), square)]
 
 
-def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(square: Shape) -> None:
+def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(square: ShapeAnalysis) -> None:
     rival = [
         certainties(square, candidate(LEFT_RIGHT), candidate(UP_DOWN, place=place)) for place in (0.021, 0.04, 0.2, 2)
     ]
@@ -141,14 +145,14 @@ def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(s
     assert behind[2] < 0.1
 
 
-def test_a_bad_map_is_unsure_though_it_has_no_rival(square: Shape) -> None:
+def test_a_bad_map_is_unsure_though_it_has_no_rival(square: ShapeAnalysis) -> None:
     (certainty,) = certainties(square, candidate(LEFT_RIGHT, commutativity=3, distance=0.3, place=0.2, curvature=0.2))
     assert certainty < 0.5
     (good,) = certainties(square, candidate(LEFT_RIGHT))
     assert good > 0.9
 
 
-def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: Shape) -> None:
+def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: ShapeAnalysis) -> None:
     maps = LEFT_RIGHT, UP_DOWN
     assert min(certainties(square, *(candidate(one, commutativity=0.12) for one in maps))) > SURE
     assert max(certainties(square, *(candidate(one) for one in maps))) < 0.8
@@ -162,7 +166,7 @@ def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: Shape) -
     assert other < 0.1 < 0.9 < one
 
 
-def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(square: Shape) -> None:
+def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(square: ShapeAnalysis) -> None:
     tried = []
     for worse in np.geomspace(0.02, 5, 60):
         found = in_order(
@@ -183,7 +187,7 @@ def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(squ
 # --- how far maps move things -------------------------------------------------------------------------------
 
 
-def test_a_symmetry_moves_nearly_everything(square: Shape) -> None:
+def test_a_symmetry_moves_nearly_everything(square: ShapeAnalysis) -> None:
     def fixing(share: float) -> np.ndarray:
         return np.where(AT[:, 1] < share, np.arange(len(AT)), far)
 
@@ -202,7 +206,7 @@ def test_what_moves_by_little_counts_as_fixed() -> None:
         assert is_no_part_of_identity(np.roll(np.arange(200), 1), True, shape_at(row)) == moves
 
 
-def ring(count: int, length: float) -> Shape:
+def ring(count: int, length: float) -> ShapeAnalysis:
     shape = shape_at(np.zeros((count, 2)))
     apart = np.abs(np.arange(count)[:, None] - np.arange(count))
     vars(shape)["distances_between"] = np.minimum(apart, count - apart) * length / count

@@ -12,7 +12,7 @@ from transfer_meshes import nearest_map, plate
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.polylines import runs, sample, string_together
+from zoomout_core.transfer.polylines import polylines_of, runs, sample
 
 SIZE = 20
 
@@ -200,7 +200,7 @@ def test_a_closed_line_stays_closed_however_small(cells: int) -> None:
 def test_edges_are_strung_from_junction_to_junction_each_in_order() -> None:
     # A fork: 0-1-2 meet 2-3-4 and 2-5 in 2; a triangle 7-8-9 is apart.
     edges = np.array([[1, 0], [2, 1], [2, 3], [4, 3], [5, 2], [8, 7], [8, 9], [7, 9]])
-    chains = string_together(edges)
+    chains = polylines_of(edges)
     assert sorted(chains.edge.tolist()) == list(range(len(edges)))
     found = set()
     for number in np.unique(chains.chain):
@@ -216,7 +216,7 @@ def test_edges_are_strung_from_junction_to_junction_each_in_order() -> None:
 def test_samples_hold_all_vertices_and_are_no_farther_apart_than_asked() -> None:
     edges = np.array([[0, 1], [1, 2], [3, 4]])
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 2.5, 0], [9, 0, 0], [9, 0, 0.2]])
-    chains = string_together(edges)
+    chains = polylines_of(edges)
     samples = sample(chains, vertices, 0.4)
     for number, ends in ((samples.chain[0], 3.5), (samples.chain[-1], 0.2)):
         of = samples.chain == number

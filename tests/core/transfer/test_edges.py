@@ -83,11 +83,11 @@ def seams(made: Creature) -> np.ndarray:
 
 def shape_of(surface: Surface, marked: np.ndarray) -> tuple[int, int, int]:
     """How many parts marked edges form, how many loops, and how many loose ends."""
-    knots, number = np.unique(surface.edges[marked], return_inverse=True)
+    vertices, number = np.unique(surface.edges[marked], return_inverse=True)
     number = number.reshape(-1, 2)
-    graph = coo_array((np.ones(len(number)), tuple(number.T)), shape=(len(knots),) * 2)
+    graph = coo_array((np.ones(len(number)), tuple(number.T)), shape=(len(vertices),) * 2)
     parts = connected_components(graph, directed=False)[0]
-    return parts, len(number) - len(knots) + parts, int((np.bincount(number.ravel()) == 1).sum())
+    return parts, len(number) - len(vertices) + parts, int((np.bincount(number.ravel()) == 1).sum())
 
 
 def points_on(vertices: np.ndarray, ends: np.ndarray, spacing: float) -> np.ndarray:
@@ -360,9 +360,9 @@ def test_lines_that_end_at_a_border_end_at_the_target_s() -> None:
     marked = (columns[:, 0] == columns[:, 1]) & (columns[:, 0] % 10 == 0)
     result = carried(marked, surface_map, source.surface, target.surface)
     assert shape_of(target.surface, result.values) == (12, 0, 24)
-    knots, count = np.unique(target.surface.edges[result.values], return_counts=True)
-    assert np.isin(target.parameters[knots[count == 1], 1], [0, 1]).all()
-    assert np.isin(target.parameters[knots[count == 2], 1], [0, 1]).sum() == 0
+    vertices, count = np.unique(target.surface.edges[result.values], return_counts=True)
+    assert np.isin(target.parameters[vertices[count == 1], 1], [0, 1]).all()
+    assert np.isin(target.parameters[vertices[count == 2], 1], [0, 1]).sum() == 0
 
     rims = (ends[:, :, 1] % 1 == 0).all(axis=1)
     result = carried(rims, true_map(source, 120, 40, target.parameters), source.surface, target.surface)

@@ -12,7 +12,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import face_edges
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.seam_cut import SNAP, SeamCut, seam_cut
 
 LAYOUTS = {"islands": (6, 4), "rings that border themselves": (5, 1)}
@@ -33,7 +33,7 @@ def target(request: pytest.FixtureRequest) -> Sheet:
 def cut_of(source: Sheet, target: Sheet, layout: tuple[int, int]) -> tuple[Attribute, SeamCut, Surface]:
     uv = Attribute("UVMap", Domain.CORNER, Kind.UV, atlas(source, *layout).uv)
     surface_map = true_map(source, *GRID, target.parameters)
-    found = seam_cut(uv, Draped(source.surface, target.surface, surface_map, np.ones(len(target.parameters))))
+    found = seam_cut(uv, MappedTarget(source.surface, target.surface, surface_map, np.ones(len(target.parameters))))
     return uv, found, found.applied(target.surface)
 
 
@@ -122,6 +122,6 @@ def test_islands_end_exactly_at_the_seams(source: Sheet, target: Sheet, layout: 
 def test_a_source_without_seams_cuts_nothing(source: Sheet, target: Sheet) -> None:
     uv = Attribute("UVMap", Domain.CORNER, Kind.UV, np.zeros((len(source.surface.corner_vertex), 2)))
     surface_map = true_map(source, *GRID, target.parameters)
-    found = seam_cut(uv, Draped(source.surface, target.surface, surface_map, np.ones(len(target.parameters))))
+    found = seam_cut(uv, MappedTarget(source.surface, target.surface, surface_map, np.ones(len(target.parameters))))
     assert len(found.edge) == len(found.face) == found.left == 0
     np.testing.assert_array_equal(found.applied(target.surface).corner_vertex, target.surface.corner_vertex)

@@ -9,7 +9,7 @@ from transfer_meshes import nearest_map, plate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind
-from zoomout_core.transfer.mapped_target import Draped
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
 SOURCE = plate(20, 20)
@@ -29,8 +29,8 @@ def pair(column: float) -> Surface:
 
 
 def cut_of(target: Surface) -> SeamCut:
-    draped = Draped(SOURCE, target, nearest_map(target.vertices, SOURCE), np.ones(len(target.vertices)))
-    return seam_cut(Attribute("UVMap", Domain.CORNER, Kind.UV, quarters(SOURCE)), draped)
+    mapped = MappedTarget(SOURCE, target, nearest_map(target.vertices, SOURCE), np.ones(len(target.vertices)))
+    return seam_cut(Attribute("UVMap", Domain.CORNER, Kind.UV, quarters(SOURCE)), mapped)
 
 
 def test_a_face_with_the_middle_inside_is_divided_in_four() -> None:

@@ -1,4 +1,4 @@
-"""Clothes of one cut have hems in common, which tell by how much the body's map has missed them."""
+"""Clothes of one cut have boundary loops (hems) in common, which correct the body's map of them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from zoomout_core.matching.components.parts import Part
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
-# Hems that are farther apart, at unit area of the body, or more unlike in size, belong to another cut.
-REACH, UNLIKE = 0.15, 1.5
-# Points that stand for each edge of a hem.
+# Boundary loops that are farther apart, at unit area of the body, or more unlike in size, belong to another cut.
+MOST_APART, UNLIKE = 0.15, 1.5
+# Points that stand for each edge of a loop.
 DENSITY = 4
-# How firmly hems are held, against stiffness, and how far they draw the rest along, at unit area of the part.
+# How firmly boundary loops are held, against stiffness, and how far they draw the rest along, at unit area of the part.
 FIRM, FADING = 1e6, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Hem:
+class BoundaryLoop:
     """A connected part of a border.
 
     Attributes:
@@ -40,42 +40,42 @@ class Hem:
     size: float
 
 
-def hemmed(part: Part, partner: Part) -> Floats:
-    """(n, 3) a part's points, drawn so that its hems lie on those of its partner; their surroundings follow."""
-    ours, theirs = hems_of(part), hems_of(partner)
+def loops_on_loops(part: Part, partner: Part) -> Floats:
+    """(n, 3) a part's points, moved so that its boundary loops lie on those of its partner; the rest follows."""
+    ours, theirs = boundary_loops(part), boundary_loops(partner)
     if not ours or not theirs:
         return part.points
     stiffness, areas = mesh_laplacian(part.rest, part.corners)
-    apart = np.linalg.norm(np.array([hem.centre for hem in ours])[:, None] - [hem.centre for hem in theirs], axis=2)
+    apart = np.linalg.norm(np.array([loop.centre for loop in ours])[:, None] - [loop.centre for loop in theirs], axis=2)
     drawn, firmness = np.zeros_like(part.points), areas / FADING**2
-    for i, hem in enumerate(ours):
+    for i, loop in enumerate(ours):
         j = int(np.argmin(apart[i]))
         other = theirs[j]
-        alike = max(hem.size, other.size) <= UNLIKE * min(hem.size, other.size)
-        if alike and apart[i, j] <= REACH and np.argmin(apart[:, j]) == i:
-            points = part.points[hem.vertices]
-            near = cKDTree(other.along).query(points - hem.centre + other.centre)[1]
-            drawn[hem.vertices], firmness[hem.vertices] = other.along[near] - points, FIRM
+        alike = max(loop.size, other.size) <= UNLIKE * min(loop.size, other.size)
+        if alike and apart[i, j] <= MOST_APART and np.argmin(apart[:, j]) == i:
+            points = part.points[loop.vertices]
+            near = cKDTree(other.along).query(points - loop.centre + other.centre)[1]
+            drawn[loop.vertices], firmness[loop.vertices] = other.along[near] - points, FIRM
     system = csc_array(stiffness + diags_array(firmness))
     factor = splu(system, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     return np.asarray(part.points + factor.solve(firmness[:, None] * drawn))
 
 
-def hems_of(part: Part) -> list[Hem]:
+def boundary_loops(part: Part) -> list[BoundaryLoop]:
     """The connected parts of a part's border."""
     edges, edge_of = unique_edges(part.corners)
     border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
     n = len(part.vertices)
     graph = coo_array((np.ones(len(border), bool), border.T), shape=(n, n))
     label = connected_components(graph, directed=False)[1][border[:, 0]]
-    return [_hem(border[label == number], part.points) for number in np.unique(label)]
+    return [_boundary_loop(border[label == number], part.points) for number in np.unique(label)]
 
 
-def _hem(edges: Integers, points: Floats) -> Hem:
+def _boundary_loop(edges: Integers, points: Floats) -> BoundaryLoop:
     a, b = points[edges[:, 0]], points[edges[:, 1]]
     length = np.linalg.norm(b - a, axis=1)
     weights = length / max(length.sum(), 1e-300)
     centre = weights @ (a + b) / 2
     size = float(np.sqrt(weights @ (((a + b) / 2 - centre) ** 2).sum(axis=1)))
     step = (np.arange(DENSITY) / DENSITY)[:, None, None]
-    return Hem(np.unique(edges), ((1 - step) * a + step * b).reshape(-1, 3), centre, size)
+    return BoundaryLoop(np.unique(edges), ((1 - step) * a + step * b).reshape(-1, 3), centre, size)

@@ -12,9 +12,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points, project_to_embedding
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.components.boundary_loops import hemmed
+from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.parts import MAP_ERROR, MOST_PARTS, Part, Side, paired
-from zoomout_core.matching.components.similarity_field import Moments, Motion, moved, products
+from zoomout_core.matching.components.similarity_field import Moments, SimilarityField, moved, products
 from zoomout_core.matching.pair import Pair
 
 # Smaller parts than this, at unit area of the body, move as a whole: its map may bend them by mistake alone.
@@ -54,7 +54,7 @@ class Image:
 
 
 @dataclass(frozen=True, eq=False)
-class LooseParts:
+class ComponentMap:
     """What was found of the loose parts.
 
     Attributes:
@@ -74,7 +74,7 @@ class LooseParts:
     too_many: int
 
 
-def map_parts(pair: Pair, body: SurfaceMap, confidence: Floats) -> LooseParts:
+def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> ComponentMap:
     """Pair the loose parts of two surfaces, and map them.
 
     Args:
@@ -86,7 +86,7 @@ def map_parts(pair: Pair, body: SurfaceMap, confidence: Floats) -> LooseParts:
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     theirs = source.parts(source.points)
     if not theirs or not target.loose.any():
-        return LooseParts(Image.joined([]), 0, 0, len(target.parts(target.points)), len(theirs), 0)
+        return ComponentMap(Image.joined([]), 0, 0, len(target.parts(target.points)), len(theirs), 0)
     points, normals, around = _carried(target, _motion(pair, source, target, body, confidence))
     ours = target.parts(points)
     partners, misfit = paired(
@@ -114,17 +114,17 @@ def map_parts(pair: Pair, body: SurfaceMap, confidence: Floats) -> LooseParts:
     others += len(among_all)
     alone = len(ours) - len(partners) - others
     unpaired = max(len(ours), len(theirs)) - MOST_PARTS
-    return LooseParts(Image.joined(found), len(partners), others, alone, len(theirs) - len(met), max(unpaired, 0))
+    return ComponentMap(Image.joined(found), len(partners), others, alone, len(theirs) - len(met), max(unpaired, 0))
 
 
-def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> Motion:
+def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:
     """How the target's body moves to the source's, in the frames of the two sides."""
     nodes = pair.target_shape.proxy.full_vertex
     images = body.interpolate(source.points[source.body_vertices])[nodes]
-    return Motion(target.points[target.body_vertices][nodes], images, confidence, pair.target_shape.basis)
+    return SimilarityField(target.points[target.body_vertices][nodes], images, confidence, pair.target_shape.basis)
 
 
-def _carried(target: Side, motion: Motion) -> tuple[Floats, Floats, Floats]:
+def _carried(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
     """(n, 3) points, (n, 3) normals and (n,) trust of the target's mesh as the body takes its loose parts along."""
     loose = np.flatnonzero(target.loose)
     before, turned_from = target.points[loose], target.mesh.vertex_normals[loose]
@@ -200,11 +200,11 @@ def _onto_pieces(
 def _drawn_to(part: Part, partner: Part) -> Floats:
     """(n, 3) a part's points without what is left of the body map's error, as far as its partner tells.
 
-    A small one is moved to its partner's centre and size, a large one's hems to its partner's hems.
+    A small one is moved to its partner's centre and size, a large one's boundary loops to those of its partner.
     """
     if part.size < RIGID:
         return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
-    return hemmed(part, partner)
+    return loops_on_loops(part, partner)
 
 
 def _onto(

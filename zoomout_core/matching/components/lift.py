@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.components.component_mapping import LooseParts, map_parts
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import MOST_PARTS
 from zoomout_core.matching.components.shells import LaidShells, map_shells
 from zoomout_core.matching.pair import Pair, standing
@@ -24,7 +24,7 @@ NOTABLE_SHARE = 0.03
 TOO_MANY = f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."
 
 
-class Assembled(NamedTuple):
+class LiftedMap(NamedTuple):
     """The map between two surfaces.
 
     Attributes:
@@ -40,7 +40,7 @@ class Assembled(NamedTuple):
     notes: tuple[str, ...]
 
 
-def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> Assembled:
+def lifted(pair: Pair, fit: Fit, confidence: Floats) -> LiftedMap:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
 
     Args:
@@ -52,7 +52,7 @@ def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> Assembled:
         return _from_shells(pair, map_shells(pair, fit, confidence))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     between_parts = lifted_fit(fit, source, target, standing(pair))
-    loose = map_parts(pair, between_parts, confidence)
+    loose = map_components(pair, between_parts, confidence)
     confidence = target.place.interpolate(confidence)
     vertex_of = target.full.vertex_of
     on_body = vertex_of >= 0
@@ -70,10 +70,10 @@ def on_surfaces(pair: Pair, fit: Fit, confidence: Floats) -> Assembled:
     whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
     areas = triangle_areas(pair.target.vertices, pair.target.triangles)
     share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
-    return Assembled(_with_the_rest(pair, whole, on_body, on_body | placed), trust, share, _notes(pair, loose))
+    return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, share, _notes(pair, loose))
 
 
-def _from_shells(pair: Pair, laid: LaidShells) -> Assembled:
+def _from_shells(pair: Pair, laid: LaidShells) -> LiftedMap:
     """The map of shells in the surfaces' own numbers; vertices that no face uses take the nearest one's image."""
     of = pair.target.working.vertex_of
     used = np.flatnonzero(of >= 0)
@@ -85,7 +85,7 @@ def _from_shells(pair: Pair, laid: LaidShells) -> Assembled:
     confidence = np.where(of >= 0, laid.confidence[near], 0)
     triangle = pair.source.working.triangle_of[laid.surface_map.triangle[near]]
     whole = SurfaceMap(triangle, laid.surface_map.barycentric[near], pair.source.triangles)
-    return Assembled(whole, confidence, 1 - laid.alone, _notes_on_shells(pair, laid))
+    return LiftedMap(whole, confidence, 1 - laid.alone, _notes_on_shells(pair, laid))
 
 
 def _notes_on_shells(pair: Pair, laid: LaidShells) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
     return SurfaceMap(triangle, barycentric, source.triangles)
 
 
-def _notes(pair: Pair, loose: LooseParts) -> tuple[str, ...]:
+def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     """What a user should know about the parts of the two surfaces, a sentence each."""
     if pair.source is pair.target:
         smaller = ["The main part, whose symmetry decides, is not the largest."]
@@ -148,7 +148,7 @@ def _notes(pair: Pair, loose: LooseParts) -> tuple[str, ...]:
     return (*smaller, *worded)
 
 
-def _is_smaller(surface: Surface, shape: Shape) -> bool:
+def _is_smaller(surface: Surface, shape: ShapeAnalysis) -> bool:
     """Whether a surface's main part is not its largest."""
     return bool(surface.components[np.argmax(shape.proxy.full.vertex_of >= 0)] > 0)
 

@@ -17,11 +17,11 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.parts import MOST_PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, Similarities, registered
-from zoomout_core.matching.components.similarity_field import Motion
+from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.constraints import PINNING
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.nonrigid_icp import Fit
@@ -162,7 +162,7 @@ def _pinned(
     return SurfaceMap(triangle, barycentric, source.mesh.triangles)
 
 
-def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[Motion, bool]:
+def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, bool]:
     """How the target's skin moves to the source's, in the frames of the skins, and whether it stays where it is."""
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
@@ -171,18 +171,18 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[Motion, bool]:
     places = overlapping(pair)
     basis = pair.target_shape.basis
     if pair.source is pair.target or places is None or not leaves_in_place(images, places, basis.areas):
-        return Motion(target.vertices, images, confidence, basis), False
-    return Motion(target.vertices, places, confidence, basis), True
+        return SimilarityField(target.vertices, images, confidence, basis), False
+    return SimilarityField(target.vertices, places, confidence, basis), True
 
 
-def _carried(motion: Motion, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """`Motion.carry` for any number of points."""
+def _carried(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """`SimilarityField.carry` for any number of points."""
     pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
     places, turned, trust = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
     return np.concatenate(places), np.concatenate(turned), np.concatenate(trust)
 
 
-def _outside(side: Side, shape: Shape) -> Booleans:
+def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
     """(n,) which vertices of a surface's working mesh are on the outside."""
     return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < OUTSIDE)
 
@@ -223,7 +223,7 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
 
 
 def _partners(
-    pair: Pair, motion: Motion, ours: list[Part], theirs: list[Part], source: Side, target: Side
+    pair: Pair, motion: SimilarityField, ours: list[Part], theirs: list[Part], source: Side, target: Side
 ) -> tuple[list[tuple[int, int]], list[Similarities]]:
     """Shells that are each other's like, one to one, by number, and how the target's are laid on the source's."""
     here = Shells.of([(target.points, target.mesh.triangles[part.triangles]) for part in ours])
@@ -267,7 +267,7 @@ def _partners(
     return chosen, [laid[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 
-def _prior(shells: Shells, motion: Motion) -> Similarities:
+def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
     """How the body moves each of the target's shells as a whole."""
     flat = shells.sparse.reshape(-1, 3)
     images = _carried(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)

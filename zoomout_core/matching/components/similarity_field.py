@@ -92,7 +92,7 @@ def products(places: Floats, images: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class SimilarityField:
     """The motion of a body to its image.
 
     Attributes:

@@ -13,7 +13,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.zoomout import nearest_samples
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
 from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of, total_score
 
@@ -29,7 +29,10 @@ KEPT = 5
 
 
 def descriptor_hypotheses(
-    source: Shape, target: Shape, disagreement: Disagreement = nothing_known, sides: tuple[int, ...] = (1, -1)
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    disagreement: Disagreement = nothing_known,
+    sides: tuple[int, ...] = (1, -1),
 ) -> list[Hypothesis]:
     """The best scored of the distinct fits: some that keep the orientation, and as many that reverse it.
 
@@ -42,7 +45,7 @@ def descriptor_hypotheses(
     return [guess for side in sides for guess in _best_fits(source, target, side, disagreement)]
 
 
-def _best_fits(source: Shape, target: Shape, sign: int, disagreement: Disagreement) -> list[Hypothesis]:
+def _best_fits(source: ShapeAnalysis, target: ShapeAnalysis, sign: int, disagreement: Disagreement) -> list[Hypothesis]:
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     sizes = [size for size in SIZES if size <= available]
     fits: list[Hypothesis] = []
@@ -63,7 +66,7 @@ def _best_fits(source: Shape, target: Shape, sign: int, disagreement: Disagreeme
     return [fits[i] for i in kept]
 
 
-def _fit(source: Shape, target: Shape, size: int, weight: float, mask_weight: float) -> Floats:
+def _fit(source: ShapeAnalysis, target: ShapeAnalysis, size: int, weight: float, mask_weight: float) -> Floats:
     """(size, size) functional map; a negative weight turns the target's pseudo-scalars to the other hand."""
     (bands_source, pairs_source), (bands_target, pairs_target) = source.descriptors, target.descriptors
     scale = abs(weight) * np.sqrt(bands_source.shape[1] / pairs_source.shape[1])

@@ -16,16 +16,17 @@ from itertools import islice, zip_longest
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.matching.analysis import Shape, once_per_shape
-from zoomout_core.matching.anchors import Anchors
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import SAME_MAP, Hypothesis, alike
 from zoomout_core.matching.hypotheses.landmarks import anchored_hypothesis
-from zoomout_core.matching.landmark_features import Places, places_on
+from zoomout_core.matching.landmark_features import LandmarkFeatures, landmark_features
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
 from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of, total_score
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.once import once_per_argument
 
 # Rise of the average distance above the pass to a higher maximum, at unit area: heads have 0.14 and more,
 # hands and feet 0.34 and more, fingers 0.05.
@@ -54,7 +55,7 @@ class Extremities:
         persistence: (m,) how far each stands out.
     """
 
-    places: Places
+    places: LandmarkFeatures
     average_distance: Floats
     persistence: Floats
 
@@ -71,15 +72,15 @@ class Extremities:
 
     def leading(self, count: int) -> Extremities:
         """The most persistent ones alone."""
-        places = Places(
+        places = LandmarkFeatures(
             self.places.vertices[:count], self.places.distances[:, :count], self.places.turns[:, :count, :count]
         )
         return Extremities(places, self.average_distance[:count], self.persistence[:count])
 
 
 def extremity_hypotheses(
-    source: Shape,
-    target: Shape,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
     disagreement: Disagreement = nothing_known,
     sides: tuple[int, ...] | None = None,
     wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
@@ -120,8 +121,8 @@ class _Tried:
 
 
 def _best_maps(
-    source: Shape,
-    target: Shape,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
     tips_source: Extremities,
     tips_target: Extremities,
     found: list[tuple[Integers, Integers]],
@@ -159,29 +160,29 @@ def _best_maps(
     ]
 
 
-@once_per_shape
-def extremities(shape: Shape) -> Extremities:
+@once_per_argument
+def extremities(shape: ShapeAnalysis) -> Extremities:
     """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 12."""
     average = _average_distance(shape)
     vertices, persistence = _maxima(shape)
     count = int(np.clip((persistence > PERSISTENCE).sum(), FEWEST, MOST))
     vertices, persistence = vertices[:count], persistence[:count]
-    return Extremities(places_on(shape, vertices), average[vertices], persistence)
+    return Extremities(landmark_features(shape, vertices), average[vertices], persistence)
 
 
-def has_extremities(shape: Shape) -> bool:
+def has_extremities(shape: ShapeAnalysis) -> bool:
     """Whether enough tips stand out clearly to go by them."""
     _, persistence = _maxima(shape)
     return int((persistence > PERSISTENCE).sum()) >= FEWEST
 
 
-@once_per_shape
-def _maxima(shape: Shape) -> tuple[Integers, Floats]:
+@once_per_argument
+def _maxima(shape: ShapeAnalysis) -> tuple[Integers, Floats]:
     return _persistent_maxima(_average_distance(shape), shape.mesh)
 
 
-@once_per_shape
-def _average_distance(shape: Shape) -> Floats:
+@once_per_argument
+def _average_distance(shape: ShapeAnalysis) -> Floats:
     """(n,) geodesic distance to all of the surface."""
     owner = np.argmin(shape.distances, axis=0)
     mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))

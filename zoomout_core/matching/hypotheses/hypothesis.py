@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.matching.anchors import Anchors
+from zoomout_core.maps.anchors import Anchors
 
 # Maps whose images differ by less than this part of their variance are the same map.
 SAME_MAP = 0.05

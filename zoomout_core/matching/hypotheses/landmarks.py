@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from zoomout_core.arrays import Integers
+from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.matching.analysis import Shape
-from zoomout_core.matching.anchors import Anchors
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.landmark_features import places_on
+from zoomout_core.matching.landmark_features import landmark_features
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
 
 # Size of the functional map that the first, pointwise guess is taken down to.
 SIZE = 8
 
 
-def landmark_hypothesis(source: Shape, target: Shape, source_ids: Integers, target_ids: Integers) -> Hypothesis:
+def landmark_hypothesis(
+    source: ShapeAnalysis, target: ShapeAnalysis, source_ids: Integers, target_ids: Integers
+) -> Hypothesis:
     """The map that keeps the distances to paired places, and the sense in which they turn, if sides are known.
 
     Args:
@@ -26,12 +28,12 @@ def landmark_hypothesis(source: Shape, target: Shape, source_ids: Integers, targ
         target_ids: (m,) the vertices of the target's mesh that they correspond to.
     """
     order, side = np.arange(len(source_ids)), int(sides_are_known(source, target))
-    of_source, of_target = places_on(source, source_ids), places_on(target, target_ids)
+    of_source, of_target = landmark_features(source, source_ids), landmark_features(target, target_ids)
     anchors = Anchors(of_source.features(order, side), of_target.features(order, side))
     return anchored_hypothesis(f"{len(source_ids)} landmarks", source, target, anchors)
 
 
-def anchored_hypothesis(origin: str, source: Shape, target: Shape, anchors: Anchors) -> Hypothesis:
+def anchored_hypothesis(origin: str, source: ShapeAnalysis, target: ShapeAnalysis, anchors: Anchors) -> Hypothesis:
     """The hypothesis that sends each sample to the one with the most similar anchors."""
     near = anchors.at(source.search.samples, target.search.samples)
     sample_map = nearest(near.target, near.source)

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 
 # Eigenvalues closer than this, relatively, count as one.
@@ -21,7 +21,7 @@ ANGLES = 8
 LEADING = 4
 
 
-def rotation_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
+def rotation_hypotheses(source: ShapeAnalysis, target: ShapeAnalysis) -> list[Hypothesis]:
     """Turns and mirrored turns of the first pair, with all signs of what comes before; none without a pair."""
     values = source.basis.eigenvalues[: LEADING + 1], target.basis.eigenvalues[: LEADING + 1]
     if min(len(values[0]), len(values[1])) <= LEADING:

@@ -6,14 +6,14 @@ from itertools import product
 
 import numpy as np
 
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 
 # How many leading eigenfunctions are taken to correspond; nearly repeated ones need more than four.
 SIZES = (4, 5, 6)
 
 
-def sign_hypotheses(source: Shape, target: Shape) -> list[Hypothesis]:
+def sign_hypotheses(source: ShapeAnalysis, target: ShapeAnalysis) -> list[Hypothesis]:
     """All diagonal maps diag(1, +-1, ..., +-1) of a few sizes that both bases allow."""
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     return [

@@ -1,4 +1,4 @@
-"""Which points of two surfaces belong together, as far as space tells: closest points with normals that agree."""
+"""Correspondences of non-rigid ICP: closest points with compatible normals, both ways, and their residuals."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import EmbeddedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.local_rigid_alignment import NORMAL_WEIGHT
 from zoomout_core.mesh.triangles import unit_vectors
 
-# Places that are farther than this from their partner, at unit area, pull less; some pull is left to all.
-REACH, LEAST_PULL = 0.03, 1e-3
-# So many places of each of the two shapes look for their partner, for each node that moves the target, and at most.
-PLACES_PER_NODE, MOST_PLACES = 10, 1000
-# A partner is none that is farther than this, along the surface and at unit area, from where the first map leads.
-LEAP = 0.12
-LEAP_SAMPLES = 40
+# A residual of this length, at unit area, has a quarter of its weight; no weight is less than the second.
+HALF_WEIGHT_DISTANCE, LEAST_WEIGHT = 0.03, 1e-3
+# Query points of each of the two shapes for each node of the deformation graph, and at most.
+POINTS_PER_NODE, MOST_POINTS = 10, 1000
+# Largest geodesic distance, at unit area, from a correspondence to the image by the first map; and the sources of the
+# distances that bound it from below.
+GEODESIC_LIMIT = 0.12
+LIMIT_SAMPLES = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Samples of a shape that look for their partners on the other one.
+class QueryPoints:
+    """Samples of a shape whose closest points on the other one are sought.
 
     Attributes:
         vertex: (p,) their numbers.
@@ -36,9 +37,9 @@ class Places:
     areas: Floats
 
     @classmethod
-    def on(cls, shape: Shape, nodes: int) -> Places:
+    def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
         """As many as tell how so many nodes should move."""
-        samples = shape.sampled.samples[: min(PLACES_PER_NODE * nodes, MOST_PLACES)]
+        samples = shape.sampled.samples[: min(POINTS_PER_NODE * nodes, MOST_POINTS)]
         _, owner = cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)
         return cls(samples, np.bincount(owner, shape.basis.areas, minlength=len(samples)))
 
@@ -54,13 +55,13 @@ class Surroundings:
         surface: its triangles, prepared.
     """
 
-    source: Shape
+    source: ShapeAnalysis
     places: Floats
     tree: cKDTree
     surface: EmbeddedSurface
 
     @classmethod
-    def of(cls, source: Shape) -> Surroundings:
+    def of(cls, source: ShapeAnalysis) -> Surroundings:
         places = _with_normals(source.mesh.vertices, source.mesh.vertex_normals)
         return cls(source, places, cKDTree(places), EmbeddedSurface(source.mesh.vertices, source.neighbourhoods))
 
@@ -70,41 +71,41 @@ class Surroundings:
         return SurfaceMap(*self.surface.closest(positions, near), self.source.mesh.triangles)
 
 
-class Leaps:
-    """Partners that are too far from where the first map leads, by distances along the source."""
+class GeodesicLimit:
+    """Which correspondences are too far from the first map's images, by geodesic distances on the source."""
 
-    def __init__(self, first: Integers, source: Shape) -> None:
+    def __init__(self, first: Integers, source: ShapeAnalysis) -> None:
         self._first = first
-        self._marks = source.distances[:LEAP_SAMPLES].T.astype(np.float32)
+        self._marks = source.distances[:LIMIT_SAMPLES].T.astype(np.float32)
 
-    def are(self, vertex: Integers, partner: Integers) -> Booleans:
-        """(q,) which of the pairs of a target's and a source's vertex are."""
+    def exceeds_geodesic_limit(self, vertex: Integers, partner: Integers) -> Booleans:
+        """(q,) for pairs of a vertex of the target and one of the source."""
         apart = np.abs(self._marks[partner] - self._marks[self._first[vertex]]).max(axis=1)
-        return np.asarray(apart > LEAP)
+        return np.asarray(apart > GEODESIC_LIMIT)
 
 
-def pulls(
+def residuals(
     positions: Floats,
     normals: Floats,
-    here: Places,
-    there: Places,
+    here: QueryPoints,
+    there: QueryPoints,
     around: Surroundings,
-    leaps: Leaps,
+    limit: GeodesicLimit,
     sliding: float,
 ) -> tuple[Integers, Floats, Floats]:
-    """What closest points ask for, both ways: from places of the target, and from places of the source.
+    """Residuals of closest points, both ways: from points of the target, and from points of the source.
 
     Args:
         positions: (n, 3) of the target's vertices.
         normals: (n, 3) of these.
-        here: places of the target.
-        there: places of the source.
+        here: query points of the target.
+        there: query points of the source.
         around: the source.
-        leaps: which partners are none.
+        limit: on geodesic distances from the first map.
         sliding: see `Level`.
 
     Returns:
-        The vertices, the misses and the pulls that `Bending.step` takes.
+        (q,) vertices of the target, (q, 3) residuals and (q, 3, 3) roots of weights, for `DeformationGraph.step`.
     """
     mesh = around.source.mesh
     found = around.closest(positions[here.vertex], normals[here.vertex])
@@ -113,14 +114,14 @@ def pulls(
     partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
     partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])
     partner_normal = unit_vectors(partner_normal)
-    leap = leaps.are(vertex, np.concatenate([found.vertex, there.vertex]))
-    misses = partner - positions[vertex]
+    beyond = limit.exceeds_geodesic_limit(vertex, np.concatenate([found.vertex, there.vertex]))
+    residual = partner - positions[vertex]
     agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)
-    trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(misses, axis=1) / REACH) ** 2) ** 2
-    trust = np.where(leap, LEAST_PULL, np.maximum(trust, LEAST_PULL))
+    trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / HALF_WEIGHT_DISTANCE) ** 2) ** 2
+    trust = np.where(beyond, LEAST_WEIGHT, np.maximum(trust, LEAST_WEIGHT))
     across = partner_normal[:, :, None] * partner_normal[:, None]
-    pull = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
-    return vertex, misses, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * pull
+    weight = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
+    return vertex, residual, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * weight
 
 
 def _with_normals(positions: Floats, normals: Floats) -> Floats:

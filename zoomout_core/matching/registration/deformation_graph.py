@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 
 # A vertex moves with so many nodes.
 NEAREST_NODES = 5
 # What neighbouring nodes' difference in rotation counts against that of where they put each other.
 TURNING = 0.0005
-# Neighbours that put each other farther apart than this, at unit area, pull less: joints bend.
+# Neighbours that put each other farther apart than this, at unit area, have less weight: joints bend.
 JOINT = 0.01
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
 # the time, and where the next step begins from closest points found anew. A node that nothing speaks of stays.
@@ -51,7 +51,7 @@ class Nodes:
     bond: Floats
 
     @classmethod
-    def on(cls, target: Shape, count: int) -> Nodes:
+    def on(cls, target: ShapeAnalysis, count: int) -> Nodes:
         distances = target.distances[:count]
         c = min(NEAREST_NODES, len(distances) - 1)
         near = np.argpartition(distances, c, axis=0)[: c + 1]
@@ -72,7 +72,7 @@ class Nodes:
 
 
 @dataclass(eq=False)
-class Bending:
+class DeformationGraph:
     """Nodes in motion.
 
     Attributes:
@@ -92,7 +92,9 @@ class Bending:
     stride: Floats
 
     @classmethod
-    def from_images(cls, nodes: Nodes, rest: Floats, normals: Floats, images: Floats, areas: Floats) -> Bending:
+    def from_images(
+        cls, nodes: Nodes, rest: Floats, normals: Floats, images: Floats, areas: Floats
+    ) -> DeformationGraph:
         """The motion that takes the surroundings of each node to the images (n, 3) of the vertices (Kabsch 1976)."""
         count, c = len(nodes.vertex), nodes.near.shape[1]
         weight = (areas[:, None] * nodes.weight).ravel()
@@ -127,23 +129,27 @@ class Bending:
             blends += share[:, None, None] * self.rotations[node]
         return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
 
-    def step(self, vertex: Integers, misses: Floats, pull: Floats, stiffness: float, approaching: bool) -> float:
+    def step(
+        self, vertex: Integers, residual: Floats, root_weight: Floats, stiffness: float, approaching: bool
+    ) -> float:
         """One step of Gauss and Newton's method.
 
         Args:
             vertex: (q,) vertices that should move.
-            misses: (q, 3) by how much.
-            pull: (q, 3, 3) square roots of what a miss counts in each direction.
+            residual: (q, 3) displacements that they should have.
+            root_weight: (q, 3, 3) square roots of the weights of residuals in each direction.
             stiffness: see `Level`.
-            approaching: whether misses are those of closest points, which will be others at the next step.
+            approaching: whether residuals are those of closest points, which will be others at the next step.
 
         Returns:
             How far the step takes the nodes, on average, before it is lengthened.
         """
         near, weight = self.nodes.near[vertex], self.nodes.weight[vertex]
-        turning = pull[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
-        shifting = pull[:, None] * weight[..., None, None]
-        pulling = _Rows(near, np.concatenate([turning, shifting], axis=-1), np.einsum("qij,qj->qi", pull, misses))
+        turning = root_weight[:, None] @ crossing(self.offsets(vertex)) * weight[..., None, None]
+        shifting = root_weight[:, None] * weight[..., None, None]
+        pulling = _Rows(
+            near, np.concatenate([turning, shifting], axis=-1), np.einsum("qij,qj->qi", root_weight, residual)
+        )
         matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], len(self.nodes.vertex))
         diagonal = matrix.diagonal()
         matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + LEAST_DIAGONAL * diagonal.mean()

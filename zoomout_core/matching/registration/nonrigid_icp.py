@@ -19,16 +19,16 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import spectral_distance
-from zoomout_core.matching.local_rigid_alignment import IMAGE_FUNCTIONS, lay
+from zoomout_core.matching.local_rigid_alignment import IMAGE_FUNCTIONS, align
 from zoomout_core.matching.proxy import Proxy, carried
-from zoomout_core.matching.registration.correspondences import Leaps, Places, Surroundings, pulls
-from zoomout_core.matching.registration.deformation_graph import Bending, Nodes
+from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
+from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
 
 # Images that the target is laid by at first are smoothed over such a diffusion length, at unit area.
-LAYING_WIDTH = 0.06
+ALIGNMENT_WIDTH = 0.06
 
 
 class Level(NamedTuple):
@@ -91,7 +91,9 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
-def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -> Generator[float, None, Fit]:
+def fit_steps(
+    first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
+) -> Generator[float, None, Fit]:
     """Bend a target onto its source, beginning with a map between them.
 
     Args:
@@ -110,27 +112,29 @@ def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
     coefficients = target.basis.coefficients(images)[:IMAGE_FUNCTIONS]
     yield 0.0
-    laid = lay(coefficients, target, LAYING_WIDTH, mirrored)
+    laid = align(coefficients, target, ALIGNMENT_WIDTH, mirrored)
     if laid.facing(image_normals, source, target) is not laid:
         normals = -normals
-    around, leaps = Surroundings.of(source), Leaps(first.vertex, source)
-    still, placed = unmoved(first, rest, normals, around, leaps, target)
+    around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
+    still, placed = unmoved(first, rest, normals, around, limit, target)
     positions, bending = np.where(still[:, None], placed, laid.positions), None
     for i, (count, sliding, stiffness, rounds) in enumerate(LEVELS):
         count = min(count, len(target.distances))
         if bending is None or len(bending.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
-            here, there = Places.on(target, count), Places.on(source, count)
-            bending = Bending.from_images(nodes, rest, normals, positions, target.basis.areas)
+            here, there = QueryPoints.on(target, count), QueryPoints.on(source, count)
+            bending = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
         for j in range(rounds):
             yield (i + j / rounds) / (len(LEVELS) + 1)
             positions, turned, _ = bending.moved()
             if sliding == 1:
-                pull = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-                motion = bending.step(here.vertex, (goal - positions)[here.vertex], pull, stiffness, False)
+                weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
+                motion = bending.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
             else:
-                motion = bending.step(*pulls(positions, turned, here, there, around, leaps, sliding), stiffness, True)
+                motion = bending.step(
+                    *residuals(positions, turned, here, there, around, limit, sliding), stiffness, True
+                )
             if motion < AT_REST:
                 break
     yield len(LEVELS) / (len(LEVELS) + 1)
@@ -138,7 +142,11 @@ def fit_steps(first: SurfaceMap, source: Shape, target: Shape, mirrored: bool) -
     positions, turned, blends = bending.moved()
     found = around.closest(positions, turned)
     facing = np.einsum("nx,nx->n", turned, found.interpolate(source.mesh.vertex_normals)) > 0
-    fits = facing & ~leaps.are(np.arange(len(rest)), found.vertex) & ~_astray(found, first, source, target)
+    fits = (
+        facing
+        & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
+        & ~_astray(found, first, source, target)
+    )
     surface_map = SurfaceMap(
         np.where(fits, found.triangle, first.triangle),
         np.where(fits[:, None], found.barycentric, first.barycentric),
@@ -186,7 +194,7 @@ def _replaced(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceM
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
 
 
-def _astray(found: SurfaceMap, first: SurfaceMap, source: Shape, target: Shape) -> Booleans:
+def _astray(found: SurfaceMap, first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Booleans:
     """(n_t,) where eigenfunctions speak against a map, and for the one that it came from."""
     k = min(IMAGE_FUNCTIONS, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
-from zoomout_core.matching.registration.correspondences import Leaps, Places, Surroundings, pulls
+from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import crossing
 from zoomout_core.mesh.triangles import triangle_normals
 
@@ -37,8 +37,8 @@ def unmoved(
     rest: Floats,
     normals: Floats,
     around: Surroundings,
-    leaps: Leaps,
-    target: Shape,
+    limit: GeodesicLimit,
+    target: ShapeAnalysis,
 ) -> tuple[Booleans, Floats]:
     """Where a single rigid motion already lays the target into the source, as where only its mesh is another.
 
@@ -46,7 +46,7 @@ def unmoved(
         (n,) where that is so, and (n, 3) where the motion takes the target's vertices.
     """
     mesh = around.source.mesh
-    here, there = Places.on(target, NODES), Places.on(around.source, NODES)
+    here, there = QueryPoints.on(target, NODES), QueryPoints.on(around.source, NODES)
     at = here.vertex
     images = first.interpolate(mesh.vertices)[at]
     share = here.areas / here.areas.sum()
@@ -54,15 +54,15 @@ def unmoved(
     turn = nearest_rotations((images - image_centre).T @ (share[:, None] * (rest[at] - centre)))
     for _ in range(RIGID_ROUNDS):
         placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
-        vertex, misses, pull = pulls(placed, turned, here, there, around, leaps, SLIDING)
-        jacobian = np.concatenate([pull @ crossing(placed[vertex] - image_centre), pull], axis=2).reshape(-1, 6)
-        change = np.linalg.lstsq(jacobian, np.einsum("qij,qj->qi", pull, misses).ravel(), rcond=None)[0]
+        vertex, residual, weight = residuals(placed, turned, here, there, around, limit, SLIDING)
+        jacobian = np.concatenate([weight @ crossing(placed[vertex] - image_centre), weight], axis=2).reshape(-1, 6)
+        change = np.linalg.lstsq(jacobian, np.einsum("qij,qj->qi", weight, residual).ravel(), rcond=None)[0]
         turn = Rotation.from_rotvec(change[:3]).as_matrix() @ turn
         image_centre = image_centre + change[3:]
     placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
     found = around.closest(placed, turned)
     apart = np.linalg.norm(found.interpolate(mesh.vertices) - placed, axis=1)
-    close = (apart < COINCIDING) & ~leaps.are(np.arange(len(rest)), found.vertex)
+    close = (apart < COINCIDING) & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
     pooled = target.basis.smoothed(close[:, None].astype(float), POOLING**2)[:, 0]
     return pooled > MOSTLY, placed
 
@@ -102,14 +102,14 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDING)
         if len(near) < FEWEST_SETTLED * len(at):
             return goal, FLUSH
-        misses, normals = _misses(placed[near], source)
+        residual, normals = _misses(placed[near], source)
         away = placed[near] - placed[near].mean(axis=0)
         columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
-        change = np.linalg.lstsq(np.hstack(columns), misses, rcond=None)[0]
+        change = np.linalg.lstsq(np.hstack(columns), residual, rcond=None)[0]
         grown = (1 + change[3]) * Rotation.from_rotvec(change[:3]).as_matrix()
         middle = placed[near].mean(axis=0)
         motion, shift = grown @ motion, grown @ (shift - middle) + middle + change[4:]
-    miss = np.median(np.abs(misses))
+    miss = np.median(np.abs(residual))
     if miss > FLUSH:
         return goal, FLUSH
     placed = points @ motion.T + shift

@@ -7,7 +7,7 @@ import pytest
 from creatures import creature
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.components.similarity_field import Moments, Motion, moved, products
+from zoomout_core.matching.components.similarity_field import Moments, SimilarityField, moved, products
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 
 MADE = creature(500)
@@ -60,7 +60,7 @@ def test_flat_patches_have_the_handedness_of_the_others() -> None:
 def test_points_near_and_far_go_along_with_a_body_that_moves_as_a_whole(basis: SpectralBasis, off: float) -> None:
     mesh = MADE.surface.working
     linear = 1.2 * TURN
-    motion = Motion(mesh.vertices, mesh.vertices @ linear.T + 1, np.ones(500), basis)
+    motion = SimilarityField(mesh.vertices, mesh.vertices @ linear.T + 1, np.ones(500), basis)
     points = mesh.vertices[::20] + off * mesh.vertex_normals[::20]
     carried, turned, trust = motion.carry(points, mesh.vertex_normals[::20])
     np.testing.assert_allclose(carried, points @ linear.T + 1, atol=1e-6)
@@ -72,7 +72,7 @@ def test_points_near_and_far_go_along_with_a_body_that_moves_as_a_whole(basis: S
 def test_trust_is_that_of_the_body_nearby(basis: SpectralBasis) -> None:
     mesh = MADE.surface.working
     trust = (MADE.directions[:, 2] > 0).astype(float)
-    motion = Motion(mesh.vertices, mesh.vertices, trust, basis)
+    motion = SimilarityField(mesh.vertices, mesh.vertices, trust, basis)
     above, below = MADE.directions[:, 2] > 0.8, MADE.directions[:, 2] < -0.8
     assert motion.carry(mesh.vertices[above], mesh.vertex_normals[above])[2].min() > 0.9
     assert motion.carry(mesh.vertices[below], mesh.vertex_normals[below])[2].max() < 0.1
@@ -85,7 +85,7 @@ def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basi
     images = mesh.vertices.copy()
     centre = images[tip].mean(axis=0)
     images[tip] = (images[tip] - centre) @ Rotation.from_rotvec([0, 1.5, 0]).as_matrix().T + centre
-    motion = Motion(mesh.vertices, images, np.ones(500), basis)
+    motion = SimilarityField(mesh.vertices, images, np.ones(500), basis)
     at = np.repeat(centre[None] + [[0, 0.02, 0]], 2, axis=0)
     at[1] += [0, 0.4, 0]
     across = np.tile([1.0, 0, 0], (2, 1))

@@ -11,7 +11,7 @@ from creatures import directions
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.analysis import shape_steps
+from zoomout_core.matching.analysis import analysis_steps
 from zoomout_core.matching.components import bodies
 from zoomout_core.matching.components.bodies import bodies_steps
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
@@ -141,7 +141,7 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
 
 
 def over_each_other(source: Surface, target: Surface) -> bool:
-    shapes = (drain(shape_steps(one.working.part(0)[0], 30, 60, 0)) for one in (source, target))
+    shapes = (drain(analysis_steps(one.working.part(0)[0], 30, 60, 0)) for one in (source, target))
     return overlapping(Pair(source, target, *shapes, 30, 20)) is not None
 
 

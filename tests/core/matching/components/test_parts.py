@@ -23,10 +23,10 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
-from zoomout_core.matching.components.boundary_loops import hemmed
+from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.main_parts import main_part_steps
 from zoomout_core.matching.components.parts import Part, paired
-from zoomout_core.matching.components.similarity_field import Motion
+from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.sampling import farthest_points
@@ -193,7 +193,7 @@ def test_a_body_that_turns_or_is_mirrored_takes_along_what_is_around_it_exactly(
     basis = zo.eigenbasis(creature(1000).surface, 60)
     places = creature(1000).surface.working.vertices
     linear = 0.7 * Rotation.from_rotvec([0.3, -1, 0.5]).as_matrix() * [mirror, 1, 1]
-    motion = Motion(places, places @ linear.T + [1, 2, 3], np.full(len(places), 0.4), basis)
+    motion = SimilarityField(places, places @ linear.T + [1, 2, 3], np.full(len(places), 0.4), basis)
     random = np.random.default_rng(0)
     points, normals = places[:200] + random.normal(scale=0.1, size=(200, 3)), random.standard_normal((200, 3))
     carried, turned, trust = motion.carry(points, normals)
@@ -206,7 +206,9 @@ def test_a_body_that_turns_or_is_mirrored_takes_along_what_is_around_it_exactly(
 def test_what_lies_around_limbs_bends_with_them() -> None:
     """Shells above the same body at rest and bent, where its map is exact."""
     bodies = [creature(2000, bend=bend).surface.working for bend in (0.9, 0.0)]
-    motion = Motion(*(body.vertices for body in bodies), np.ones(2000), zo.eigenbasis(creature(2000).surface, 100))
+    motion = SimilarityField(
+        *(body.vertices for body in bodies), np.ones(2000), zo.eigenbasis(creature(2000).surface, 100)
+    )
     above, truth = (body.vertices + 0.005 * body.vertex_normals for body in bodies)
     carried, turned, _ = motion.carry(above, bodies[0].vertex_normals)
     off = np.linalg.norm(carried - truth, axis=1)
@@ -249,5 +251,5 @@ def test_hems_that_belong_together_are_brought_together() -> None:
     )
     end = along == 1
     for part, missed in ((short, 0.0), (cut, 0.2)):
-        off = np.linalg.norm(hemmed(part, whole) - whole.points, axis=1)
+        off = np.linalg.norm(loops_on_loops(part, whole) - whole.points, axis=1)
         np.testing.assert_allclose(off[end].mean(), missed, atol=0.03)

@@ -28,7 +28,7 @@ from shapes import (
 
 import zoomout_core as zo
 from zoomout_core.maps.zoomout import nearest_samples, upsample
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.descriptors import SAME_FIT, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
     KEPT,
@@ -40,16 +40,18 @@ from zoomout_core.matching.hypotheses.extremities import (
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
 from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
-from zoomout_core.matching.landmark_features import places_on
+from zoomout_core.matching.landmark_features import landmark_features
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 
 
-def prepared(surface: Surface) -> Shape:
-    return drain(shape_steps(surface.working.part(0)[0], 100, 500, 0))
+def prepared(surface: Surface) -> ShapeAnalysis:
+    return drain(analysis_steps(surface.working.part(0)[0], 100, 500, 0))
 
 
-def error_of(hypothesis: Hypothesis, source: Shape, target: Shape, places: tuple[np.ndarray, np.ndarray]) -> float:
+def error_of(
+    hypothesis: Hypothesis, source: ShapeAnalysis, target: ShapeAnalysis, places: tuple[np.ndarray, np.ndarray]
+) -> float:
     """Mean distance at rest, over the root of the area, between samples and where a refined hypothesis takes them."""
     samples = source.search.samples, target.search.samples
     anchors = hypothesis.anchors and hypothesis.anchors.at(*samples)
@@ -59,7 +61,7 @@ def error_of(hypothesis: Hypothesis, source: Shape, target: Shape, places: tuple
 
 
 @pytest.fixture(scope="module")
-def shapes(resting: Creature, bent: Creature) -> tuple[Shape, Shape]:
+def shapes(resting: Creature, bent: Creature) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return prepared(resting.surface), prepared(bent.surface)
 
 
@@ -149,7 +151,7 @@ def test_pairings_are_the_cheapest_of_all(a: int, b: int, size: int, noise: floa
 
 
 def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
-    places = places_on(shapes[0], np.array([0, 100, 200]))
+    places = landmark_features(shapes[0], np.array([0, 100, 200]))
     one, other = places.features(np.array([0, 1, 2])), places.features(np.array([1, 0, 2]))
     np.testing.assert_allclose(one[:, [0, 1, 2]], other[:, [1, 0, 2]])
     np.testing.assert_allclose(one[:, 3], -other[:, 3])
@@ -264,7 +266,7 @@ def test_only_what_encloses_a_space_tells_its_outside() -> None:
 
 
 def test_places_seen_from_inside_turn_the_other_way(shapes) -> None:
-    places, order = places_on(shapes[0], np.array([0, 100, 200])), np.arange(3)
+    places, order = landmark_features(shapes[0], np.array([0, 100, 200])), np.arange(3)
     outside, inside, neither = (places.features(order, side) for side in (1, -1, 0))
     np.testing.assert_allclose(inside, outside * [1, 1, 1, -1, -1, -1])
     np.testing.assert_allclose(neither, outside * [1, 1, 1, 0, 0, 0])

@@ -10,7 +10,7 @@ import pytest
 from creatures import Creature, creature
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.extremities import (
     Extremities,
     _all_pairings,
@@ -20,20 +20,20 @@ from zoomout_core.matching.hypotheses.extremities import (
     has_extremities,
     pairings,
 )
-from zoomout_core.matching.landmark_features import Places
+from zoomout_core.matching.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.runtime.stepping import drain
 
 
-def shape_of(made: Creature) -> Shape:
-    return drain(shape_steps(made.surface.working.part(0)[0], 60, 300, 0))
+def shape_of(made: Creature) -> ShapeAnalysis:
+    return drain(analysis_steps(made.surface.working.part(0)[0], 60, 300, 0))
 
 
 def tips(between: np.ndarray, persistence: list[float]) -> Extremities:
     """Extremities that are so far from each other, and stand out so far."""
     n = len(between)
-    places = Places(np.arange(n), between, np.zeros((n, n, n)))
+    places = LandmarkFeatures(np.arange(n), between, np.zeros((n, n, n)))
     return Extremities(places, between.mean(axis=1), np.array(persistence))
 
 
@@ -130,7 +130,7 @@ def test_limbs_are_extremities_and_bumps_are_not() -> None:
     ball = Surface(where * (1 + 0.02 * np.cos(9 * where[:, :1])), creature(600).surface.triangles)
     rod = Surface(where * [1, 1, 5], creature(600).surface.triangles)  # two ends tell no pose
     for surface in (ball, rod):
-        assert not has_extremities(drain(shape_steps(surface.working.part(0)[0], 60, 300, 0)))
+        assert not has_extremities(drain(analysis_steps(surface.working.part(0)[0], 60, 300, 0)))
 
 
 @pytest.mark.parametrize("sides", [(1,), (-1,)])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from creatures import creature
 
-from zoomout_core.matching.analysis import Shape, shape_steps
-from zoomout_core.matching.registration.correspondences import Leaps, Places, Surroundings, pulls
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.runtime.stepping import drain
 
 MADE = creature(500, seed=0)
@@ -15,12 +15,12 @@ TAIL = MADE.directions[:, 1] > 0.8
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
-    return drain(shape_steps(MADE.surface.working.part(0)[0], 60, 300, 0))
+def shape() -> ShapeAnalysis:
+    return drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 300, 0))
 
 
 def strengths(
-    shape: Shape,
+    shape: ShapeAnalysis,
     first: np.ndarray | None = None,
     off: float = 0.0,
     facing: float = 1.0,
@@ -28,20 +28,20 @@ def strengths(
 ) -> np.ndarray:
     """(p,) how strongly the places of a target are drawn to the source that it lies on, for what they stand for."""
     n = len(shape.mesh.vertices)
-    places = Places.on(shape, 40)
-    leaps = Leaps(np.arange(n) if first is None else first, shape)
+    places = QueryPoints.on(shape, 40)
+    limit = GeodesicLimit(np.arange(n) if first is None else first, shape)
     normals = shape.mesh.vertex_normals
     around = Surroundings.of(shape)
     positions = shape.mesh.vertices + off * normals
-    _, _, pull = pulls(positions, facing * normals, places, places, around, leaps, sliding)
-    return np.linalg.norm(pull[: len(places.vertex)], axis=(1, 2)) / np.sqrt(places.areas)
+    _, _, weight = residuals(positions, facing * normals, places, places, around, limit, sliding)
+    return np.linalg.norm(weight[: len(places.vertex)], axis=(1, 2)) / np.sqrt(places.areas)
 
 
-def at(shape: Shape, where: np.ndarray) -> np.ndarray:
-    return where[Places.on(shape, 40).vertex]
+def at(shape: ShapeAnalysis, where: np.ndarray) -> np.ndarray:
+    return where[QueryPoints.on(shape, 40).vertex]
 
 
-def test_a_partner_far_from_where_the_first_map_leads_does_not_draw(shape: Shape) -> None:
+def test_a_partner_far_from_where_the_first_map_leads_does_not_draw(shape: ShapeAnalysis) -> None:
     first = np.arange(len(TAIL))
     first[TAIL] = np.flatnonzero(MADE.directions[:, 1] < -0.9)[0]
     tail = at(shape, TAIL)
@@ -50,60 +50,72 @@ def test_a_partner_far_from_where_the_first_map_leads_does_not_draw(shape: Shape
     np.testing.assert_allclose(drawn[~tail], undisturbed[~tail])
 
 
-def test_a_leap_is_told_by_the_distance_along_the_surface(shape: Shape) -> None:
+def test_a_leap_is_told_by_the_distance_along_the_surface(shape: ShapeAnalysis) -> None:
     n = len(TAIL)
     pairs = np.random.default_rng(0).integers(0, n, (2, 2000))
     # What reaches the pairs from all samples is no more than the distance between them.
     lower = np.abs(shape.distances[:, pairs[0]] - shape.distances[:, pairs[1]]).max(axis=0)
     apart = np.linalg.norm(shape.mesh.vertices[pairs[0]] - shape.mesh.vertices[pairs[1]], axis=1)
-    leaps = Leaps(np.arange(n), shape).are(*pairs)
-    assert not leaps[lower < 0.1].any()
-    assert leaps[apart > 0.35].mean() > 0.95
-    assert not Leaps(np.arange(n), shape).are(np.arange(n), np.arange(n)).any()
+    limit = GeodesicLimit(np.arange(n), shape).exceeds_geodesic_limit(*pairs)
+    assert not limit[lower < 0.1].any()
+    assert limit[apart > 0.35].mean() > 0.95
+    assert not GeodesicLimit(np.arange(n), shape).exceeds_geodesic_limit(np.arange(n), np.arange(n)).any()
 
 
-def test_the_farther_off_a_partner_the_less_it_draws_but_a_little_always(shape: Shape) -> None:
+def test_the_farther_off_a_partner_the_less_it_draws_but_a_little_always(shape: ShapeAnalysis) -> None:
     near, off, far = (np.median(strengths(shape, off=off)) for off in (0.0, 0.03, 0.12))
     assert off < 0.6 * near
     assert 0 < far < 0.2 * near
 
 
-def test_what_faces_the_other_way_hardly_draws(shape: Shape) -> None:
+def test_what_faces_the_other_way_hardly_draws(shape: ShapeAnalysis) -> None:
     against, along = strengths(shape, facing=-1.0), strengths(shape)
     assert np.median(against) < 0.1 * np.median(along)
     assert against.min() > 0
 
 
 @pytest.mark.parametrize("sliding", [0.01, 0.3])
-def test_a_place_may_slide_along_the_surface_and_is_drawn_across_it(shape: Shape, sliding: float) -> None:
+def test_a_place_may_slide_along_the_surface_and_is_drawn_across_it(shape: ShapeAnalysis, sliding: float) -> None:
     n = len(TAIL)
-    places = Places.on(shape, 40)
+    places = QueryPoints.on(shape, 40)
     normals = shape.mesh.vertex_normals
-    vertex, _, pull = pulls(
-        shape.mesh.vertices, normals, places, places, Surroundings.of(shape), Leaps(np.arange(n), shape), sliding
+    vertex, _, weight = residuals(
+        shape.mesh.vertices,
+        normals,
+        places,
+        places,
+        Surroundings.of(shape),
+        GeodesicLimit(np.arange(n), shape),
+        sliding,
     )
-    across = np.linalg.norm(np.einsum("qij,qj->qi", pull, normals[vertex]), axis=1)
+    across = np.linalg.norm(np.einsum("qij,qj->qi", weight, normals[vertex]), axis=1)
     along = np.cross(normals[vertex], [0.0, 0, 1])
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    ratio = np.linalg.norm(np.einsum("qij,qj->qi", pull, along), axis=1) / across
+    ratio = np.linalg.norm(np.einsum("qij,qj->qi", weight, along), axis=1) / across
     np.testing.assert_allclose(ratio**2, sliding / (1 + sliding), rtol=1e-6)
 
 
-def test_places_look_both_ways(shape: Shape) -> None:
+def test_places_look_both_ways(shape: ShapeAnalysis) -> None:
     # A source of which the target lacks the tail: its places there draw what of the target is nearest to them.
     n = len(TAIL)
-    places = Places.on(shape, 40)
+    places = QueryPoints.on(shape, 40)
     positions = np.where(TAIL[:, None], shape.mesh.vertices - [0, 0.08, 0], shape.mesh.vertices)
-    vertex, misses, _ = pulls(
-        positions, shape.mesh.vertex_normals, places, places, Surroundings.of(shape), Leaps(np.arange(n), shape), 0.02
+    vertex, residual, _ = residuals(
+        positions,
+        shape.mesh.vertex_normals,
+        places,
+        places,
+        Surroundings.of(shape),
+        GeodesicLimit(np.arange(n), shape),
+        0.02,
     )
     assert len(vertex) == 2 * len(places.vertex)
-    back = misses[len(places.vertex) :][at(shape, TAIL)]
+    back = residual[len(places.vertex) :][at(shape, TAIL)]
     assert back[:, 1].max() > 0.05
 
 
-def test_there_are_more_places_for_more_nodes_and_together_they_stand_for_the_surface(shape: Shape) -> None:
-    few, many = Places.on(shape, 5), Places.on(shape, 20)
+def test_there_are_more_places_for_more_nodes_and_together_they_stand_for_the_surface(shape: ShapeAnalysis) -> None:
+    few, many = QueryPoints.on(shape, 5), QueryPoints.on(shape, 20)
     assert 5 < len(few.vertex) < len(many.vertex)
     for places in (few, many):
         assert places.areas.sum() == pytest.approx(1)

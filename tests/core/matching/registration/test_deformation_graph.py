@@ -7,19 +7,19 @@ import pytest
 from creatures import creature
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.analysis import Shape, shape_steps
-from zoomout_core.matching.registration.deformation_graph import Bending, Nodes
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.runtime.stepping import drain
 
 STIFFNESS = 0.3
 
 
 @pytest.fixture(scope="module")
-def shape() -> Shape:
-    return drain(shape_steps(creature(500).surface.working.part(0)[0], 60, 300, 0))
+def shape() -> ShapeAnalysis:
+    return drain(analysis_steps(creature(500).surface.working.part(0)[0], 60, 300, 0))
 
 
-def chain(count: int, length: float = 0.1) -> Bending:
+def chain(count: int, length: float = 0.1) -> DeformationGraph:
     """Nodes in a row along x, each with four vertices around it that it alone moves."""
     centres = np.arange(count)[:, None] * [length, 0.0, 0.0]
     around = 0.03 * np.array([[0.0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
@@ -29,7 +29,7 @@ def chain(count: int, length: float = 0.1) -> Bending:
     first, second = np.concatenate([one, other]), np.concatenate([other, one])
     bond = 1 / np.bincount(first)[first]
     nodes = Nodes(np.arange(count), owner[:, None], np.ones((len(owner), 1)), first, second, bond)
-    return Bending(
+    return DeformationGraph(
         nodes,
         places,
         np.tile([0.0, 0, 1], (len(places), 1)),
@@ -39,12 +39,12 @@ def chain(count: int, length: float = 0.1) -> Bending:
     )
 
 
-def step(bending: Bending, vertex: np.ndarray, misses: np.ndarray, approaching: bool = False) -> float:
-    return bending.step(vertex, misses, np.tile(np.eye(3), (len(vertex), 1, 1)), STIFFNESS, approaching)
+def step(bending: DeformationGraph, vertex: np.ndarray, residual: np.ndarray, approaching: bool = False) -> float:
+    return bending.step(vertex, residual, np.tile(np.eye(3), (len(vertex), 1, 1)), STIFFNESS, approaching)
 
 
-def turn_asked_for(bending: Bending, node: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """The vertices around a node, and the misses that a turn about the row's axis asks of them."""
+def turn_asked_for(bending: DeformationGraph, node: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices around a node, and the residual that a turn about the row's axis asks of them."""
     count = len(bending.nodes.vertex)
     vertex = count + 4 * node + np.arange(4)
     offset = bending.rest[vertex] - bending.rest[node]
@@ -104,28 +104,28 @@ def test_steps_towards_closest_points_are_longer_and_go_on() -> None:
     assert (hurried.images - before)[:, 0].mean() > 0.001
 
 
-def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: Shape) -> None:
+def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: ShapeAnalysis) -> None:
     rest, normals = shape.mesh.vertices, shape.mesh.vertex_normals
     turn, shift = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix(), np.array([0.3, 0.2, 0.1])
-    bending = Bending.from_images(Nodes.on(shape, 40), rest, normals, rest @ turn.T + shift, shape.basis.areas)
+    bending = DeformationGraph.from_images(Nodes.on(shape, 40), rest, normals, rest @ turn.T + shift, shape.basis.areas)
     np.testing.assert_allclose(bending.rotations, np.tile(turn, (40, 1, 1)), atol=1e-9)
     positions, turned, _ = bending.moved()
     np.testing.assert_allclose(positions, rest @ turn.T + shift, atol=1e-9)
     np.testing.assert_allclose(turned, normals @ turn.T, atol=1e-9)
 
 
-def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: Shape) -> None:
+def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: ShapeAnalysis) -> None:
     rest = shape.mesh.vertices
     nodes = Nodes.on(shape, 40)
     images = rest.copy()
     # Around one node left and right are exchanged by mistake.
     mine = nodes.near[:, 0] == 7
     images[mine] = rest[nodes.vertex[7]] - (rest[mine] - rest[nodes.vertex[7]])
-    bending = Bending.from_images(nodes, rest, shape.mesh.vertex_normals, images, shape.basis.areas)
+    bending = DeformationGraph.from_images(nodes, rest, shape.mesh.vertex_normals, images, shape.basis.areas)
     assert np.trace(bending.rotations[7]) > 1.5
 
 
-def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: Shape) -> None:
+def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: ShapeAnalysis) -> None:
     nodes = Nodes.on(shape, 40)
     assert nodes.near.shape[1] >= 3
     np.testing.assert_allclose(nodes.weight.sum(axis=1), 1)

@@ -1,4 +1,4 @@
-"""Bending a target onto its source: exact where the two are one body, and harmless where they are not."""
+"""DeformationGraph a target onto its source: exact where the two are one body, and harmless where they are not."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape, shape_steps
-from zoomout_core.matching.registration.deformation_graph import Bending, Nodes
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_steps, lifted_fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 
 
-def shape_of(made: Creature, proxy_vertices: int | None = None) -> Shape:
-    return drain(shape_steps(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices))
+def shape_of(made: Creature, proxy_vertices: int | None = None) -> ShapeAnalysis:
+    return drain(analysis_steps(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices))
 
 
-def blurred_truth(source: Creature, target: Creature, functions: int = 30) -> tuple[Shape, Shape, SurfaceMap]:
+def blurred_truth(
+    source: Creature, target: Creature, functions: int = 30
+) -> tuple[ShapeAnalysis, ShapeAnalysis, SurfaceMap]:
     """The shapes, and the true map as far as a few eigenfunctions tell it."""
     shapes = shape_of(source), shape_of(target)
     images = source.surface.working.vertices[true_vertex(source, target)]
@@ -62,11 +64,11 @@ SMALL = creature(500, seed=0), creature(480, seed=1, bend=0.5)
 
 
 @pytest.fixture(scope="module")
-def small() -> tuple[Shape, Shape, SurfaceMap]:
+def small() -> tuple[ShapeAnalysis, ShapeAnalysis, SurfaceMap]:
     return blurred_truth(*SMALL)
 
 
-def onto(shape: Shape, vertex: np.ndarray) -> SurfaceMap:
+def onto(shape: ShapeAnalysis, vertex: np.ndarray) -> SurfaceMap:
     found = SurfaceMap.from_vertices(vertex, SMALL[0].surface)
     return SurfaceMap(found.triangle, found.barycentric, shape.mesh.triangles)
 
@@ -142,7 +144,7 @@ def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
         second=np.array([1, 0]),
         bond=np.ones(2),
     )
-    bending = Bending(
+    bending = DeformationGraph(
         nodes, places, np.ones((6, 3)), np.tile(np.eye(3), (3, 1, 1)), places[:3].copy(), np.zeros((3, 6))
     )
     vertex, shift = np.array([0, 1, 3, 4]), np.array([0.1, 0.2, 0.3])

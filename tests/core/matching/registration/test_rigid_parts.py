@@ -8,17 +8,17 @@ from creatures import Creature, creature, true_vertex
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import Shape, shape_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.proxy import Proxy
-from zoomout_core.matching.registration.correspondences import Leaps, Surroundings
+from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
 from zoomout_core.runtime.stepping import drain
 
 TURN = Rotation.from_rotvec([0.2, 1.0, -0.4]).as_matrix()
 
 
-def shape_of(made: Creature) -> Shape:
-    return drain(shape_steps(made.surface.working.part(0)[0], 120, 400, 0))
+def shape_of(made: Creature) -> ShapeAnalysis:
+    return drain(analysis_steps(made.surface.working.part(0)[0], 120, 400, 0))
 
 
 @pytest.fixture(scope="module")
@@ -27,27 +27,29 @@ def made() -> Creature:
 
 
 @pytest.fixture(scope="module")
-def shape(made: Creature) -> Shape:
+def shape(made: Creature) -> ShapeAnalysis:
     return shape_of(made)
 
 
-def still(source: Shape, target: Shape, vertex: np.ndarray, turn: np.ndarray = TURN) -> tuple[np.ndarray, np.ndarray]:
+def still(
+    source: ShapeAnalysis, target: ShapeAnalysis, vertex: np.ndarray, turn: np.ndarray = TURN
+) -> tuple[np.ndarray, np.ndarray]:
     """Where a target that was turned has not moved but for that, and where it is taken."""
     corner_at = np.zeros(len(source.mesh.vertices), dtype=int)
     corner_at[source.mesh.triangles.ravel()] = np.arange(source.mesh.triangles.size)
     corner = corner_at[vertex]
     first = SurfaceMap(corner // 3, np.eye(3)[corner % 3], source.mesh.triangles)
     rest, normals = target.mesh.vertices @ turn.T, target.mesh.vertex_normals @ turn.T
-    return unmoved(first, rest, normals, Surroundings.of(source), Leaps(first.vertex, source), target)
+    return unmoved(first, rest, normals, Surroundings.of(source), GeodesicLimit(first.vertex, source), target)
 
 
-def test_a_turned_copy_has_not_moved(shape: Shape) -> None:
+def test_a_turned_copy_has_not_moved(shape: ShapeAnalysis) -> None:
     everywhere, placed = still(shape, shape, np.arange(len(shape.mesh.vertices)))
     assert everywhere.all()
     np.testing.assert_allclose(placed, shape.mesh.vertices, atol=1e-3)
 
 
-def test_a_rough_map_is_enough_to_tell(shape: Shape) -> None:
+def test_a_rough_map_is_enough_to_tell(shape: ShapeAnalysis) -> None:
     vertices = shape.mesh.vertices
     noise = np.random.default_rng(0).normal(scale=0.03, size=vertices.shape)
     rough = np.linalg.norm((vertices + noise)[:, None] - vertices, axis=2).argmin(axis=1)
@@ -56,7 +58,7 @@ def test_a_rough_map_is_enough_to_tell(shape: Shape) -> None:
     assert np.median(np.linalg.norm(placed - vertices, axis=1)) < 2e-3
 
 
-def test_a_limb_that_bends_has_moved_and_the_body_has_not(made: Creature, shape: Shape) -> None:
+def test_a_limb_that_bends_has_moved_and_the_body_has_not(made: Creature, shape: ShapeAnalysis) -> None:
     source = shape_of(creature(1000, seed=1, bend=0.9))
     where, _ = still(source, shape, true_vertex(creature(1000, seed=1, bend=0.9), made), np.eye(3))
     arms = np.abs(made.surface.working.vertices[:, 0]) > 0.8 * np.abs(made.surface.working.vertices[:, 0]).max()
@@ -66,7 +68,7 @@ def test_a_limb_that_bends_has_moved_and_the_body_has_not(made: Creature, shape:
     assert where[body].mean() > 0.5
 
 
-def test_what_the_first_map_takes_elsewhere_is_not_called_unmoved(made: Creature, shape: Shape) -> None:
+def test_what_the_first_map_takes_elsewhere_is_not_called_unmoved(made: Creature, shape: ShapeAnalysis) -> None:
     tail = made.directions[:, 1] > 0.85
     vertex = np.arange(len(tail))
     vertex[tail] = np.flatnonzero(made.directions[:, 1] < -0.95)[0]

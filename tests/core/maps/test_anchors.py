@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from zoomout_core.matching.anchors import Anchors, beside, coordinates
+from zoomout_core.maps.anchors import Anchors, beside, coordinates
 
 
 @pytest.mark.parametrize(("k", "m"), [(4, 1), (4, 9), (30, 2)])
