@@ -6,6 +6,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import zoomout
 from zoomout_core.matching.match import MatchResult, match, match_steps
 from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
+from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
 from zoomout_core.mesh.files import read_point_cloud, read_surface
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -19,6 +20,7 @@ __all__ = [
     "Attribute",
     "Domain",
     "Kind",
+    "MatchOptions",
     "MatchResult",
     "MeshError",
     "PointCloud",

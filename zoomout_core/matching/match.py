@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
-from numbers import Integral
 from operator import attrgetter
-from typing import Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +21,7 @@ from zoomout_core.matching.components.bodies import Bodies, bodies_steps, tight_
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.components.overlap import overlapping
 from zoomout_core.matching.confidence import confidence_of, share_without_partner
-from zoomout_core.matching.constraints import Constraints, Landmarks, Regions, checked_axes, checked_regions, pinned
+from zoomout_core.matching.constraints import Constraints, checked_axes, checked_regions, pinned
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
@@ -31,6 +30,7 @@ from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
+from zoomout_core.matching.options import Initial, MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import dense_steps
@@ -42,10 +42,7 @@ from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread
 from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
 
 Result = TypeVar("Result")
-Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
-SMALLEST_FINAL = 4
-SMALLEST_PROXY = 500
 # Unless asked otherwise: a vertex of the stand-in for so many vertices of the mesh, within limits. Finer meshes share
 # finer features, by which the target is bent onto the source.
 PER_PROXY_VERTEX, PROXY_VERTICES = 8, (4000, 6000)
@@ -147,116 +144,60 @@ class MatchResult:
         return _result_steps(self.pair, self.candidates, candidate, 0.0)
 
 
-def match(
-    source: Surface,
-    target: Surface,
-    initial: Initial = "auto",
-    landmarks: Landmarks | None = None,
-    initial_map: SurfaceMap | ArrayLike | None = None,
-    k_final: int = 120,
-    step: int = 20,
-    samples: int = 1000,
-    seed: int = 0,
-    proxy_vertices: int | Literal["auto"] | None = "auto",
-    common_axes: ArrayLike | None = None,
-    regions: Regions | None = None,
-    exact_landmarks: bool = False,
-) -> MatchResult:
+def match(source: Surface, target: Surface, options: MatchOptions | None = None, **given: Any) -> MatchResult:
     """Find for every vertex of the target the point on the source that it corresponds to.
 
     Args:
         source: the surface that the map lands on; it carries the attributes.
         target: the surface that the map starts from; it receives them.
-        initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":
-            from the nearest points, where the two lie over each other. "given": from `initial_map`.
-        landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
-            or points (m, 3) on the surface, in its own frame and unit.
-        initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
-            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
-            that is evidence, not the start alone.
-        k_final: size of the final functional map; less on meshes with fewer vertices.
-        step: growth of the functional map in an iteration, beyond a size of 120.
-        samples: farthest points that the iterations run on.
-        seed: of the eigensolver.
-        proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices; "auto": 4,000
-            to 6,000, an eighth of the mesh's; None to match them at full size, which takes many times as long and
-            gains little.
-        common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
-        regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
-            same name: evidence, which also holds the map in place, and decides which loose parts belong together.
-        exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
+        options: how to match them, see `MatchOptions`.
+        given: the same as keyword arguments, or what of the options is to be different.
 
     Returns:
         The most likely map with the alternatives. What is uncertain stands in its `notes`.
 
     Raises:
         MeshError: a mesh that cannot be matched; the message says what to do.
-        ValueError: arguments that do not fit together.
+        ValueError: options that do not fit together.
     """
-    return drain(
-        match_steps(
-            source,
-            target,
-            initial,
-            landmarks,
-            initial_map,
-            k_final,
-            step,
-            samples,
-            seed,
-            proxy_vertices,
-            common_axes,
-            regions,
-            exact_landmarks,
-        )
-    )
+    return drain(match_steps(source, target, options, **given))
 
 
 @on_one_blas_thread
 def match_steps(
-    source: Surface,
-    target: Surface,
-    initial: Initial = "auto",
-    landmarks: Landmarks | None = None,
-    initial_map: SurfaceMap | ArrayLike | None = None,
-    k_final: int = 120,
-    step: int = 20,
-    samples: int = 1000,
-    seed: int = 0,
-    proxy_vertices: int | Literal["auto"] | None = "auto",
-    common_axes: ArrayLike | None = None,
-    regions: Regions | None = None,
-    exact_landmarks: bool = False,
+    source: Surface, target: Surface, options: MatchOptions | None = None, **given: Any
 ) -> Steps[MatchResult]:
     """`match` as a generator that yields `Progress` and returns the result."""
-    _check_start(initial, landmarks, initial_map)
-    check_sizes(k_final, step, samples, proxy_vertices)
-    if exact_landmarks and landmarks is None:
-        raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
-    axes, paired = checked_axes(common_axes), checked_regions(regions, source, target)
+    if options is not None and not isinstance(options, MatchOptions):
+        raise TypeError(f"{options!r} is not MatchOptions: give options by their names, such as initial='proximity'.")
+    options = MatchOptions(**given) if options is None else replace(options, **given)
+    axes, paired = checked_axes(options.common_axes), checked_regions(options.regions, source, target)
     yield Progress(0.0, "Reading the meshes")
     yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
-    bodies = yield from spread(bodies_steps(source, target, seed), 0.01, 0.04, "Finding the bodies")
-    known, exact = Constraints(landmarks, axes, paired), landmarks if exact_landmarks else None
-    ahead = ANALYSES if initial in ("auto", "landmarks") else ()
+    bodies = yield from spread(bodies_steps(source, target, options.seed), 0.01, 0.04, "Finding the bodies")
+    known = Constraints(options.landmarks, axes, paired)
+    exact = options.landmarks if options.exact_landmarks else None
+    ahead = ANALYSES if options.initial in ("auto", "landmarks") else ()
+    functions = max(options.k_final, FEWEST_FUNCTIONS)
 
     def attempt_steps(body: Bodies) -> Steps[Attempt]:
         analysing = (
             prepared_steps(
                 kept_analysis_steps(
-                    part, max(k_final, FEWEST_FUNCTIONS), samples, seed, proxy_size(part, proxy_vertices)
+                    part, functions, options.samples, options.seed, proxy_size(part, options.proxy_vertices)
                 ),
                 ahead,
             )
             for part in (body.source, body.target)
         )
         shapes = yield from spread(side_by_side(*analysing), 0.0, ANALYSING, "Analysing the shapes")
-        pair = Pair(source, target, *shapes, k_final, step, exact, paired)
-        candidates = yield from within(_candidates_steps(pair, initial, known, initial_map), ANALYSING, 1.0)
+        pair = Pair(source, target, *shapes, options.k_final, options.step, exact, paired)
+        finding = _candidates_steps(pair, options.initial, known, options.initial_map)
+        candidates = yield from within(finding, ANALYSING, 1.0)
         return Attempt(pair, candidates, body.coverage)
 
     attempts: list[Attempt] = []
-    most = len(bodies) + (initial == "auto" and any(body.source.is_skin for body in bodies))
+    most = len(bodies) + (options.initial == "auto" and any(body.source.is_skin for body in bodies))
     for number, (start, end) in enumerate(pairwise(PARTS_OF_PROGRESS[: most + 1])):
         if number == len(bodies):
             tight = tight_bodies_steps(source, target)
@@ -312,36 +253,11 @@ def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
     return kept_working_mesh(surface)
 
 
-def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object) -> None:
-    known = ("auto", "landmarks", "proximity", "given")
-    if initial not in known:
-        raise ValueError(f"initial is {initial!r}: choose one of {', '.join(known)}.")
-    if initial == "landmarks" and landmarks is None:
-        raise ValueError("A start from landmarks needs `landmarks`: source vertices and target vertices.")
-    if initial == "given" and initial_map is None:
-        raise ValueError("A given start needs `initial_map`: a vertex map, a SurfaceMap or a functional map.")
-    if initial in ("landmarks", "proximity") and initial_map is not None:
-        raise ValueError(f"`initial_map` is not used by initial={initial!r}: leave one of them out.")
-    if initial in ("proximity", "given") and landmarks is not None:
-        raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
-
-
 def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
     """How many vertices the stand-in for a mesh is to have."""
     if proxy_vertices != "auto":
         return proxy_vertices
     return int(np.clip(len(part.vertices) // PER_PROXY_VERTEX, *PROXY_VERTICES))
-
-
-def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
-    for name, value, least in (
-        ("k_final", k_final, SMALLEST_FINAL),
-        ("step", step, 1),
-        ("samples", samples, 1),
-        ("proxy_vertices", None if proxy_vertices == "auto" else proxy_vertices, SMALLEST_PROXY),
-    ):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
-            raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
 
 
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:

@@ -22,7 +22,8 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.confidence import confidence_of
-from zoomout_core.matching.match import ANALYSING, SURE_OF_BODY, check_sizes, fitted_steps
+from zoomout_core.matching.match import ANALYSING, SURE_OF_BODY, fitted_steps
+from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import ONTO_ITSELF, dense_steps

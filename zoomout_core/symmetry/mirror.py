@@ -19,7 +19,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
 
 # Which side gives its values to the other one, or whether both change places or get what lies half way between the two.
 Direction: TypeAlias = Literal["left_to_right", "right_to_left", "exchange", "average"]
@@ -27,8 +27,6 @@ Direction: TypeAlias = Literal["left_to_right", "right_to_left", "exchange", "av
 OWN_SHARES = {"left_to_right": (1.0, 0.0), "right_to_left": (0.0, 1.0), "exchange": (0.0, 0.0), "average": (0.5, 0.5)}
 # Those that need two sides, of which one gives and the other one receives.
 ONE_WAY = ("left_to_right", "right_to_left")
-# Values that can be mixed; others come from the one side or the other.
-MIXABLE = (Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT)
 
 
 def mirrored(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
@@ -72,7 +70,7 @@ def symmetrised(
         return _mixed_weights(attribute, other, own_share, symmetry.surface, options)
     own, theirs = np.asarray(attribute.values), np.asarray(other.values)
     share = own_share.reshape(-1, *[1] * (own.ndim - 1))
-    if attribute.kind in MIXABLE:
+    if has_mean(attribute) and RULES[attribute.kind].mixable:
         values = share * own + (1 - share) * theirs
         return replace(other, values=values.astype(theirs.dtype))
     if direction != "average":
@@ -86,7 +84,7 @@ def symmetrised(
 
 def has_mean(attribute: Attribute) -> bool:
     """Whether both sides can get the mean of an attribute's values, or what stands in for it."""
-    return attribute.kind in (*MIXABLE, Kind.BOOLEAN, Kind.MARK)
+    return RULES[attribute.kind].mirrorable
 
 
 def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
@@ -101,7 +99,7 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
         difference = csr_array(mirrored(attribute, symmetry).values - attribute.values)
         return np.asarray(abs(difference).sum(axis=1)) / 2
     own, theirs = np.asarray(attribute.values), np.asarray(mirrored(attribute, symmetry).values)
-    if attribute.kind in MIXABLE:
+    if has_mean(attribute) and RULES[attribute.kind].mixable:
         return np.asarray(np.linalg.norm((theirs - own).reshape(len(own), -1), axis=1))
     return np.asarray((theirs != own).reshape(len(own), -1).any(axis=1).astype(float))
 

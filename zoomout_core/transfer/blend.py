@@ -13,12 +13,10 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing
+from zoomout_core.transfer.rules import RULES
 
 Mode: TypeAlias = Literal["mix", "missing"]
 MODES: tuple[Mode, ...] = ("mix", "missing")
-
-# Values of these kinds are mixed; of others one or the other is taken, whichever weighs more.
-MIXABLE = frozenset({Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.OFFSET, Kind.WEIGHT})
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +77,7 @@ def blend(
     if how.mode == "missing":
         amount = amount * is_nothing(old)
     amount = amount.reshape(-1, *[1] * (new.ndim - 1))
-    if transferred.kind in MIXABLE:
+    if RULES[transferred.kind].mixable:
         return replace(transferred, values=(old + amount * (new - old)).astype(new.dtype))
     return replace(transferred, values=np.where(amount > 0.5, new, old))
 
@@ -93,7 +91,7 @@ def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     mask = how.factor * mask
     if attribute.domain is Domain.POINT:
         return mask
-    if attribute.domain is Domain.CORNER and attribute.kind in MIXABLE:
+    if attribute.domain is Domain.CORNER and RULES[attribute.kind].mixable:
         return np.asarray(mask[corner_vertex])
     if attribute.domain is Domain.EDGE:
         return np.asarray(mask[target.edges].mean(axis=1))

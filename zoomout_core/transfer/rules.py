@@ -47,6 +47,8 @@ class Rule:
         finite: whether values must be finite.
         sparse: whether values must be a sparse array.
         column: the shape of each column; () for numbers.
+        mixable: whether values can be mixed with others, as numbers can; else one or the other is taken.
+        mirrorable: whether both sides of a symmetry can get the mean of such values, or what stands in for it.
     """
 
     domains: Mapping[Domain, Callable[..., Attribute]]
@@ -56,6 +58,8 @@ class Rule:
     finite: bool = False
     sparse: bool = False
     column: tuple[int, ...] = ()
+    mixable: bool = False
+    mirrorable: bool = False
 
 
 ON_FACES = Domain.POINT, Domain.FACE, Domain.CORNER
@@ -64,11 +68,11 @@ VOTED = {**VOTE, Domain.EDGE: transfer_edges}
 ANY = 1 << 30
 
 RULES: dict[Kind, Rule] = {
-    Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each"),
-    Kind.VECTOR: Rule(MIXED, range(1, ANY), "fiu", "a row of numbers each"),
+    Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each", mixable=True, mirrorable=True),
+    Kind.VECTOR: Rule(MIXED, range(1, ANY), "fiu", "a row of numbers each", mixable=True, mirrorable=True),
     Kind.DIRECTION: Rule(dict.fromkeys(ON_FACES, turn_directions), range(3, 4), "f", "three floats each"),
     Kind.NORMAL: Rule(dict.fromkeys(ON_FACES, turn_normals), range(3, 4), "f", "three floats each"),
-    Kind.COLOR: Rule(MIXED, range(3, 5), "f", "three or four scene-linear floats each"),
+    Kind.COLOR: Rule(MIXED, range(3, 5), "f", "three or four scene-linear floats each", mixable=True, mirrorable=True),
     Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", finite=True),
     Kind.QUATERNION: Rule(
         dict.fromkeys(ON_FACES, mix_quaternions), range(4, 5), "f", "four floats each, w first", finite=True
@@ -81,13 +85,14 @@ RULES: dict[Kind, Rule] = {
         finite=True,
     ),
     Kind.LABEL: Rule(VOTED, range(ANY), "iuUSO", "integers or strings"),
-    Kind.BOOLEAN: Rule(VOTED, range(1), "b", "true or false each"),
+    Kind.BOOLEAN: Rule(VOTED, range(1), "b", "true or false each", mirrorable=True),
     Kind.MARK: Rule(
         {Domain.POINT: snap_marks, Domain.EDGE: transfer_edges},
         range(1),
         "f",
         "one float each, zero where there is no mark",
         finite=True,
+        mirrorable=True,
     ),
     Kind.WEIGHT: Rule(
         {Domain.POINT: mix_weights},
@@ -96,9 +101,17 @@ RULES: dict[Kind, Rule] = {
         "a scipy.sparse array of floats",
         finite=True,
         sparse=True,
+        mixable=True,
+        mirrorable=True,
     ),
     Kind.OFFSET: Rule(
-        {Domain.POINT: carry_offsets}, range(1, ANY), "f", "three floats for each key", finite=True, column=(3,)
+        {Domain.POINT: carry_offsets},
+        range(1, ANY),
+        "f",
+        "three floats for each key",
+        finite=True,
+        column=(3,),
+        mixable=True,
     ),
 }
 

@@ -337,3 +337,17 @@ def test_finer_meshes_have_finer_stand_ins(resting: Creature) -> None:
     result = zo.match(fine, resting.surface, initial="proximity")
     assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(6000, rel=0.02)
     assert result.pair.target_shape.proxy.full is result.pair.target_shape.mesh
+
+
+def test_options_are_checked_when_they_are_made_and_serve_again() -> None:
+    with pytest.raises(ValueError, match="k_final is 2"):
+        zo.MatchOptions(k_final=2)
+    with pytest.raises(ValueError, match="needs `landmarks`"):
+        zo.MatchOptions(exact_landmarks=True)
+    source, target = creature(600, 0, 0.0).surface, creature(500, 1, 0.9).surface
+    options = zo.MatchOptions(k_final=30)
+    by_options, by_names = zo.match(source, target, options), zo.match(source, target, k_final=30)
+    assert (by_options.surface_map.triangle == by_names.surface_map.triangle).all()
+    assert zo.match(source, target, options, k_final=20).functional_map.shape == (20, 20)
+    with pytest.raises(TypeError, match="by their names"):
+        zo.match(source, target, "proximity")  # type: ignore[arg-type]

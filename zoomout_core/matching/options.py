@@ -1,0 +1,89 @@
+"""The options of a match, the same behind every door."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Literal, TypeAlias
+
+from numpy.typing import ArrayLike
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.constraints import Landmarks, Regions
+
+Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
+
+SMALLEST_FINAL = 4
+SMALLEST_PROXY = 500
+
+
+@dataclass(frozen=True, eq=False)
+class MatchOptions:
+    """How two surfaces are matched; checked when it is made, as far as it can be without them.
+
+    Attributes:
+        initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":
+            from the nearest points, where the two lie over each other. "given": from `initial_map`.
+        landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
+            or points (m, 3) on the surface, in its own frame and unit.
+        initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
+            (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
+            that is evidence, not the start alone.
+        k_final: size of the final functional map, 4 or more; less on meshes with fewer vertices.
+        step: growth of the functional map in an iteration, beyond a size of 120.
+        samples: farthest points that the iterations run on.
+        seed: of the eigensolver.
+        proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices, 500 or more;
+            "auto": 4,000 to 6,000, an eighth of the mesh's; None to match them at full size, which takes many times
+            as long and gains little.
+        common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
+        regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
+            same name: evidence, which also holds the map in place, and decides which loose parts belong together.
+        exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
+
+    Raises:
+        ValueError: options that do not fit together.
+    """
+
+    initial: Initial = "auto"
+    landmarks: Landmarks | None = None
+    initial_map: SurfaceMap | ArrayLike | None = None
+    k_final: int = 120
+    step: int = 20
+    samples: int = 1000
+    seed: int = 0
+    proxy_vertices: int | Literal["auto"] | None = "auto"
+    common_axes: ArrayLike | None = None
+    regions: Regions | None = None
+    exact_landmarks: bool = False
+
+    def __post_init__(self) -> None:
+        _check_start(self.initial, self.landmarks, self.initial_map)
+        check_sizes(self.k_final, self.step, self.samples, self.proxy_vertices)
+        if self.exact_landmarks and self.landmarks is None:
+            raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
+
+
+def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object) -> None:
+    known = ("auto", "landmarks", "proximity", "given")
+    if initial not in known:
+        raise ValueError(f"initial is {initial!r}: choose one of {', '.join(known)}.")
+    if initial == "landmarks" and landmarks is None:
+        raise ValueError("A start from landmarks needs `landmarks`: source vertices and target vertices.")
+    if initial == "given" and initial_map is None:
+        raise ValueError("A given start needs `initial_map`: a vertex map, a SurfaceMap or a functional map.")
+    if initial in ("landmarks", "proximity") and initial_map is not None:
+        raise ValueError(f"`initial_map` is not used by initial={initial!r}: leave one of them out.")
+    if initial in ("proximity", "given") and landmarks is not None:
+        raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
+
+
+def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
+    for name, value, least in (
+        ("k_final", k_final, SMALLEST_FINAL),
+        ("step", step, 1),
+        ("samples", samples, 1),
+        ("proxy_vertices", None if proxy_vertices == "auto" else proxy_vertices, SMALLEST_PROXY),
+    ):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
+            raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")
