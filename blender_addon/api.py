@@ -52,18 +52,18 @@ import zoomout_core as zo
 
 from .adapters import DATA, USUAL_DATA, Settings
 from .mesh_data import place_of_vertex
-from .operators.match import match_objects, match_steps
-from .operators.symmetry.check import check_symmetry
-from .operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps, swap_sides
-from .operators.symmetry.layers import mirror_attributes
-from .operators.symmetry.sculpt import mirror_sculpt
-from .operators.symmetry.shape_keys import mirror_shape_key
-from .operators.symmetry.sides import name_sides, select_symmetry_line
-from .operators.symmetry.weights import symmetrise_weights
-from .operators.transfer import transfer_objects, transfer_steps
 from .services import landmarks
 from .services.collection_match import match_collections, match_collections_steps
 from .services.landmarks import LandmarkPairs, landmark_pairs
+from .services.match import match_objects, match_steps
+from .services.symmetry.check import check_symmetry
+from .services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps, swap_sides
+from .services.symmetry.layers import mirror_attributes
+from .services.symmetry.sculpt import mirror_sculpt
+from .services.symmetry.shape_keys import mirror_shape_key
+from .services.symmetry.sides import name_sides, select_symmetry_line
+from .services.symmetry.weights import symmetrise_weights
+from .services.transfer import transfer_objects, transfer_steps
 from .storage.stored_report import transfer_report
 from .storage.stored_symmetry import read as symmetry_of
 

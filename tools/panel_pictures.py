@@ -23,8 +23,7 @@ import blender_addon
 from blender_addon.demo.character import build_character
 from blender_addon.demo.target import posed_copy, relax, remeshed, strike
 from blender_addon.mesh_data import nearest_place
-from blender_addon.operators import stepped
-from blender_addon.services import preflight
+from blender_addon.services import activity, preflight
 from blender_addon.services.landmarks import set_landmark
 from blender_addon.ui import panels
 
@@ -57,10 +56,10 @@ def matching() -> Story:
     picture("panel_warning")
     scan.modifiers.clear()
     call(bpy.ops.zoomout.match, "INVOKE_DEFAULT")
-    while stepped.running is not None and stepped.running.fraction < 0.25:
+    while activity.running is not None and activity.running.fraction < 0.25:
         yield 0.05
     picture("panel_running")
-    while stepped.running is not None:
+    while activity.running is not None:
         yield DRAWN
     call(bpy.ops.zoomout.preview, kind="CONFIDENCE")
     yield KNOWN

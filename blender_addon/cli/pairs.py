@@ -11,12 +11,12 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain
 
-from ..operators.match import worked_out_match_steps
-from ..operators.transfer import worked_out_transfer_steps
 from ..properties.match import MatchOptions
 from ..properties.transfer import BlendOptions
 from ..services.collection_match import match_collections_steps
+from ..services.match import worked_out_match_steps
 from ..services.targets import Write, each_target_steps
+from ..services.transfer import worked_out_transfer_steps
 from ..storage import stored_match
 from .arguments import as_in_sidebar
 

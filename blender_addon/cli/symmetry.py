@@ -12,13 +12,13 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import drain
 
-from ..operators.symmetry.base import writable_mesh
-from ..operators.symmetry.check import Checked, asymmetry_steps
-from ..operators.symmetry.detect import choose_symmetry, detect_symmetry, found_summary, swap_sides
-from ..operators.symmetry.layers import mirror_attributes
-from ..operators.symmetry.shape_keys import mirror_shape_key
-from ..operators.symmetry.sides import name_sides
-from ..operators.symmetry.weights import symmetrise_weights
+from ..services.symmetry.check import Checked, asymmetry_steps
+from ..services.symmetry.detect import choose_symmetry, detect_symmetry, found_summary, swap_sides
+from ..services.symmetry.layers import mirror_attributes
+from ..services.symmetry.mesh_access import writable_mesh
+from ..services.symmetry.shape_keys import mirror_shape_key
+from ..services.symmetry.sides import name_sides
+from ..services.symmetry.weights import symmetrise_weights
 from ..storage import stored_symmetry
 
 

@@ -3,24 +3,16 @@
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.
 """
 
-from dataclasses import replace
-
 from bpy.props import IntProperty
-from bpy.types import Context, Object
+from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, within
+from zoomout_core.runtime.stepping import Steps
 
-from ..services.constraints import matching_steps
-from ..services.pair import ObjectPair, check_unedited, find_mesh
-from ..storage import candidates, stored_match
+from ..services.use_candidate import listing_of, use_candidate_steps
+from ..storage import stored_match
 from ..storage.candidates import Listing
-from ..storage.stored_match import read_kept_steps
-from ..viewport import preview
 from .stepped import SteppedOperator
-
-# Part of the progress that matching anew takes, where results are no longer held in memory.
-MATCHING = 0.7
 
 
 class CandidateOperator(SteppedOperator):
@@ -36,7 +28,7 @@ class CandidateOperator(SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         target = context.active_object
-        place = self.place(_listing(target))
+        place = self.place(listing_of(target))
         result = yield from use_candidate_steps(context, target.name, place)
         doubtful = stored_match.low_confidence(result.confidence)
         return (
@@ -79,57 +71,3 @@ class ZOOMOUT_OT_swap_match_sides(CandidateOperator):
         if swapped is None:
             raise zo.MeshError("None of the candidates swaps the sides: set a landmark on one side, then match again.")
         return swapped
-
-
-def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResult:
-    """Put another candidate in the place of the match that is kept on a target.
-
-    Args:
-        context: Blender's; the target and its source are in its scene.
-        target: was matched.
-        place: of the candidate in the list, see `candidates.read`.
-
-    Raises:
-        MeshError: there is no match, or one of them was edited since; nothing was written.
-    """
-    return drain(use_candidate_steps(context, target.name, place))
-
-
-def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps[zo.MatchResult]:
-    """`use_candidate` as a generator, which holds no Blender data while it is suspended."""
-    target = find_mesh(context, target_name)
-    listing = _listing(target)
-    note = f"Candidate {place + 1} of {len(listing.candidates)} was chosen."
-    with preview.foreseen(target, listing, place):
-        pair, kept = yield from read_kept_steps(context, target_name)
-        result = yield from _result_steps(context, pair, listing, place, kept)
-        result = replace(result, notes=(note, *result.notes))
-        following = yield from preview.following_steps(context, pair, result)
-        _, target = check_unedited(context, pair)
-    stored_match.write(target.data, result, pair, kept.settings)
-    if following is not None:
-        preview.show(following)
-    return result
-
-
-def _result_steps(
-    context: Context, pair: ObjectPair, listing: Listing, place: int, kept: stored_match.StoredMatch
-) -> Steps[zo.MatchResult]:
-    """The result of a candidate; where it is not held in memory, the two are matched anew, as they were before."""
-    if candidates.is_held(listing):
-        return (yield from candidates.result_steps(listing, place))
-    settings = kept.settings | {"initial": "auto", "from_last": False}
-    settings.pop(stored_match.LANDMARKS, None)
-    anew = yield from within(matching_steps(context, pair, **settings), 0, MATCHING)
-    assert isinstance(anew, zo.MatchResult)  # an automatic start
-    found = candidates.listing_of(anew, pair)
-    candidates.hold(found.key, anew)
-    alike = candidates.most_alike(place, listing, found)
-    return (yield from within(candidates.result_steps(found, alike), MATCHING, 1))
-
-
-def _listing(target: Object) -> Listing:
-    listing = candidates.read(target.data)
-    if listing is None:
-        raise zo.MeshError(f"There are no candidates for '{target.name}': match it first.")
-    return listing

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import re
-
 import bmesh
 import bpy
-import numpy as np
 from bpy.types import Context, Object, Operator
-from mathutils import Vector
 
 import zoomout_core as zo
-from zoomout_core.matching.pair import OFF_SURFACE
 
-from ..mesh_data import Place, evaluated_mesh, extent, nearest_place, place_of_vertex, read_positions, read_weights
+from ..mesh_data import place_of_vertex
 from ..properties.landmarks import ImportOptions
+from ..services.landmark_import import places_of_empties, places_of_groups
 from ..services.landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
 
 # More vertices are not selected to mark places one by one.
 MOST_SELECTED = 64
-# A vertex group of a wider spread, over the square root of the mesh's area, marks no place.
-MOST_SPREAD = 0.1
-# What Blender appends to a name that is taken.
-COPY = re.compile(r"\.\d{3,}$")
 # What marks the places of landmarks that are imported, in messages.
 NOUNS = {"GROUPS": "small vertex groups", "EMPTIES": "empties"}
 
@@ -99,7 +91,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them, those of names that are there already anew."""
-        find = _places_of_groups if self.what == "GROUPS" else _places_of_empties
+        find = places_of_groups if self.what == "GROUPS" else places_of_empties
         found = {obj: find(context, obj, objects) for obj in objects}
         shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
         if not shared:
@@ -158,40 +150,3 @@ def _selected(obj: Object) -> list[int]:
     editable.verts.index_update()
     history = [item.index for item in editable.select_history if isinstance(item, bmesh.types.BMVert)]
     return list(dict.fromkeys([*history, *(vertex.index for vertex in editable.verts if vertex.select)]))
-
-
-def _places_of_groups(context: Context, obj: Object, objects: list[Object]) -> dict[str, Place]:
-    """Where an object's vertex groups are, those that are small enough to mark a place."""
-    depsgraph = context.evaluated_depsgraph_get()
-    with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        weights = read_weights(evaluated, mesh)
-        positions, size = read_positions(mesh).astype(float), extent(mesh)
-    centres = {}
-    for column, name in enumerate(weights.labels):
-        of_group = weights.values[:, [column]].toarray()[:, 0]
-        if of_group.sum() > 0:
-            share = of_group / of_group.sum()
-            centre = share @ positions
-            if np.sqrt(share @ ((positions - centre) ** 2).sum(axis=1)) <= MOST_SPREAD * size:
-                centres[name] = Vector(centre)
-    places = {name: nearest_place(obj, centre, MOST_SPREAD * size, depsgraph) for name, centre in centres.items()}
-    return {name: place for name, place in places.items() if place is not None}
-
-
-def _places_of_empties(context: Context, obj: Object, objects: list[Object]) -> dict[str, Place]:
-    """Where on an object the empties are that are its children, or that lie near its surface and nobody else's child.
-
-    They are named without the number that Blender appends.
-    """
-    depsgraph = context.evaluated_depsgraph_get()
-    with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        size = extent(mesh)
-    inverse = obj.matrix_world.inverted_safe()
-    places = {}
-    for empty in context.scene.objects:
-        if empty.type == "EMPTY" and (empty.parent is None or empty.parent not in objects or empty.parent == obj):
-            reach = size if empty.parent == obj else OFF_SURFACE * size
-            place = nearest_place(obj, inverse @ empty.matrix_world.translation, reach, depsgraph)
-            if place is not None:
-                places[COPY.sub("", empty.name)] = place
-    return places

@@ -6,11 +6,11 @@ from bpy.types import Context
 
 from zoomout_core.runtime.stepping import Steps
 
+from ..services import activity
 from ..services.collection_match import match_collections_steps
+from ..services.transfer import and_others
 from ..storage import stored_match
-from . import stepped
 from .stepped import SteppedOperator
-from .transfer import and_others
 
 
 class ZOOMOUT_OT_match_collections(SteppedOperator):
@@ -26,8 +26,8 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
     def poll(cls, context: Context) -> bool:
         """Whether both collections are chosen."""
         settings, reason = context.scene.zoomout, ""
-        if stepped.running:
-            reason = stepped.AT_WORK
+        if activity.running:
+            reason = activity.AT_WORK
         elif settings.source_collection is None or settings.target_collection is None:
             reason = "Choose both collections in the sidebar"
         elif context.mode != "OBJECT":

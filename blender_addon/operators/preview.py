@@ -9,7 +9,7 @@ from bpy.types import Context, Operator, OperatorProperties
 from zoomout_core.runtime.stepping import Steps
 
 from ..services.pair import check_unedited
-from ..storage.stored_match import read_kept_steps
+from ..services.stored_pair import read_stored_match_steps
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
 from .stepped import SteppedOperator
@@ -43,7 +43,7 @@ class ZOOMOUT_OT_preview(SteppedOperator):
         if self.kind in OF_SYMMETRY:
             preview.show((yield from preview.symmetry_steps(context, name, self.kind)))
             return f"Showing the symmetry of '{name}'"
-        pair, match = yield from read_kept_steps(context, name)
+        pair, match = yield from read_stored_match_steps(context, name)
         made = yield from preview.match_steps(context, pair, match, self.kind)
         check_unedited(context, pair)
         preview.show(made)

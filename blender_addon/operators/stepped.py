@@ -12,6 +12,7 @@ from bpy.types import Context, Event, Operator
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps, drain
 
+from ..services import activity
 from ..services.preflight import obstacle
 from ..services.targets import Outcome
 from ..viewport.redraw import redraw_sidebars
@@ -24,11 +25,7 @@ REDRAWN = 0.2
 # What goes on to the view meanwhile, so that it can be looked at from all sides.
 LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
 
-# Why no other work can begin meanwhile, in words for a button.
-AT_WORK = "ZoomOut is at work: wait, or press ESC"
-
-# How far the work is that goes on in a window, and when that was drawn.
-running: Progress | None = None
+# When the progress was last drawn.
 _drawn = 0.0
 
 
@@ -52,7 +49,7 @@ class SteppedOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active object can receive data."""
-        reason = AT_WORK if running else obstacle(context)
+        reason = activity.AT_WORK if activity.running else obstacle(context)
         if reason:
             cls.poll_message_set(reason)
         return not reason
@@ -115,9 +112,9 @@ class SteppedOperator(Operator):
 
 def _show_progress(context: Context, progress: Progress | None) -> None:
     """Tell the status bar and the sidebars how far the work is, now and then, or that there is none."""
-    global running, _drawn
-    goes_on = running is not None and progress is not None
-    running = progress
+    global _drawn
+    goes_on = activity.running is not None and progress is not None
+    activity.running = progress
     if goes_on and time.monotonic() < _drawn + REDRAWN:
         return
     _drawn = time.monotonic()

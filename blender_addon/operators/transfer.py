@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from typing import Any
 
-from bpy.types import Context, Object
+from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, within
-from zoomout_core.transfer import Blend
+from zoomout_core.runtime.stepping import Steps
 
-from ..adapters import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
-from ..properties.match import MatchOptions, option_label
+from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
-from ..services.constraints import matching_steps, settings_to_keep
 from ..services.pair import (
-    READING,
-    ObjectPair,
-    check_unedited,
     choose_source,
-    find_mesh,
-    source_pieces,
-    target_mesh,
-    users_of_mesh,
 )
 from ..services.targets import Write, chosen_targets, each_target_steps, target_names
-from ..storage import stored_match, stored_report
+from ..services.transfer import summary, worked_out_transfer_steps
+from ..storage import stored_match
 from .stepped import SteppedOperator
-
-# Part of the progress that matching takes, where there is no match yet.
-MATCHING = 0.8
 
 
 class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, SteppedOperator):
@@ -76,144 +63,3 @@ def _own_sources(context: Context) -> dict[str, str]:
         if description is None:
             raise zo.MeshError(f"'{name}' was not matched yet: match it first.")
     return {name: description["source"] for name, description in kept.items() if description}
-
-
-def transfer_objects(
-    context: Context,
-    source: Object,
-    target: Object,
-    data: Collection[str] = USUAL_DATA,
-    settings: Settings = DEFAULT,
-    **match_options: Any,
-) -> dict[str, Any]:
-    """Transfer data between two mesh objects, along the match that is kept on the target, or a new one.
-
-    Args:
-        context: Blender's; both objects are in its scene.
-        source: has the data; read as its modifiers leave it.
-        target: receives it.
-        data: which kinds of it, of `DATA`; all but the source's own shape, when not given.
-        settings: how it is transferred.
-        match_options: of `match_objects`, where no match of these two is kept.
-
-    Returns:
-        The report, see `stored_report.transfer_report`.
-
-    Raises:
-        MeshError: something cannot be transferred; nothing was written.
-    """
-    return drain(transfer_steps(context, source.name, target.name, data, settings, **match_options))
-
-
-def transfer_steps(
-    context: Context,
-    source_name: str,
-    target_name: str,
-    data: Collection[str],
-    settings: Settings = DEFAULT,
-    **match_options: Any,
-) -> Steps[dict[str, Any]]:
-    """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from worked_out_transfer_steps(context, source_name, target_name, data, settings, **match_options)
-    return write()
-
-
-def worked_out_transfer_steps(
-    context: Context,
-    source_name: str,
-    target_name: str,
-    data: Collection[str],
-    settings: Settings = DEFAULT,
-    **match_options: Any,
-) -> Steps[Write[dict[str, Any]]]:
-    """The same without the end: it returns what writes the data to the target."""
-    pair = yield from stored_match.kept_pair_steps(context, source_name, target_name)
-    kept = stored_match.read(find_mesh(context, target_name).data, pair)
-    cargo, remarks, blend = yield from _packed_steps(context, pair, data, settings)
-    match: stored_match.Match
-    if kept is None:
-        made_with = settings_to_keep(context, pair, match_options)
-        match = yield from within(matching_steps(context, pair, **match_options), 0, MATCHING)
-    else:
-        match = kept
-        remarks.notes.extend(_unused_settings(kept, match_options))
-    way = Way(match, pair, remarks, settings, blend)
-    yield from within(carry_steps(cargo, way), MATCHING if kept is None else 0, 1)
-
-    def write() -> dict[str, Any]:
-        _, target = check_unedited(context, pair)
-        if kept is None:
-            stored_match.write(target.data, match, pair, made_with)
-        for one in cargo:
-            one.write(target)
-        target.data.update()
-        return _write_report(target, cargo, way, users_of_mesh(context, target))
-
-    return write
-
-
-def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
-    """A sentence about settings that the kept match was not made with, as far as is known."""
-    unused = [name for name, value in settings.items() if name not in kept.settings or kept.settings[name] != value]
-    if not unused:
-        return []
-    labels = ", ".join(option_label(name) for name in unused)
-    return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
-
-
-def _packed_steps(
-    context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
-) -> Steps[tuple[list[Cargo], Remarks, Blend]]:
-    """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
-    if unknown := set(data).difference(DATA):
-        raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
-    cargo, remarks = list[Cargo](), Remarks()
-    with target_mesh(context, pair) as (target, _):
-        blend = settings.blend(target)
-    for pack in PACK:
-        yield READING
-        with source_pieces(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
-            cargo += pack(Origin(*first, target, data, settings, blend, others), remarks)
-    if not cargo:
-        raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")
-    return cargo, remarks, blend
-
-
-def _write_report(target: Object, cargo: list[Cargo], way: Way, users: int) -> dict[str, Any]:
-    match, pair, remarks = way.match, way.pair, way.remarks
-    written: dict[str, list[str]] = {kind: [] for kind in DATA}
-    for one in cargo:
-        written[one.kind].extend(one.names)
-    shared = f"The mesh '{target.data.name}' is shared by {users} objects, which all received the data."
-    report = {
-        "source": pair.source_name,
-        "others": list(pair.source_names[1:]),
-        "target": pair.target_name,
-        "written": written,
-        "skipped": remarks.skipped,
-        "notes": [*match.notes, *remarks.notes, *([shared] if users > 1 else [])],
-        "vertices": len(match.confidence),
-        "low_confidence": stored_match.low_confidence(match.confidence),
-    }
-    stored_report.write(target, report)
-    return report
-
-
-def summary(report: dict[str, Any]) -> str:
-    """The report in one sentence."""
-    written = ", ".join(_count(len(names), NOUNS[kind]) for kind, names in report["written"].items() if names)
-    skipped = f"; {len(report['skipped'])} skipped" if report["skipped"] else ""
-    return (
-        f"Transferred {written} from '{report['source']}'{and_others(report['others'])} to '{report['target']}'"
-        f"{skipped}; "
-        f"{report['low_confidence']} of {report['vertices']} vertices are of low confidence"
-    )
-
-
-def and_others(names: Sequence[str]) -> str:
-    """What follows the name of a source where the target lies on others, too."""
-    return f" and {_count(len(names), 'other')}" if names else ""
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -15,7 +15,7 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.match import SMALLEST_FINAL
+from zoomout_core.matching.options import SMALLEST_FINAL
 from zoomout_core.matching.pair import LandmarkError
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.runtime.stepping import Steps, spread

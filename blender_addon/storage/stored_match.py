@@ -15,14 +15,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
-from bpy.types import Context, Mesh
+from bpy.types import Mesh
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
-from ..services.pair import ObjectPair, choose_source, find_mesh, look_at_source, read_pair_steps
+from ..services.pair import ObjectPair
 from . import candidates
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
@@ -123,39 +122,6 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         kept.get("settings", {}),
         pair.source_names[1:],
     )
-
-
-def kept_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
-    """`read_pair_steps` with the others that the target lies on by the match with the source that is kept on it.
-
-    Raises:
-        MeshError: one of them cannot be used, or the target cannot be written to.
-    """
-    kept = description(find_mesh(context, target_name).data)
-    names = [other["name"] for other in others(kept)] if kept else []
-    if kept and names and kept["source"] != source_name:
-        renamed = look_at_source(context, source_name).fingerprint == kept["source_fingerprint"]
-        names = names if renamed else []
-    return (yield from read_pair_steps(context, source_name, target_name, names))
-
-
-def read_kept_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:
-    """The match that is kept on a target, and its two objects as they are now.
-
-    Raises:
-        MeshError: there is none, or one of them was edited since.
-    """
-    target = find_mesh(context, target_name)
-    kept = description(target.data)
-    if kept is None:
-        raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
-    renamed = kept["source"] not in context.scene.objects
-    source_name = choose_source(context, target).name if renamed else kept["source"]
-    pair = yield from kept_pair_steps(context, source_name, target_name)
-    match = read(find_mesh(context, target_name).data, pair)
-    if match is None:
-        raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")
-    return pair, match
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:

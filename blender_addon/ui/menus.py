@@ -14,8 +14,8 @@ from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
-from ..operators.symmetry.detect import summary
 from ..operators.transfer import ZOOMOUT_OT_transfer
+from ..services.symmetry.detect import summary
 from ..storage import stored_symmetry
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
 

@@ -24,7 +24,8 @@ from zoomout_core.transfer import drape, transfer_steps
 from ..mesh_data import MATCH_ATTRIBUTES, content_hash, read_joined_active_uv_map, read_layer, read_positions
 from ..mesh_data.arrays import hash_of
 from ..services.pair import ObjectPair, find_mesh, source_pieces
-from ..storage import stored_match, stored_symmetry
+from ..services.stored_pair import read_stored_match_steps
+from ..storage import stored_symmetry
 from ..storage.candidates import Listing
 from ..storage.stored_match import Match
 from . import overlay
@@ -281,7 +282,7 @@ def follow_undo(context: Context) -> None:
 def _again_steps(context: Context, obj: Object, kind: str) -> Steps[Preview]:
     if kind in OF_SYMMETRY:
         return (yield from symmetry_steps(context, obj.name, kind))
-    pair, match = yield from stored_match.read_kept_steps(context, obj.name)
+    pair, match = yield from read_stored_match_steps(context, obj.name)
     return (yield from match_steps(context, pair, match, kind))
 
 

@@ -9,10 +9,10 @@ from creatures import creature, mirrored_vertex, true_vertex
 from scenes import activate, from_pydata, positions, snapshot_file, values
 
 import zoomout_core as zo
-from blender_addon.operators.candidates import use_candidate
-from blender_addon.operators.match import match_objects
-from blender_addon.operators.transfer import transfer_objects
+from blender_addon.services.match import match_objects
 from blender_addon.services.pair import read_pair
+from blender_addon.services.transfer import transfer_objects
+from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import candidates, stored_match
 from blender_addon.ui import thumbnails
 

@@ -11,10 +11,10 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import USUAL_DATA
-from blender_addon.operators.cut_seams import cut_seams_steps
-from blender_addon.operators.match import match_steps
-from blender_addon.operators.transfer import transfer_steps
 from blender_addon.services.collection_match import match_collections_steps
+from blender_addon.services.match import match_steps
+from blender_addon.services.seam_cut import cut_seams_steps
+from blender_addon.services.transfer import transfer_steps
 
 
 def moved(obj):

@@ -6,7 +6,7 @@ import pytest
 from scenes import activate, linked, positions, values
 
 import zoomout_core as zo
-from blender_addon.operators.match import match_objects
+from blender_addon.services.match import match_objects
 from blender_addon.services.pair import read_pair
 from blender_addon.storage import stored_match
 

@@ -12,10 +12,10 @@ from scenes import activate, ellipsoid, positions, set_weights, values
 import zoomout_core as zo
 from blender_addon.mesh_data import nearest_place
 from blender_addon.operators import modal
-from blender_addon.operators.match import match_objects
 from blender_addon.operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from blender_addon.services import landmarks
 from blender_addon.services.landmarks import landmark_pairs, next_number, places_on, set_landmark, world_places
+from blender_addon.services.match import match_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import landmark_dots
 

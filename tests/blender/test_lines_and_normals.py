@@ -9,7 +9,7 @@ from true_match import keep_true_match
 
 from blender_addon import mesh_data
 from blender_addon.adapters import Settings
-from blender_addon.operators.transfer import transfer_objects
+from blender_addon.services.transfer import transfer_objects
 from zoomout_core.transfer import frames
 from zoomout_core.transfer.cut_mesh import cut_open
 

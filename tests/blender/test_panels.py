@@ -13,11 +13,10 @@ from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_m
 
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
-from blender_addon.operators import stepped
-from blender_addon.operators.candidates import use_candidate
-from blender_addon.operators.match import match_objects
-from blender_addon.operators.transfer import transfer_objects
-from blender_addon.services import mesh_facts
+from blender_addon.services import activity, mesh_facts
+from blender_addon.services.match import match_objects
+from blender_addon.services.transfer import transfer_objects
+from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_match, stored_symmetry
 from blender_addon.ui import panels
 from blender_addon.viewport import preview
@@ -227,7 +226,7 @@ def test_a_transfer_shows_its_report(source, target):
 
 
 def test_work_that_goes_on_stands_in_the_place_of_the_buttons(target, monkeypatch):
-    monkeypatch.setattr(stepped, "running", Progress(0.3, "Guessing"))
+    monkeypatch.setattr(activity, "running", Progress(0.3, "Guessing"))
     assert ("progress", "Guessing", 0.3) in drawn()
     assert "Match" not in buttons()
     assert not bpy.ops.zoomout.match.poll()

@@ -6,8 +6,8 @@ import pytest
 from scenes import activate, ellipsoid, from_pydata, positions
 
 from blender_addon.mesh_data import content_hash
-from blender_addon.operators.match import match_objects
 from blender_addon.services import mesh_facts, preflight
+from blender_addon.services.match import match_objects
 from blender_addon.services.pair import read_pair
 
 

@@ -8,10 +8,10 @@ from scenes import activate, add_uv_map, ellipsoid, positions, snapshot_file, va
 import blender_addon
 import zoomout_core as zo
 from blender_addon import watch
-from blender_addon.operators.candidates import use_candidate, use_candidate_steps
-from blender_addon.operators.match import match_objects
 from blender_addon.services import mesh_facts
+from blender_addon.services.match import match_objects
 from blender_addon.services.pair import read_pair
+from blender_addon.services.use_candidate import use_candidate, use_candidate_steps
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
 from blender_addon.viewport.colors import confidence_colors, place_colors

@@ -12,7 +12,7 @@ from drawing import Context, Layout
 from scenes import activate, ellipsoid, from_pydata
 
 import blender_addon
-from blender_addon.operators import stepped
+from blender_addon.services import activity
 from blender_addon.ui import menus
 from zoomout_core.runtime.stepping import Progress
 
@@ -99,12 +99,12 @@ def edit_mode():
 
 def work_in_a_window():
     one_mesh()
-    stepped.running = Progress(0.5, "Working")
+    activity.running = Progress(0.5, "Working")
 
 
 @pytest.mark.parametrize("state", [nothing, a_light, one_mesh, edit_mode, work_in_a_window])
 def test_operators_that_cannot_be_used_say_why(state, monkeypatch):
-    monkeypatch.setattr(stepped, "running", None)
+    monkeypatch.setattr(activity, "running", None)
     state()
     refused = [operator for operator in operators().values() if not operator.poll()]
     assert refused

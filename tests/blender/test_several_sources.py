@@ -21,10 +21,11 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon.operators.cut_seams import cut_seams
-from blender_addon.operators.transfer import transfer_objects
 from blender_addon.services import preflight
 from blender_addon.services.pair import read_pair_steps
+from blender_addon.services.seam_cut import cut_seams
+from blender_addon.services.stored_pair import read_stored_match_steps
+from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.geometry.closest_points import closest_points
@@ -91,7 +92,7 @@ def transfer(front, whole, *data):
 def test_the_match_is_read_with_all_its_sources(whole):
     kept = stored_match.read(whole.data, joined_pair())
     assert kept.others == ("Back",)
-    assert zo.drain(stored_match.read_kept_steps(bpy.context, "Whole"))[0].source_names == ("Front", "Back")
+    assert zo.drain(read_stored_match_steps(bpy.context, "Whole"))[0].source_names == ("Front", "Back")
 
 
 def test_vertex_groups_are_united_by_name(front, back, whole):
@@ -237,7 +238,7 @@ def test_another_source_that_was_edited_or_removed_is_noticed(front, back, whole
 def test_previews_color_all_sources_and_seams_are_cut_of_all(front, back, whole):
     for obj in (front, back):
         add_uv_map(obj.data, "UVMap")
-    pair, match = zo.drain(stored_match.read_kept_steps(bpy.context, "Whole"))
+    pair, match = zo.drain(read_stored_match_steps(bpy.context, "Whole"))
     for kind in (preview.PLACES, preview.CHECKER):
         shown = zo.drain(preview.match_steps(bpy.context, pair, match, kind))
         assert [overlay.find(coat.object_uid).name for coat in shown.coats] == ["Whole", "Front", "Back"]

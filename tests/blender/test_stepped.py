@@ -7,8 +7,9 @@ import bpy
 import pytest
 
 import zoomout_core as zo
-from blender_addon.operators import modal, stepped
+from blender_addon.operators import modal
 from blender_addon.operators.stepped import SteppedOperator, work_for
+from blender_addon.services import activity
 
 TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "X", "WHEELUPMOUSE"))
 
@@ -89,12 +90,12 @@ def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
 
 def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkeypatch):
     drawn = []
-    monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: drawn.append(stepped.running))
+    monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: drawn.append(activity.running))
     monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 1000.0)
     work = Work(count=5)
     run(work, window, [TICK] * 4)
     assert drawn == [zo.Progress(0.0, "Beginning")]
-    assert stepped.running == zo.Progress(3 / 5, "Working")
+    assert activity.running == zo.Progress(3 / 5, "Working")
     work.modal(window, ESCAPE)
     assert drawn[1:] == [None]
 
@@ -102,9 +103,9 @@ def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkey
 def test_the_view_can_be_turned_meanwhile_and_the_sidebar_knows_how_far_the_work_is(window):
     work = Work(count=3)
     assert run(work, window, [TICK, TICK, WHEEL])[-1] == {"PASS_THROUGH"}
-    assert stepped.running == zo.Progress(1 / 3, "Working")
+    assert activity.running == zo.Progress(1 / 3, "Working")
     work.modal(window, ESCAPE)
-    assert stepped.running is None
+    assert activity.running is None
 
 
 def run_out(work, window):
@@ -139,7 +140,7 @@ def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, mon
     run(work, window, [TICK])
     modal.cancel_all()
     assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
-    assert stepped.running is None
+    assert activity.running is None
     modal.cancel_all()  # once is enough
     assert run(Work(), window, [TICK]) == [{"RUNNING_MODAL"}] * 2
 

@@ -24,13 +24,13 @@ from symmetric import BENT, LEFT, RIGHT, TIP, X, add_key, bumps, edges_between, 
 
 import zoomout_core as zo
 from blender_addon import mesh_data
-from blender_addon.operators.symmetry.check import check_symmetry_steps
-from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
-from blender_addon.operators.symmetry.layers import mirror_attributes, mirror_attributes_steps
-from blender_addon.operators.symmetry.sculpt import mirror_sculpt, mirror_sculpt_steps
-from blender_addon.operators.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
-from blender_addon.operators.symmetry.sides import name_sides, select_symmetry_line
-from blender_addon.operators.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
+from blender_addon.services.symmetry.check import check_symmetry_steps
+from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
+from blender_addon.services.symmetry.layers import mirror_attributes, mirror_attributes_steps
+from blender_addon.services.symmetry.sculpt import mirror_sculpt, mirror_sculpt_steps
+from blender_addon.services.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
+from blender_addon.services.symmetry.sides import name_sides, select_symmetry_line
+from blender_addon.services.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
 from blender_addon.storage import stored_symmetry
 
 

@@ -10,10 +10,10 @@ from scenes import set_weights, snapshot
 from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
 
 import zoomout_core as zo
-from blender_addon.operators.symmetry.check import check_symmetry
-from blender_addon.operators.symmetry.detect import choose_symmetry, detect_symmetry
-from blender_addon.operators.symmetry.weights import symmetrise_weights
 from blender_addon.services import mesh_facts
+from blender_addon.services.symmetry.check import check_symmetry
+from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry
+from blender_addon.services.symmetry.weights import symmetrise_weights
 from blender_addon.storage import stored_symmetry
 from blender_addon.ui import thumbnails
 from blender_addon.viewport import overlay, preview

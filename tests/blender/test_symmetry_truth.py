@@ -9,8 +9,8 @@ from symmetric import edges_between
 import zoomout_core as zo
 from benchmarks.generate.lopsided import lopsided_characters
 from blender_addon import mesh_data
-from blender_addon.operators.symmetry.layers import mirror_attributes
-from blender_addon.operators.symmetry.weights import symmetrise_weights
+from blender_addon.services.symmetry.layers import mirror_attributes
+from blender_addon.services.symmetry.weights import symmetrise_weights
 from blender_addon.storage import stored_symmetry
 
 

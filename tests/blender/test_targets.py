@@ -6,7 +6,7 @@ import pytest
 from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, snapshot_file, values
 
 import zoomout_core as zo
-from blender_addon.operators.match import worked_out_match_steps
+from blender_addon.services.match import worked_out_match_steps
 from blender_addon.services.targets import chosen_targets, each_target_steps
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report

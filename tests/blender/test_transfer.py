@@ -25,8 +25,8 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import DATA
-from blender_addon.operators.match import match_objects
-from blender_addon.operators.transfer import transfer_objects, transfer_steps
+from blender_addon.services.match import match_objects
+from blender_addon.services.transfer import transfer_objects, transfer_steps
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
 

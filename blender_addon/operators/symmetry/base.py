@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from bpy.types import Context
 
-from bpy.types import Context, Mesh, Object
-
-import zoomout_core as zo
-from zoomout_core.runtime.stepping import Progress
-
-from ...services.pair import check_elements, check_writable, edited, find_mesh
 from ...storage import stored_symmetry
 from ..stepped import SteppedOperator
-
-# Part of the progress in which an operator's data is read, which takes steps.
-READ = 0.3
-READING = Progress(0.0, "Reading the mesh")
 
 
 class SymmetryOperator(SteppedOperator):
@@ -31,38 +20,3 @@ class SymmetryOperator(SteppedOperator):
             cls.poll_message_set("Detect the symmetry of this mesh first")
             return False
         return True
-
-
-def writable_mesh(context: Context, name: str) -> Object:
-    """The mesh object of a name, ready to be read and written.
-
-    Raises:
-        MeshError: there is none, it is being edited, or it belongs to another file.
-    """
-    obj = find_mesh(context, name)
-    check_writable(obj)
-    return obj
-
-
-@contextmanager
-def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple[Object, Mesh]]:
-    """The object of a name and its mesh, for what it carries besides its surface.
-
-    Raises:
-        MeshError: it was removed, or its mesh has other elements since the surface was read.
-    """
-    obj = writable_mesh(context, name)
-    check_elements(name, surface, obj.data)
-    yield obj, obj.data
-
-
-def unedited(context: Context, name: str, before: zo.Surface) -> Object:
-    """The object of a name, whose mesh is still what it was when it was read.
-
-    Raises:
-        MeshError: it was removed or edited since.
-    """
-    obj = writable_mesh(context, name)
-    if stored_symmetry.fingerprint(obj) != stored_symmetry.fingerprint_of(before):
-        raise edited(name)
-    return obj

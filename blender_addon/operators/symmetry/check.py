@@ -2,33 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Literal, TypeAlias
+from bpy.types import Context
 
-import numpy as np
-from bpy.types import Context, Object
+from zoomout_core.runtime.stepping import Steps
 
-import zoomout_core as zo
-from zoomout_core.arrays import Floats
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
-from zoomout_core.symmetry.flip_name import partner_of
-from zoomout_core.symmetry.mirror import asymmetry
-from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
-from zoomout_core.symmetry.self_map import SelfMap
-
-from ... import mesh_data
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
-from ...storage import stored_symmetry
-from ...viewport import preview
-from .base import READ, READING, SymmetryOperator, own_mesh, unedited, writable_mesh
-from .shape_keys import read_key
-
-Checked: TypeAlias = Literal["shape", "weights", "key"]
-# The hottest colour stands for the largest value but that of a few vertices, and for no less than these: of lengths
-# over the square root of the area, and of parts of weights.
-FEW, LEAST_LENGTH, LEAST_WEIGHT = 0.2, 2e-3, 0.05
+from ...services.symmetry.check import check_symmetry_steps
+from .base import SymmetryOperator
 
 
 class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
@@ -45,79 +26,3 @@ class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
         return (yield from check_symmetry_steps(context, obj.name, self.check.lower(), key))
-
-
-def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key: str = "") -> str:
-    """Show by colours how asymmetric an object's mesh is, along the symmetry that is kept on it.
-
-    Args:
-        context: Blender's; the object is in its scene.
-        obj: a mesh object.
-        check: what is compared with its other side: the "shape", "weights", or a "key".
-        key: the name of the key.
-
-    Returns:
-        A sentence for the user, with the mean and the largest value.
-
-    Raises:
-        MeshError: there is no symmetry, or no such key; nothing was written.
-    """
-    return drain(check_symmetry_steps(context, obj.name, check, key))
-
-
-def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) -> Steps[str]:
-    """`check_symmetry` as a generator, which holds no Blender data while it is suspended."""
-    values = yield from asymmetry_steps(context, name, check, key)
-    obj = writable_mesh(context, name)
-    least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(stored_symmetry.read(obj).surface.area)
-    most = max(float(np.percentile(values, 100 - FEW)), least)
-    what = _described(check, key, values, most)
-    context.view_layer.update()  # so that what was changed before is not taken for changed since
-    preview.show(preview.of_asymmetry(obj, values, most, what))
-    return what
-
-
-def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") -> Steps[Floats]:
-    """The values (n,) that `check_symmetry` shows: lengths in the mesh's own units, or parts of weights.
-
-    Raises:
-        MeshError: there is no symmetry, or no such key.
-    """
-    obj = writable_mesh(context, name)
-    symmetry = stored_symmetry.read(obj)
-    if check == "weights" and not obj.vertex_groups:
-        raise zo.MeshError(f"'{name}' has no vertex groups: give it some, or check the shape.")
-    yield READING
-    if check == "shape":
-        work = partial(shape_asymmetry, symmetry)
-    elif check == "weights":
-        reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
-        weights = yield from spread(reading, 0, READ, READING.stage)
-        work = partial(asymmetry, weights, symmetry)
-    else:
-        with own_mesh(context, name, symmetry.surface) as (obj, mesh):
-            _, own = read_key(obj, key)
-            keys = mesh.shape_keys.key_blocks.keys()
-            partner = partner_of(key, keys)
-            work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
-    values = np.nan_to_num((yield from spread(in_background(work), READ, 1, "Comparing the sides")))
-    unedited(context, name, symmetry.surface)
-    return values
-
-
-def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Floats:
-    """(n,) how far a key moves vertices otherwise than its partner moves them on the other side."""
-    return np.asarray(np.linalg.norm(mirrored_offsets(partner, symmetry) - offsets, axis=1))
-
-
-def _described(check: Checked, key: str, values: Floats, most: float) -> str:
-    """The values in words, and what the hottest colour stands for."""
-    head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
-    show = "{:.0%}".format if check == "weights" else _length
-    mean, largest, hottest = (show(value) for value in (values.mean(), values.max(initial=0), most))
-    return f"{head}: the sides differ by {mean} on average, at most {largest}; red is {hottest} and more"
-
-
-def _length(value: float) -> str:
-    """A length to two digits, which is as far as it can be told in passing."""
-    return np.format_float_positional(value, precision=2, fractional=False, trim="-")

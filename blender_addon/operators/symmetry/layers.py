@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from bpy.types import Context
 
-import numpy as np
-from bpy.types import Context, Mesh, Object
+from zoomout_core.runtime.stepping import Steps
 
-import zoomout_core as zo
-from zoomout_core.arrays import Integers
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
-from zoomout_core.symmetry.flip_name import partner_of
-from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
-from zoomout_core.symmetry.self_map import SelfMap
-from zoomout_core.symmetry.uv import Layout, symmetrised_uv
-from zoomout_core.transfer import Attribute, Kind
-
-from ... import mesh_data
-from ...mesh_data import Layer
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, LayerOptions
-from ...storage import stored_symmetry
-from .base import READING, SymmetryOperator, own_mesh, unedited, writable_mesh
-
-USUAL_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edges")
+from ...services.symmetry.layers import mirror_attributes_steps
+from .base import SymmetryOperator
 
 
 class ZOOMOUT_OT_mirror_attributes(LayerOptions, DirectionOptions, SymmetryOperator):
@@ -42,118 +25,3 @@ class ZOOMOUT_OT_mirror_attributes(LayerOptions, DirectionOptions, SymmetryOpera
         take_settings(self, context.scene.zoomout.symmetry)
         name, direction, layout = context.active_object.name, self.direction.lower(), self.uv_layout.lower()
         return (yield from mirror_attributes_steps(context, name, self.data(), direction, layout))
-
-
-def mirror_attributes(
-    context: Context,
-    obj: Object,
-    data: Collection[str] = USUAL_DATA,
-    direction: Direction = "left_to_right",
-    uv_layout: Layout = "own",
-) -> str:
-    """Make data of an object's mesh the same on both sides, or exchange the sides, along its symmetry.
-
-    Args:
-        context: Blender's; the object is in its scene.
-        obj: a mesh object.
-        data: which kinds of it, the options of `LayerOptions`.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
-        uv_layout: see `zoomout_core.symmetry.uv`.
-
-    Returns:
-        A sentence for the user.
-
-    Raises:
-        MeshError: there is no symmetry, or no such data; nothing was written.
-    """
-    return drain(mirror_attributes_steps(context, obj.name, data, direction, uv_layout))
-
-
-def mirror_attributes_steps(
-    context: Context, name: str, data: Collection[str], direction: Direction, uv_layout: Layout
-) -> Steps[str]:
-    """`mirror_attributes` as a generator, which holds no Blender data while it is suspended."""
-    obj = writable_mesh(context, name)
-    symmetry = stored_symmetry.read(obj)
-    yield READING
-    with own_mesh(context, name, symmetry.surface) as (obj, _):
-        read = _read(obj, data)
-    found = [one for one in read if direction != "average" or has_mean(one.attribute)]
-    skipped = [one.attribute.name for one in read if one not in found]
-    if not read:
-        raise zo.MeshError(f"'{name}' has none of the data that is to be mirrored: choose other data.")
-    if not found:
-        raise zo.MeshError(f"There is no mean of {', '.join(skipped)}: copy the left or the right side, or exchange.")
-    made = []
-    for i, one in enumerate(found):
-        work = in_background(partial(_made, one, symmetry, direction, uv_layout))
-        values = yield from spread(work, i / len(found), (i + 1) / len(found), f"Mirroring '{one.attribute.name}'")
-        made.append(replace(one, attribute=values))
-    obj = unedited(context, name, symmetry.surface)
-    for one in made:
-        one.write(obj, one.attribute)
-    obj.data.update()
-    left_out = f"; skipped {', '.join(skipped)}, of which there is no mean" if skipped else ""
-    verb = "Exchanged the sides of" if direction == "exchange" else "Mirrored"
-    return f"{verb} {', '.join(dict.fromkeys(one.attribute.name for one in made))} of '{name}'{left_out}"
-
-
-@dataclass(frozen=True, eq=False)
-class _Data:
-    """Values of one kind of elements, such as an attribute, marks of edges, materials, or what is selected.
-
-    Attributes:
-        attribute: the values.
-        write: gives an object such values.
-        partner: for materials, which slot each one's partner of the other side is in.
-    """
-
-    attribute: Attribute
-    write: Callable[[Object, Attribute], None]
-    partner: Integers | None = None
-
-
-def _read(obj: Object, data: Collection[str]) -> list[_Data]:
-    found, mesh = [], obj.data
-    for layer in mesh_data.read_layers(mesh)[0]:
-        name, role = layer.attribute.name, layer.role.value
-        wanted = "masks" if name in mesh_data.SCULPTED else role
-        if wanted in data:
-            found.append(_Data(layer.attribute, partial(_write_layer, layer)))
-    if "materials" in data and mesh.materials:
-        names, slots = mesh_data.read_materials(obj, mesh)
-        found.append(_Data(slots, partial(_write_materials, names), _partners(names)))
-    if "edges" in data:
-        found += [_Data(marks, _on_mesh(mesh_data.write_marks)) for marks in mesh_data.read_marks(mesh)]
-    if "selection" in data:
-        found += [_Data(chosen, _on_mesh(mesh_data.write_selection)) for chosen in mesh_data.read_selection(mesh)]
-    return found
-
-
-def _partners(names: Sequence[str | None]) -> Integers:
-    """(slots,) where the material of the other side is, as Boot.R of Boot.L, or else the material itself."""
-    partners = [name and partner_of(name, names) for name in names]
-    return np.array([names.index(other) if other in names else slot for slot, other in enumerate(partners)])
-
-
-def _on_mesh(write: Callable[[Mesh, Attribute], None]) -> Callable[[Object, Attribute], None]:
-    return lambda obj, attribute: write(obj.data, attribute)
-
-
-def _write_layer(layer: Layer, obj: Object, attribute: Attribute) -> None:
-    mesh_data.write_layer(obj.data, replace(layer, attribute=attribute))
-
-
-def _write_materials(names: Sequence[str | None], obj: Object, slots: Attribute) -> None:
-    mesh_data.write_materials(obj, names, slots)
-
-
-def _made(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
-    attribute = one.attribute
-    if attribute.kind is Kind.UV:
-        return symmetrised_uv(attribute, symmetry, direction, uv_layout)
-    if one.partner is None:
-        return symmetrised(attribute, symmetry, direction)
-    other = mirrored(replace(attribute, values=one.partner[attribute.values]), symmetry)
-    own = own_share_of(attribute.domain, symmetry, direction) >= 0.5
-    return replace(attribute, values=np.where(own, attribute.values, other.values))

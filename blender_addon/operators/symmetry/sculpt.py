@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
+from bpy.types import Context
 
-import numpy as np
-from bpy.types import Context, Object
+from zoomout_core.runtime.stepping import Steps
 
-import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
-from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import symmetrised_offsets
-
-from ... import mesh_data
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions
-from ...storage import stored_symmetry
-from .base import READING, SymmetryOperator, unedited, writable_mesh
+from ...services.symmetry.sculpt import mirror_sculpt_steps
+from .base import SymmetryOperator
 
 
 class ZOOMOUT_OT_mirror_sculpt(DirectionOptions, SymmetryOperator):
@@ -32,48 +24,3 @@ class ZOOMOUT_OT_mirror_sculpt(DirectionOptions, SymmetryOperator):
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout.symmetry)
         return (yield from mirror_sculpt_steps(context, context.active_object.name, self.direction.lower()))
-
-
-def mirror_sculpt(context: Context, obj: Object, direction: Direction = "left_to_right") -> str:
-    """Carry to the other side how vertices were moved since the symmetry of an object's mesh was detected.
-
-    Args:
-        context: Blender's; the object is in its scene.
-        obj: a mesh object.
-        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
-
-    Returns:
-        A sentence for the user.
-
-    Raises:
-        MeshError: there is no symmetry, or nothing was moved; nothing was written.
-    """
-    return drain(mirror_sculpt_steps(context, obj.name, direction))
-
-
-def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> Steps[str]:
-    """`mirror_sculpt` as a generator, which holds no Blender data while it is suspended."""
-    obj = writable_mesh(context, name)
-    symmetry, moved = stored_symmetry.read_with_sculpt(obj)
-    if not moved.any():
-        raise zo.MeshError(_unmoved(obj))
-    yield READING
-    now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
-    work = in_background(partial(symmetrised_offsets, moved, symmetry, direction))
-    wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
-    obj = unedited(context, name, now)
-    mesh_data.move_vertices(obj.data, wanted - moved)
-    stored_symmetry.keep_shape(obj)
-    count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
-    return f"Carried the sculpt of '{name}' over: {count} vertices moved"
-
-
-def _unmoved(obj: Object) -> str:
-    """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
-    said = f"No vertex of '{obj.name}' was moved since its symmetry was detected"
-    levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
-    if levels:
-        return f"{said}: levels of '{levels[0]}' keep what was sculpted there; its Apply Base moves the mesh itself."
-    if obj.data.shape_keys and obj.active_shape_key_index > 0:
-        return f"{said}: a shape key is active, which keeps what is sculpted; make it symmetric, or mirror it."
-    return f"{said}: sculpt it, or mirror a shape key."

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from bpy.app.translations import pgettext_iface
 from bpy.types import Context, Object, UILayout
 
-from ...operators import stepped
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ...operators.symmetry import ZOOMOUT_OT_check_symmetry
+from ...services import activity
 from ...services.preflight import Finding
 from ...services.targets import chosen_targets
 from ...translations import CONTEXT
@@ -78,8 +78,8 @@ def preview_buttons(
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:
     """The button that a panel is about; while there is work in a window, how far it is."""
-    if stepped.running is not None:
-        layout.progress(text=stepped.running.stage, factor=stepped.running.fraction)
+    if activity.running is not None:
+        layout.progress(text=activity.running.stage, factor=activity.running.fraction)
         layout.label(text="ESC cancels", icon="X")
         return
     row = layout.row()

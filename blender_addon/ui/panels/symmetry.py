@@ -7,9 +7,9 @@ from typing import Any
 from bpy.types import Context, Object, Panel, UILayout
 
 from ...operators import symmetry as operators
-from ...operators.symmetry.detect import summary
 from ...properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
 from ...services.preflight import FEW_VERTICES, Finding
+from ...services.symmetry.detect import summary
 from ...storage import stored_symmetry
 from ...viewport import preview
 from .. import manual

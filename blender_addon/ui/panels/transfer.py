@@ -5,11 +5,12 @@ from __future__ import annotations
 from bpy.types import Context, Object, Panel, UILayout
 
 from ...operators.choose_data import ZOOMOUT_OT_choose_data
-from ...operators.transfer import ZOOMOUT_OT_transfer, summary
+from ...operators.transfer import ZOOMOUT_OT_transfer
 from ...presets import ZOOMOUT_PT_transfer_presets
 from ...properties.transfer import TransferOptions
 from ...services.inventory import inventory
 from ...services.preflight import Finding, findings, likely_source, outdated, stale
+from ...services.transfer import summary
 from ...storage import stored_match
 from ...storage.stored_report import transfer_report
 from .. import manual

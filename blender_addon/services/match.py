@@ -1,0 +1,56 @@
+"""Match two objects, and store the result on the target."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.types import Context, Object
+
+from zoomout_core.runtime.stepping import Steps, drain
+
+from ..storage import stored_match
+from ..viewport import preview
+from .constraints import matching_steps, settings_to_keep
+from .pair import check_unedited, read_pair_steps
+from .targets import Write
+
+
+def match_objects(context: Context, source: Object, target: Object, **options: Any) -> stored_match.Match:
+    """Match two mesh objects, and keep the result on the target's mesh.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: has the data; read as its modifiers leave it.
+        target: receives the data.
+        options: those of `constraints.matching_steps`, and of `zoomout_core.match`; or initial="nearest", and those of
+            `zoomout_core.match_by_proximity`.
+
+    Raises:
+        MeshError: an object cannot be used; nothing was written.
+    """
+    return drain(match_steps(context, source.name, target.name, **options))
+
+
+def match_steps(context: Context, source_name: str, target_name: str, **options: Any) -> Steps[stored_match.Match]:
+    """`match_objects` as a generator, which holds no Blender data while it is suspended."""
+    write = yield from worked_out_match_steps(context, source_name, target_name, **options)
+    return write()
+
+
+def worked_out_match_steps(
+    context: Context, source_name: str, target_name: str, **options: Any
+) -> Steps[Write[stored_match.Match]]:
+    """The same without the end: it returns what keeps the match on the target."""
+    pair = yield from read_pair_steps(context, source_name, target_name)
+    settings = settings_to_keep(context, pair, options)
+    result = yield from matching_steps(context, pair, **options)
+    following = yield from preview.following_steps(context, pair, result)
+
+    def write() -> stored_match.Match:
+        _, target = check_unedited(context, pair)
+        stored_match.write(target.data, result, pair, settings)
+        if following is not None:
+            preview.show(following)
+        return result
+
+    return write

@@ -1,0 +1,76 @@
+"""Cut a target open along the seams of its source, and store the match for the mesh that results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.transfer import drape
+from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
+
+from ..mesh_data import divided_steps, read_joined_active_uv_map, write_divided
+from ..storage import stored_match
+from ..viewport import preview
+from .pair import ObjectPair, check_unedited, find_mesh, look_at_target, source_pieces
+from .stored_pair import stored_pair_steps
+
+# Part of the progress after which faces are divided.
+DIVIDING = 0.9
+
+
+def cut_seams(context: Context, source: Object, target: Object) -> str:
+    """Cut a mesh open along the seams of the active UV map of the source that it was matched with.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: has the UV map; read as its modifiers leave it.
+        target: is cut; its match is kept.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no match, or no UV map; nothing was changed.
+    """
+    return drain(cut_seams_steps(context, source.name, target.name))
+
+
+def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Steps[str]:
+    """`cut_seams` as a generator, which holds no Blender data while it is suspended."""
+    pair = yield from stored_pair_steps(context, source_name, target_name)
+    kept = stored_match.read(find_mesh(context, target_name).data, pair)
+    if kept is None:
+        raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
+    with source_pieces(context, pair) as pieces:
+        uv = read_joined_active_uv_map(pieces)
+    draped = drape(kept, pair.source, pair.target)
+    cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, DIVIDING, "Following the seams")
+    _, target = check_unedited(context, pair)
+    divided = yield from spread(divided_steps(target.data, cut), DIVIDING, 1, "Dividing faces")
+    try:
+        _, target = check_unedited(context, pair)
+        before = len(target.data.polygons)
+        write_divided(target.data, divided)
+    finally:
+        divided.free()
+    _keep_match(context, pair, kept, cut)
+    preview.follow_match(context, target)
+    vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
+    whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
+    return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
+
+
+def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:
+    """Keep the match on the mesh that was cut: new vertices are trusted as the least trusted of those around them."""
+    # The target's surface is no longer its own, but a match that was kept before is written by looks alone.
+    pair = replace(before, target_look=look_at_target(context, before.target_name))
+    of_new = [kept.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
+    confidence = np.concatenate([kept.confidence, *of_new])
+    match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)
+    stored_match.write(find_mesh(context, before.target_name).data, match, pair, kept.settings)

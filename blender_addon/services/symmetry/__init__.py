@@ -1,0 +1,1 @@
+"""What is done along the symmetry that is stored on a mesh."""

@@ -1,0 +1,92 @@
+"""Detect the symmetries of a mesh, store them on it, and choose among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps, drain
+
+from ...properties.symmetry import AXES
+from ...storage import stored_symmetry
+from ...viewport import preview
+from ..targets import WRITING
+from .mesh_access import unedited, writable_mesh
+
+# So many candidates are kept at most: things have more symmetries than characters.
+MOST = 6
+
+
+def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.Symmetry, ...]:
+    """Find the symmetries of an object's mesh, and keep them on it.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object, in whatever pose.
+        left: the axis of the object that points to the left of what it shows, of `AXES`.
+
+    Returns:
+        The symmetries, the most likely first.
+
+    Raises:
+        MeshError: the mesh cannot be used, or no symmetry was found; nothing was written.
+    """
+    return drain(detect_symmetry_steps(context, obj.name, left))
+
+
+def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps[tuple[zo.Symmetry, ...]]:
+    """`detect_symmetry` as a generator, which holds no Blender data while it is suspended."""
+    surface = stored_symmetry.rest_surface(writable_mesh(context, name))
+    found = yield from zo.detect_symmetry_steps(surface, most=MOST, left=AXES[left])
+    if not found:
+        raise zo.MeshError(f"No symmetry of '{name}' was found: it may have none.")
+    yield WRITING
+    obj = unedited(context, name, surface)
+    stored_symmetry.write(obj, found, left)
+    preview.follow_symmetry(context, obj)
+    return found
+
+
+def choose_symmetry(context: Context, obj: Object, number: int) -> str:
+    """Use another one of the symmetries that are kept on an object's mesh; a sentence for the user.
+
+    Raises:
+        MeshError: there is none of that number.
+    """
+    kept = stored_symmetry.description(obj.data)
+    candidates = kept["candidates"] if kept else []
+    if number >= len(candidates):
+        raise zo.MeshError(
+            f"'{obj.name}' has {_count(len(candidates))}, not the one that is asked for: choose another."
+        )
+    stored_symmetry.choose(obj.data, number)
+    preview.follow_symmetry(context, obj)
+    return f"'{obj.name}': {summary(candidates[number])}"
+
+
+def swap_sides(context: Context, obj: Object) -> str:
+    """Take left for right, in the symmetry that is chosen on an object's mesh; a sentence for the user.
+
+    Raises:
+        MeshError: there is none, or it has no sides.
+    """
+    stored_symmetry.swap_sides(obj)
+    preview.follow_symmetry(context, obj)
+    return f"Left and right of '{obj.name}' were swapped"
+
+
+def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
+    """What was found on an object of some name, in a sentence."""
+    return f"Found {_count(len(found))} of '{name}'; the first: {summary(stored_symmetry.described(found[0]))}"
+
+
+def summary(candidate: dict[str, Any]) -> str:
+    """One of `stored_symmetry.description`'s candidates in a few words."""
+    return f"{candidate['name']}, {candidate['certainty']:.0%}"
+
+
+def _count(number: int) -> str:
+    return "one symmetry" if number == 1 else f"{number} symmetries"

@@ -1,0 +1,53 @@
+"""Reading and writing the mesh of one object, with checks that nobody edited it in between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Progress
+
+from ...storage import stored_symmetry
+from ..pair import check_elements, check_writable, edited, find_mesh
+
+# Part of the progress in which an operator's data is read, which takes steps.
+READ = 0.3
+READING = Progress(0.0, "Reading the mesh")
+
+
+def writable_mesh(context: Context, name: str) -> Object:
+    """The mesh object of a name, ready to be read and written.
+
+    Raises:
+        MeshError: there is none, it is being edited, or it belongs to another file.
+    """
+    obj = find_mesh(context, name)
+    check_writable(obj)
+    return obj
+
+
+@contextmanager
+def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple[Object, Mesh]]:
+    """The object of a name and its mesh, for what it carries besides its surface.
+
+    Raises:
+        MeshError: it was removed, or its mesh has other elements since the surface was read.
+    """
+    obj = writable_mesh(context, name)
+    check_elements(name, surface, obj.data)
+    yield obj, obj.data
+
+
+def unedited(context: Context, name: str, before: zo.Surface) -> Object:
+    """The object of a name, whose mesh is still what it was when it was read.
+
+    Raises:
+        MeshError: it was removed or edited since.
+    """
+    obj = writable_mesh(context, name)
+    if stored_symmetry.fingerprint(obj) != stored_symmetry.fingerprint_of(before):
+        raise edited(name)
+    return obj

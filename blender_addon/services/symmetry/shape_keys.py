@@ -1,0 +1,178 @@
+"""Mirror shape keys along a symmetry, split them into sides, or make them symmetric."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from functools import partial
+from typing import Literal, TypeAlias
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.mirror import Direction
+from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
+from zoomout_core.symmetry.self_map import SelfMap
+
+from ... import mesh_data
+from ...mesh_data import ShapeKey
+from ...storage import stored_symmetry
+from .mesh_access import READING, own_mesh, unedited, writable_mesh
+
+KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
+# Displacements shorter than this part of a key's longest one are noise.
+NOISE = 1e-4
+
+
+def mirror_shape_key(
+    context: Context,
+    obj: Object,
+    key: str,
+    mode: KeyMode = "mirror",
+    direction: Direction = "left_to_right",
+    blend: float = BLEND,
+) -> str:
+    """Make shape keys along the symmetry that is kept on an object's mesh.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        key: the name of the key to start from.
+        mode: "mirror" makes the key of the other side, as Smile.R from Smile.L; "split" a left and a right key, as
+            Smile.L and Smile.R from Smile; "symmetrise" makes the key itself the same on both sides.
+        direction: for "symmetrise", see `zoomout_core.symmetry.mirror.symmetrised`; "exchange" with "mirror" makes the
+            key, too, from that of the other side.
+        blend: for "split", see `zoomout_core.symmetry.offsets.split_offsets`.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no symmetry, or no such key; nothing was written.
+    """
+    return drain(mirror_shape_key_steps(context, obj.name, key, mode, direction, blend))
+
+
+def mirror_shape_key_steps(
+    context: Context, name: str, key_name: str, mode: KeyMode, direction: Direction, blend: float
+) -> Steps[str]:
+    """`mirror_shape_key` as a generator, which holds no Blender data while it is suspended."""
+    obj = writable_mesh(context, name)
+    symmetry = stored_symmetry.read(obj)
+    yield READING
+    both = mode == "mirror" and direction == "exchange"
+    with own_mesh(context, name, symmetry.surface) as (obj, _):
+        key, offsets = read_key(obj, key_name)
+        names = _new_names(key_name, mode, obj.data.shape_keys.key_blocks.keys())
+        _check_unlocked(obj, {key_name, *names} if both else names)
+        partner, theirs = read_key(obj, names[0]) if both else (key, offsets)
+    if both:
+        keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)
+    else:
+        keys = [replace(key, name=new) for new in names]
+        work = partial(_made, offsets, symmetry, mode, direction, blend)
+    made = yield from spread(in_background(work), 0, 1, "Mirroring the key")
+    obj = unedited(context, name, symmetry.surface)
+    for one, shape in zip(keys, made, strict=True):
+        _write(obj, one, shape, mode, in_place=both or mode == "symmetrise")
+    obj.data.update()
+    return _told(key_name, names, mode, direction)
+
+
+def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
+    """A shape key of an object, and how far it moves each vertex (n, 3) from the key that it is relative to.
+
+    Raises:
+        MeshError: there is no such key, or none is active, or keys are absolute.
+    """
+    present = obj.data.shape_keys
+    if not name:
+        raise zo.MeshError(f"No shape key of '{obj.name}' is active: add one, or make it active.")
+    if present is None or name not in present.key_blocks or name == present.reference_key.name:
+        raise zo.MeshError(f"'{obj.name}' has no shape key {name!r} beside the first one: make another key active.")
+    if not present.use_relative:
+        raise zo.MeshError(f"The shape keys of '{obj.name}' are absolute: turn on Relative in its shape keys.")
+    keys = mesh_data.read_own_shape_keys(obj.data)
+    number = keys.offsets.labels.index(name)
+    return keys.keys[number], keys.offsets.values[:, number].astype(np.float64)
+
+
+def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str, ...]:
+    """The names of what is made of a key, where keys of some names are present."""
+    if mode == "split":
+        return f"{name}.L", f"{name}.R"
+    partner = partner_of(name, present)
+    if mode == "mirror" and partner == name:
+        raise zo.MeshError(f"The name {name!r} has no side: end it in .L or .R, or split the key into both.")
+    return (partner if mode == "mirror" else name,)
+
+
+def _check_unlocked(obj: Object, names: Collection[str]) -> None:
+    """Raise a MeshError if a key of these names is there and locked against changes."""
+    blocks = obj.data.shape_keys.key_blocks
+    for name in names:
+        if name in blocks and blocks[name].lock_shape:
+            raise zo.MeshError(
+                f"The shape key {name!r} of '{obj.name}' is locked: unlock it in the list of shape keys."
+            )
+
+
+def _told(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
+    """What was done, in a sentence."""
+    made, exchanged = " and ".join(f"{name!r}" for name in names), direction == "exchange"
+    if mode == "symmetrise":
+        return f"Exchanged the sides of {made}" if exchanged else f"Made {made} symmetric"
+    return f"Exchanged {key!r} and {made}" if exchanged and mode == "mirror" else f"From {key!r} made {made}"
+
+
+def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
+    """The displacements (n, 3) of keys on the other side."""
+    return [_without_noise(mirrored_offsets(one, symmetry), one) for one in offsets]
+
+
+def _made(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
+    """The displacements (n, 3) of each key that is made."""
+    if mode == "mirror":
+        return _mirrored([offsets], symmetry)
+    if mode == "split":
+        return [_without_noise(part, offsets) for part in split_offsets(offsets, symmetry, blend)]
+    return [_without_noise(symmetrised_offsets(offsets, symmetry, direction), offsets)]
+
+
+def _without_noise(made: Floats, offsets: Floats) -> Floats:
+    """Displacements (n, 3) without those that are as good as none beside the longest that they were made from."""
+    least = NOISE * np.linalg.norm(offsets, axis=1).max(initial=0)
+    return np.where(np.linalg.norm(made, axis=1, keepdims=True) < least, 0, made)
+
+
+def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place: bool) -> None:
+    """Write a key with displacements from the key that it is relative to; one of its name keeps its value.
+
+    Args:
+        obj: the object.
+        key: as it was read, under its new name.
+        offsets: (n, 3).
+        mode: what is made of it. The other side's key goes with what else belongs to that side.
+        in_place: whether it is written where it was read, so that all else stays.
+    """
+    blocks, settings, base = obj.data.shape_keys.key_blocks, dict(key.settings), key.relative_to
+    if not in_place:
+        settings["value"] = blocks[key.name].value if key.name in blocks else 0.0
+        settings["lock_shape"] = False
+        if mode == "mirror":
+            settings["vertex_group"] = _other_name(settings["vertex_group"], obj.vertex_groups.keys())
+            base = _other_name(base, blocks.keys()) if base else None
+    if base is not None:
+        offsets = offsets + mesh_data.read_key_positions(obj.data, base) - mesh_data.read_rest_positions(obj.data)
+    mesh_data.write_shape_keys(obj, [ShapeKey(key.name, -1, base, settings)], np.ascontiguousarray(offsets)[:, None])
+
+
+def _other_name(name: str, present: list[str]) -> str:
+    """The name of the other side if there is such a thing, else the name itself."""
+    partner = partner_of(name, present)
+    return partner if partner in present else name

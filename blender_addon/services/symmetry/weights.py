@@ -1,0 +1,117 @@
+"""Make vertex weights symmetric."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
+from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.weights import sum_to_one
+
+from ... import mesh_data
+from ...storage import stored_symmetry
+from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
+
+
+def symmetrise_weights(context: Context, obj: Object, direction: Direction = "left_to_right", only: str = "") -> str:
+    """Make an object's vertex groups the same on both sides, or exchange the sides, along its mesh's symmetry.
+
+    Args:
+        context: Blender's; the object is in its scene.
+        obj: a mesh object.
+        direction: see `zoomout_core.symmetry.mirror.symmetrised`.
+        only: the name of a group, which alone is taken with its partner; "" for all.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: there is no symmetry, or there are no such groups; nothing was written.
+    """
+    return drain(symmetrise_weights_steps(context, obj.name, direction, only))
+
+
+def symmetrise_weights_steps(context: Context, name: str, direction: Direction, only: str = "") -> Steps[str]:
+    """`symmetrise_weights` as a generator, which holds no Blender data while it is suspended."""
+    obj = writable_mesh(context, name)
+    symmetry = stored_symmetry.read(obj)
+    yield READING
+    reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
+    weights = yield from spread(reading, 0, READ, READING.stage)
+    with own_mesh(context, name, symmetry.surface) as (obj, _):
+        chosen = _choose(obj, with_partners(weights, mesh_data.deforming_bones(obj)), only)
+    work = in_background(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
+    weights = yield from spread(work, READ, 1, "Mirroring weights")
+    obj = unedited(context, name, symmetry.surface)
+    mesh_data.update_weights(obj, chosen.weights, weights)
+    obj.data.update()
+    return _told(name, chosen, direction)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """The groups that are made symmetric, and what holds for them.
+
+    Attributes:
+        weights: of these groups and their partners.
+        sharing: how they share a vertex among them and with the others, see `zoomout_core.transfer.weights`.
+        locked: names of those that are left out because they, or their partners, are locked.
+    """
+
+    weights: Attribute
+    sharing: dict[str, Any]
+    locked: list[str]
+
+
+def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
+    if not weights.labels:
+        raise zo.MeshError(f"'{obj.name}' has no vertex groups: give it some, or make another mesh active.")
+    wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
+    if only and only not in weights.labels:
+        raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
+    held = mesh_data.locked_groups(obj)
+    locked = [
+        label for label in weights.labels if label in wanted and {label, partner_of(label, weights.labels)} & held
+    ]
+    columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
+    if not columns:
+        raise zo.MeshError(f"All of these vertex groups of '{obj.name}' are locked: unlock some.")
+    values, deforming = csr_array(weights.values), _deforming(obj, weights)
+    labels = tuple(weights.labels[i] for i in columns)
+    shared = [i for i, label in enumerate(weights.labels) if label in deforming]
+    others = [i for i in shared if i not in columns]
+    sharing = {
+        "normalised": np.array([label in deforming for label in labels]),
+        "sums": values[:, shared].sum(axis=1),
+        "room": np.clip(1 - values[:, others].sum(axis=1), 0, 1) if others else np.inf,
+    }
+    return _Chosen(replace(weights, values=csr_array(values[:, columns]), labels=labels), sharing, locked)
+
+
+def _told(name: str, chosen: _Chosen, direction: Direction) -> str:
+    """What was done with an object's groups, in a sentence."""
+    labels = chosen.weights.labels
+    groups = f"{len(labels)} vertex groups of '{name}'"
+    done = f"Exchanged the sides of {groups}" if direction == "exchange" else f"Made {groups} symmetric"
+    if all(partner_of(label, labels) == label for label in labels):
+        done += ", each by itself: none has a side in its name"
+    return done + (f"; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else "")
+
+
+def _deforming(obj: Object, weights: Attribute) -> set[str]:
+    """The groups that share a vertex among them: those of bones, or all of a skin without bones."""
+    bones = mesh_data.deforming_bones(obj)
+    bones |= {partner_of(bone, bones) for bone in bones}
+    if bones.intersection(weights.labels):
+        return bones
+    return set(weights.labels) if sum_to_one(weights.values) else set()
