@@ -12,7 +12,7 @@ import click
 from meshlab_filter.batch import LOW, REPORT, Outcome, is_folder, planned, transfer_steps, write_report
 from meshlab_filter.files import FORMATS, check_folder, load_mesh, new_mesh_set, save_mesh
 from meshlab_filter.script import read_script, run_script_steps
-from zoomout_core.cli import match_options, start_arguments, threads_option, with_progress_bar
+from zoomout_core.command_options import match_options, start_arguments, threads_option, with_progress_bar
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
 

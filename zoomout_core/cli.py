@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from platformdirs import user_cache_dir
-from tqdm import tqdm
 
+from zoomout_core.command_options import (
+    match_options,
+    mesh_options,
+    read_axis,
+    read_landmarks,
+    start_arguments,
+    threads_option,
+    with_progress_bar,
+)
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
-from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map, vertex_numbers
+from zoomout_core.maps.surface_map import SurfaceMap, vertex_numbers
 from zoomout_core.matching.confidence import cycle_error
-from zoomout_core.matching.constraints import checked_axes
 from zoomout_core.matching.match import MatchResult, match_steps
-from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.matching.proximity import (
     MOST_ANGLE,
@@ -26,32 +30,10 @@ from zoomout_core.matching.proximity import (
 )
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.runtime.stepping import Result, Steps
-from zoomout_core.runtime.threads import set_threads
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 
-STARTS = ("auto", "landmarks", "proximity")
 # A start that nothing follows.
 NEAREST = "nearest"
-NO_CACHE = "off"
-AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
-
-
-def threads_option(command: Any) -> Any:
-    """Give a command the number of threads that it works with."""
-
-    def set_them(_: click.Context, __: click.Parameter, count: int | None) -> None:
-        if count is not None:
-            set_threads(count)
-
-    option = click.option(
-        "--threads",
-        type=click.IntRange(1),
-        expose_value=False,
-        callback=set_them,
-        help="Threads that work at a time; the result does not depend on it (default: the cores, up to 8).",
-    )
-    return option(command)
 
 
 @click.group()
@@ -59,114 +41,6 @@ def threads_option(command: Any) -> Any:
 @threads_option
 def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
-
-
-def mesh_options(command: Any) -> Any:
-    """The options of every command that analyses meshes."""
-    for option in (
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the eigensolver."),
-        click.option(
-            "--detail",
-            type=click.Choice(list(DETAIL)),
-            default="balanced",
-            show_default=True,
-            help="How fine a stand-in for the mesh to match, and by how many eigenfunctions and samples; full: none, "
-            "which takes many times as long.",
-        ),
-        click.option(
-            "--cache",
-            default=user_cache_dir("zoomout", appauthor=False),
-            envvar="ZOOMOUT_CACHE",
-            show_default=True,
-            show_envvar=True,
-            expose_value=False,
-            callback=lambda _context, _option, folder: store_shapes(None if folder == NO_CACHE else folder),
-            help="Folder in which prepared meshes are kept for the next match, a gigabyte at most; off: nowhere.",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def match_options(command: Any) -> Any:
-    """The options of every command that matches two meshes."""
-    for option in (
-        mesh_options,
-        click.option(
-            "--common-axis",
-            "common_axes",
-            multiple=True,
-            metavar="X,Y,Z",
-            help="A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
-        ),
-        click.option(
-            "--earlier-map",
-            type=click.Path(exists=True, dir_okay=False),
-            help="A map.npz of these meshes, by `zoomout match`: evidence, whereas --initial starts from it alone.",
-        ),
-        click.option("--exact-landmarks", is_flag=True, help="Bend the map so that it hits the landmarks."),
-        click.option(
-            "--landmarks",
-            type=click.Path(exists=True, dir_okay=False),
-            help="Text file of pairs, one a line: a source vertex and a target vertex, numbered from 0; or the six "
-            "coordinates of a point on the source and of one on the target.",
-        ),
-        click.option(
-            "--initial",
-            default="auto",
-            show_default=True,
-            help="How to begin: auto, landmarks, proximity, or a map.npz written by `zoomout match`.",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def start_arguments(
-    initial: str,
-    landmarks: str | None,
-    exact_landmarks: bool,
-    earlier_map: str | None,
-    common_axes: Sequence[str],
-    detail: str,
-    seed: int,
-) -> dict[str, Any]:
-    """What the options of `match_options` mean to `match`.
-
-    Raises:
-        MeshError: options that do not fit together, or a file or a direction that cannot be used.
-    """
-    arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "initial": initial}
-    if landmarks is None and (initial == "landmarks" or exact_landmarks):
-        wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
-        raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
-    if landmarks is not None:
-        arguments |= {"landmarks": read_landmarks(landmarks), "exact_landmarks": exact_landmarks}
-    if initial not in STARTS:
-        if not Path(initial).is_file():
-            raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
-        arguments.update(initial="given", initial_map=read_vertex_map(initial))
-    if earlier_map is not None:
-        if initial != "auto":
-            raise MeshError(f"--earlier-map is evidence for --initial auto, not for {initial}: leave one of them out.")
-        arguments["initial_map"] = read_vertex_map(earlier_map)
-    if common_axes:
-        if initial not in ("auto", "landmarks"):
-            raise MeshError(f"--common-axis is evidence for --initial auto, not for {initial}: leave one of them out.")
-        arguments["common_axes"] = [read_axis(axis) for axis in common_axes]
-    return arguments
-
-
-def read_axis(text: str, option: str = "--common-axis") -> np.ndarray:
-    """The direction (3,) that `x`, `-y` or three numbers with commas stand for, of unit length.
-
-    Raises:
-        MeshError: it is no direction.
-    """
-    try:
-        return checked_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
-    except ValueError:
-        raise MeshError(f"{option} is {text!r}: give x, -x, y, -y, z, -z, or a direction such as 0,0,1.") from None
 
 
 def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
@@ -182,39 +56,6 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
             f"{len(target.vertices)}: give the two meshes of the map, in its order."
         )
     return surface_map
-
-
-def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Source and target vertices (m,), or points (m, 3), from a text file with a pair a line.
-
-    Raises:
-        MeshError: a line is neither a pair of vertex numbers nor one of points, or unlike the others.
-    """
-    try:
-        lines = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]
-        rows = list(filter(None, lines))
-        columns = 6 if len(rows[0]) == 6 else 2
-        table = np.array(rows).reshape(len(rows), columns).astype(np.float64 if columns == 6 else np.int64)
-    except (ValueError, OverflowError, IndexError):
-        raise MeshError(
-            f"{path} is no list of landmarks: give two vertex numbers a line, source and target, or six coordinates, "
-            "of a point on the source and of one on the target."
-        ) from None
-    source, target = np.split(table, 2, axis=1)
-    return (source, target) if columns == 6 else (source[:, 0], target[:, 0])
-
-
-def with_progress_bar(steps: Steps[Result]) -> Result:
-    """Drain a stepped computation, showing a progress bar on the terminal."""
-    with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}") as bar:
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as finished:
-                bar.update(100 - bar.n)
-                return finished.value
-            bar.set_description_str(progress.stage, refresh=False)
-            bar.update(100 * progress.fraction - bar.n)
 
 
 @main.command()

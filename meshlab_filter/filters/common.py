@@ -8,7 +8,7 @@ import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
-from zoomout_core.cli import STARTS, read_axis, read_landmarks
+from zoomout_core.command_options import STARTS, read_axis, read_landmarks
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.runtime.stepping import Steps, within

@@ -11,7 +11,7 @@ import zoomout_core as zo
 from meshlab_filter import apply_filter
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, LENGTH, MESH, NAMES, SWITCH, TEXT
-from zoomout_core.cli import DETAIL
+from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
 
 BY_PAIR = [name for name, row in CATALOGUE.items() if row.parameters[0].name == "sourcemesh"]
