@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from blender_addon import mesh_data
-from blender_addon.adapters import DEFAULT, PACK, USUAL_DATA, Cargo, Origin, Remarks, Way
+from blender_addon.adapters import COLLECTORS, DEFAULT, USUAL_DATA, Adapter, Remarks, TransferJob, TransferRequest
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.character import select_only
 from blender_addon.services.pair import read_pair
@@ -51,7 +51,7 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
         keys: shape keys that it has, every other one of which moves all of it.
 
     Returns:
-        `rows`: for each kind of data the seconds in which it is read, carried over and written, and the processor
+        `rows`: for each kind of data the seconds in which it is read, transferred and written, and the processor
         time of all that. What kinds share is on the account of the first that needs it. Last, how long an artist waits
         for all of it along a match that is kept, reading and writing and checks included.
     """
@@ -61,15 +61,15 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
     burden(source, groups, keys)
     match = StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())
     pair, cost = _timed(partial(read_pair, bpy.context, source.name, target.name))
-    way = Way(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
+    job = TransferJob(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
     rows = [_row("(surfaces)", 2, {"read": cost})]
     with mesh_data.evaluated_mesh(source, bpy.context.evaluated_depsgraph_get()) as (evaluated, mesh):
-        origin = Origin(source, evaluated, mesh, target, USUAL_DATA, DEFAULT, way.blend)
-        packed = [_timed(partial(pack, origin, Remarks())) for pack in PACK]
-    for cargo, read in packed:
-        for kind, group in groupby(cargo, key=lambda one: one.kind):
+        request = TransferRequest(source, evaluated, mesh, target, USUAL_DATA, DEFAULT, job.blend)
+        collected = [_timed(partial(collect, request, Remarks())) for collect in COLLECTORS]
+    for adapters, read in collected:
+        for kind, group in groupby(adapters, key=lambda one: one.kind):
             of_kind = list(group)
-            costs = {"read": read, "carry": _timed(partial(_carry, of_kind, way))[1]}
+            costs = {"read": read, "transfer": _timed(partial(_transfer, of_kind, job))[1]}
             costs["write"] = _timed(partial(_write, of_kind, target))[1]
             rows.append(_row(kind, sum(len(one.names) for one in of_kind), costs))
             read = Cost(0, 0)  # layers of all kinds are read together
@@ -79,13 +79,13 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
     return {"rows": [*rows, {"kind": "all", **totals}, _row("(in one transfer)", totals["count"], {"all": waiting})]}
 
 
-def _carry(cargo: list[Cargo], way: Way) -> None:
-    for one in cargo:
-        drain(one.carry(way))
+def _transfer(adapters: list[Adapter], job: TransferJob) -> None:
+    for one in adapters:
+        drain(one.transfer(job))
 
 
-def _write(cargo: list[Cargo], target: bpy.types.Object) -> None:
-    for one in cargo:
+def _write(adapters: list[Adapter], target: bpy.types.Object) -> None:
+    for one in adapters:
         one.write(target)
 
 
@@ -96,7 +96,7 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, Cost]:
 
 
 def _row(kind: str, count: int, costs: dict[str, Cost]) -> Record:
-    steps = {step: costs[step].clock if step in costs else None for step in ("read", "carry", "write")}
+    steps = {step: costs[step].clock if step in costs else None for step in ("read", "transfer", "write")}
     seconds, processor = (sum(column) for column in zip(*costs.values(), strict=True))
     return {"kind": kind, "count": count, **steps, "seconds": seconds, "processor": processor}
 

@@ -1,24 +1,24 @@
-"""What is transferred: one module for each kind of data, each with a `pack` that chooses from what a source has."""
+"""Adapters between Blender's data and the core: a module for each kind, whose `collect` chooses what is transferred."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from . import edges, layers, materials, normals, shape_keys, vertex_groups
-from .adapter import Cargo, Origin, Remarks, Way
-from .scheduling import carry_steps
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
+from .scheduling import transfer_all_steps
 from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names, parse_names
 
 # In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
 # which of these are sharp. Shape keys come last: reading them evaluates copies, which what was evaluated before need
 # not outlive.
-PACK: tuple[Callable[[Origin, Remarks], list[Cargo]], ...] = (
-    layers.pack,
-    edges.pack,
-    vertex_groups.pack,
-    materials.pack,
-    normals.pack,
-    shape_keys.pack,
+COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
+    layers.collect,
+    edges.collect,
+    vertex_groups.collect,
+    materials.collect,
+    normals.collect,
+    shape_keys.collect,
 )
 
 # The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
@@ -38,18 +38,18 @@ DATA = tuple(NOUNS)
 USUAL_DATA = tuple(kind for kind in DATA if kind != "shape")
 
 __all__ = [
+    "COLLECTORS",
     "DATA",
     "DEFAULT",
     "FILL_BELOW",
     "NOUNS",
-    "PACK",
     "USUAL_DATA",
-    "Cargo",
-    "Origin",
+    "Adapter",
     "Remarks",
     "Settings",
-    "Way",
-    "carry_steps",
+    "TransferJob",
+    "TransferRequest",
     "parse_group_names",
     "parse_names",
+    "transfer_all_steps",
 ]

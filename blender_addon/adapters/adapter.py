@@ -1,4 +1,4 @@
-"""What all kinds of data have in common on their way from a source to a target."""
+"""What the adapters of all kinds of data share: the request, the transfer job, and the protocol that they follow."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from .settings import Settings
 
 
 @dataclass(frozen=True, eq=False)
-class Origin:
-    """Where data comes from and goes to, to choose from.
+class TransferRequest:
+    """What is to be transferred, from which objects to which, and how.
 
     Attributes:
         source: the object that has the data, as it is in the file.
@@ -70,8 +70,8 @@ class Remarks:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """The way that data takes.
+class TransferJob:
+    """One transfer from a source to a target: the match, both surfaces, the settings, and what has arrived so far.
 
     Attributes:
         match: leads from the target to the source.
@@ -88,13 +88,13 @@ class Way:
     settings: Settings
     blend: Blend
     uv_maps: dict[str, Attribute] = field(default_factory=dict)
-    _draped: dict[tuple[Surface | None, Surface | None], MappedTarget] = field(default_factory=dict)
+    _mapped_targets: dict[tuple[Surface | None, Surface | None], MappedTarget] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         own = drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
-        self._draped.setdefault((None, None), own)
+        self._mapped_targets.setdefault((None, None), own)
 
-    def carry(
+    def transfer(
         self,
         attribute: Attribute,
         what: str,
@@ -102,7 +102,7 @@ class Way:
         target: Surface | None = None,
         **options: Any,
     ) -> Steps[Attribute]:
-        """An attribute of the source, on the target.
+        """Transfer an attribute of the source to the target.
 
         Args:
             attribute: of the source.
@@ -118,10 +118,12 @@ class Way:
 
     def _between(self, source: Surface | None, target: Surface | None) -> MappedTarget:
         """The target on the source, or on others in their place; kept for the next attribute that takes the same."""
-        if (source, target) not in self._draped:
-            own = self._draped[None, None]
-            self._draped[source, target] = replace(own, source=source or own.source, target=target or own.target)
-        return self._draped[source, target]
+        if (source, target) not in self._mapped_targets:
+            own = self._mapped_targets[None, None]
+            self._mapped_targets[source, target] = replace(
+                own, source=source or own.source, target=target or own.target
+            )
+        return self._mapped_targets[source, target]
 
     def blended(
         self,
@@ -130,7 +132,7 @@ class Way:
         sharing: Collection[str] = (),
         lacking: Collection[int] = (),
     ) -> Attribute:
-        """An attribute that was carried, blended with the one that the target has, see `blend`.
+        """A transferred attribute, blended with the one that the target has, see `blend`.
 
         What lies on sources that lack it, given by their numbers, keeps what it has.
         """
@@ -153,8 +155,8 @@ class Way:
             self.remarks.add([f"{what}: not blended with those of '{self.pair.target_name}', but put in their place."])
 
 
-class Cargo(Protocol):
-    """Data that was chosen: with the source's values until it is carried, then with the target's.
+class Adapter(Protocol):
+    """Data of one kind that was chosen: with the source's values until `transfer`, then with the target's.
 
     It holds no Blender data, which may be gone when a long transfer has ended.
     """
@@ -167,7 +169,7 @@ class Cargo(Protocol):
     def names(self) -> list[str]:
         """What it is made of, for the report."""
 
-    def carry(self, way: Way) -> Steps[None]:
+    def transfer(self, job: TransferJob) -> Steps[None]:
         """Put the target's values in place of the source's."""
 
     def write(self, target: Object) -> None:

@@ -11,11 +11,11 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.uv import uv_seams
 
 from .. import mesh_data
-from .adapter import Cargo, Origin, Remarks, Way
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
 
 @dataclass
-class MarkCargo:
+class MarkAdapter:
     """Marks of one label, see `mesh_data.read_marks`.
 
     Attributes:
@@ -31,16 +31,16 @@ class MarkCargo:
     def names(self) -> list[str]:
         return [self.marks.name]
 
-    def carry(self, way: Way) -> Steps[None]:
-        carried = yield from way.carry(self.marks, self.marks.name)
-        self.marks = way.blended(carried, self.present)
+    def transfer(self, job: TransferJob) -> Steps[None]:
+        carried = yield from job.transfer(self.marks, self.marks.name)
+        self.marks = job.blended(carried, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_marks(target.data, self.marks)
 
 
 @dataclass
-class SeamCargo:
+class SeamAdapter:
     """Seams where the islands of a UV map meet that is transferred as well: others would run beside these.
 
     Attributes:
@@ -58,29 +58,29 @@ class SeamCargo:
     def names(self) -> list[str]:
         return [mesh_data.SEAMS]
 
-    def carry(self, way: Way) -> Steps[None]:
+    def transfer(self, job: TransferJob) -> Steps[None]:
         yield Progress(0.0, "Marking seams")
-        seams = uv_seams(way.pair.target, way.uv_maps[self.uv_map].values)
-        self.marks = way.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
-        way.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
+        seams = uv_seams(job.pair.target, job.uv_maps[self.uv_map].values)
+        self.marks = job.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
+        job.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
 
     def write(self, target: Object) -> None:
         if self.marks is not None:
             mesh_data.write_marks(target.data, self.marks)
 
 
-def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The marks that the source has, if they are asked for."""
-    if "edges" not in origin.data:
+    if "edges" not in request.data:
         return []
-    present = {marks.name: marks for marks in mesh_data.read_marks(origin.target.data)}
-    found: list[Cargo] = [
-        MarkCargo(marks, present.get(marks.name)) for marks in mesh_data.read_joined_marks(origin.pieces)
+    present = {marks.name: marks for marks in mesh_data.read_marks(request.target.data)}
+    found: list[Adapter] = [
+        MarkAdapter(marks, present.get(marks.name)) for marks in mesh_data.read_joined_marks(request.pieces)
     ]
-    active = mesh_data.read_joined_active_layers(origin.pieces).uv
-    if "uv_maps" not in origin.data or active is None:
+    active = mesh_data.read_joined_active_layers(request.pieces).uv
+    if "uv_maps" not in request.data or active is None:
         return found
     return [
-        SeamCargo(active, present.get(mesh_data.SEAMS)),
-        *(cargo for cargo in found if mesh_data.SEAMS not in cargo.names),
+        SeamAdapter(active, present.get(mesh_data.SEAMS)),
+        *(adapter for adapter in found if mesh_data.SEAMS not in adapter.names),
     ]

@@ -13,11 +13,11 @@ from zoomout_core.transfer import Attribute, Kind
 
 from .. import mesh_data
 from ..mesh_data import ActiveLayers, Layer, Role
-from .adapter import Cargo, Origin, Remarks, Way
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
 
 @dataclass
-class LayerCargo:
+class LayerAdapter:
     """One attribute.
 
     Attributes:
@@ -42,47 +42,47 @@ class LayerCargo:
     def names(self) -> list[str]:
         return [self.layer.attribute.name]
 
-    def carry(self, way: Way) -> Steps[None]:
+    def transfer(self, job: TransferJob) -> Steps[None]:
         attribute, options = self.layer.attribute, dict[str, Any]()
         if self.at_rest is not None:
             options = dict(zip(("source", "target"), self.at_rest, strict=True))
             if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
                 options["turned"] = True
-        attribute = yield from way.carry(attribute, f"'{attribute.name}'", **options)
-        self.layer = replace(self.layer, attribute=way.blended(attribute, self.present, lacking=self.lacking))
+        attribute = yield from job.transfer(attribute, f"'{attribute.name}'", **options)
+        self.layer = replace(self.layer, attribute=job.blended(attribute, self.present, lacking=self.lacking))
         if self.layer.role is Role.UV_MAP:
-            way.uv_maps[attribute.name] = self.layer.attribute
+            job.uv_maps[attribute.name] = self.layer.attribute
 
     def write(self, target: Object) -> None:
         mesh_data.write_layer(target.data, self.layer)
         mesh_data.write_active_layers(target.data, self.active)
 
 
-def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The attributes that are asked for.
 
     Raises:
         MeshError: the target has no room for them.
     """
-    found, skipped = mesh_data.read_joined_layers(origin.pieces, origin.settings.turning)
-    for piece in origin.pieces:
+    found, skipped = mesh_data.read_joined_layers(request.pieces, request.settings.turning)
+    for piece in request.pieces:
         remarks.skipped |= mesh_data.data_without_a_way(piece.source, piece.mesh)
-    if Role.GENERIC.value in origin.data:
+    if Role.GENERIC.value in request.data:
         remarks.skipped |= skipped
-        _note_unturned([layer for layer, _ in found], origin, remarks)
-    chosen = [joined for joined in found if joined.layer.role.value in origin.data]
+        _note_unturned([layer for layer, _ in found], request, remarks)
+    chosen = [joined for joined in found if joined.layer.role.value in request.data]
     layers = [layer for layer, _ in chosen]
-    _check_uv_maps(layers, origin.target)
-    _check_names(layers, origin.target, remarks)
-    active = mesh_data.read_joined_active_layers(origin.pieces)
+    _check_uv_maps(layers, request.target)
+    _check_names(layers, request.target, remarks)
+    active = mesh_data.read_joined_active_layers(request.pieces)
     at_rest = None
     if any(layer.turning for layer in layers):
-        at_rest = mesh_data.read_joined_at_rest(origin.pieces), mesh_data.read_surface_at_rest(origin.target)
+        at_rest = mesh_data.read_joined_at_rest(request.pieces), mesh_data.read_surface_at_rest(request.target)
     return [
-        LayerCargo(
+        LayerAdapter(
             layer,
             active.among({layer.attribute.name}),
-            _present(layer, origin, bool(lacking)),
+            _present(layer, request, bool(lacking)),
             lacking,
             at_rest if layer.turning else None,
         )
@@ -90,11 +90,11 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     ]
 
 
-def _present(layer: Layer, origin: Origin, kept: bool) -> Attribute | None:
+def _present(layer: Layer, request: TransferRequest, kept: bool) -> Attribute | None:
     """The attribute of the target that a layer is blended with, or that is kept in places."""
-    mesh, name = origin.target.data, layer.attribute.name
+    mesh, name = request.target.data, layer.attribute.name
     if (
-        (origin.blend.replaces and not kept)
+        (request.blend.replaces and not kept)
         or name not in mesh.attributes
         or not mesh_data.fits(mesh.attributes[name], layer)
     ):
@@ -102,11 +102,11 @@ def _present(layer: Layer, origin: Origin, kept: bool) -> Attribute | None:
     return mesh_data.read_layer(mesh, name, layer.role, layer.turning).attribute
 
 
-def _note_unturned(layers: list[Layer], origin: Origin, remarks: Remarks) -> None:
+def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remarks) -> None:
     """Say which names of what is to turn are none of attributes that can."""
-    missing = set(origin.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
+    missing = set(request.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
     remarks.add(
-        f"{name}: does not turn, as '{origin.source.name}' has no vectors, quaternions or matrices of this name."
+        f"{name}: does not turn, as '{request.source.name}' has no vectors, quaternions or matrices of this name."
         for name in sorted(missing)
     )
 

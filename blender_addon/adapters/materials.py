@@ -11,11 +11,11 @@ from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
-from .adapter import Cargo, Origin, Remarks, Way
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
 
 @dataclass
-class MaterialCargo:
+class MaterialAdapter:
     """Materials.
 
     Attributes:
@@ -36,24 +36,24 @@ class MaterialCargo:
     def names(self) -> list[str]:
         return [self.materials[slot] or "(none)" for slot in np.unique(self.face_slots.values)]
 
-    def carry(self, way: Way) -> Steps[None]:
-        carried = yield from way.carry(self.face_slots, "materials")
-        self.face_slots = way.blended(carried, self.present, lacking=self.lacking)
+    def transfer(self, job: TransferJob) -> Steps[None]:
+        carried = yield from job.transfer(self.face_slots, "materials")
+        self.face_slots = job.blended(carried, self.present, lacking=self.lacking)
 
     def write(self, target: Object) -> None:
         mesh_data.write_materials(target, self.materials, self.face_slots)
 
 
-def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The source's materials, if it has any."""
-    materials, face_slots, lacking = mesh_data.read_joined_materials(origin.pieces)
-    if not materials or "materials" not in origin.data:
+    materials, face_slots, lacking = mesh_data.read_joined_materials(request.pieces)
+    if not materials or "materials" not in request.data:
         return []
     listed = [None, *materials]
     face_slots = replace(face_slots, values=face_slots.values + 1)
-    if origin.blend.replaces and not lacking:
-        return [MaterialCargo(listed, face_slots, None, lacking)]
-    theirs, present = mesh_data.read_materials(origin.target, origin.target.data)
+    if request.blend.replaces and not lacking:
+        return [MaterialAdapter(listed, face_slots, None, lacking)]
+    theirs, present = mesh_data.read_materials(request.target, request.target.data)
     held = np.array([name is not None for name in theirs] or [False])[present.values]
     present = replace(present, values=np.where(held, present.values + len(listed), 0))
-    return [MaterialCargo(listed + theirs, face_slots, present, lacking)]
+    return [MaterialAdapter(listed + theirs, face_slots, present, lacking)]

@@ -11,11 +11,11 @@ from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
-from .adapter import Cargo, Origin, Remarks, Way
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
 
 @dataclass
-class NormalCargo:
+class NormalAdapter:
     """Custom normals of face corners.
 
     Attributes:
@@ -31,17 +31,17 @@ class NormalCargo:
     def names(self) -> list[str]:
         return [self.normals.name]
 
-    def carry(self, way: Way) -> Steps[None]:
-        way.note_replaced("custom normals")
-        self.normals = yield from way.carry(self.normals, "custom normals", target=self.target)
+    def transfer(self, job: TransferJob) -> Steps[None]:
+        job.note_replaced("custom normals")
+        self.normals = yield from job.transfer(self.normals, "custom normals", target=self.target)
 
     def write(self, target: Object) -> None:
         mesh_data.write_custom_normals(target.data, self.normals)
 
 
-def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The source's custom normals, if it has any and they are asked for."""
-    if "custom_normals" not in origin.data:
+    if "custom_normals" not in request.data:
         return []
-    normals = mesh_data.read_joined_normals(origin.pieces)
-    return [] if normals is None else [NormalCargo(normals, mesh_data.read_surface_at_rest(origin.target))]
+    normals = mesh_data.read_joined_normals(request.pieces)
+    return [] if normals is None else [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target))]

@@ -18,14 +18,14 @@ from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
 from ..mesh_data import ShapeKey, ShapeKeys
-from .adapter import Cargo, Origin, Remarks, Way
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
 
 @dataclass
-class ShapeKeyCargo:
+class ShapeKeyAdapter:
     """Shape keys.
 
-    Keys move a mesh before it is posed, so they are carried between the two at rest, along the match of what is seen.
+    Keys move a mesh before it is posed, so they are transferred between both at rest, along the match of what is seen.
 
     Attributes:
         owners: the objects that have them, for their drivers, and the names of those that each has before others.
@@ -46,11 +46,11 @@ class ShapeKeyCargo:
     def names(self) -> list[str]:
         return [key.name for key in self.keys]
 
-    def carry(self, way: Way) -> Steps[None]:
-        way.note_replaced("shape keys")
-        source = way.pair.source.with_vertices(self.source_rest)
-        target = way.pair.target.with_vertices(self.target_rest)
-        self.offsets = yield from way.carry(self.offsets, "shape keys", source, target)
+    def transfer(self, job: TransferJob) -> Steps[None]:
+        job.note_replaced("shape keys")
+        source = job.pair.source.with_vertices(self.source_rest)
+        target = job.pair.target.with_vertices(self.target_rest)
+        self.offsets = yield from job.transfer(self.offsets, "shape keys", source, target)
 
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
@@ -60,15 +60,15 @@ class ShapeKeyCargo:
 
 
 @dataclass
-class ShapeCargo:
+class ShapeAdapter:
     """The source's shape, as the modifiers leave it, on the vertices of the target.
 
     It stands in the target's place: the origins of both objects lie on each other.
 
     Attributes:
         name: of the key.
-        origin: (3,) the source's, in world space.
-        shape: (n_t, 3) positions in world space, from the origin; none before it is carried.
+        origin: (3,) that of the source, in world space.
+        shape: (n_t, 3) positions in world space, relative to the origin; empty before the transfer.
     """
 
     name: str
@@ -80,8 +80,8 @@ class ShapeCargo:
     def names(self) -> list[str]:
         return [self.name]
 
-    def carry(self, way: Way) -> Steps[None]:
-        work = in_background(partial(zo.conform, way.match, way.pair.source, way.pair.target))
+    def transfer(self, job: TransferJob) -> Steps[None]:
+        work = in_background(partial(zo.conform, job.match, job.pair.source, job.pair.target))
         positions = yield from spread(work, 0, 1, "Transferring the shape")
         self.shape = positions - self.origin
 
@@ -89,44 +89,44 @@ class ShapeCargo:
         mesh_data.write_shape(target, self.name, mesh_data.to_object(target, self.shape))
 
 
-def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The shape keys that the source has, and its shape if that is asked for.
 
     Raises:
         MeshError: the target cannot take them.
     """
-    cargo: list[Cargo] = []
-    if "shape_keys" in origin.data:
-        cargo += _packed_keys(origin, remarks)
-    if "shape" in origin.data:
-        _check_target(origin.target, [origin.source.name])
-        if any(modifier.show_viewport for modifier in origin.target.modifiers):
+    found: list[Adapter] = []
+    if "shape_keys" in request.data:
+        found += _collected_keys(request, remarks)
+    if "shape" in request.data:
+        _check_target(request.target, [request.source.name])
+        if any(modifier.show_viewport for modifier in request.target.modifiers):
             remarks.notes.append(
-                f"The key '{origin.source.name}' has the shape that is seen of the source, and the modifiers of "
-                f"'{origin.target.name}' act on it as well."
+                f"The key '{request.source.name}' has the shape that is seen of the source, and the modifiers of "
+                f"'{request.target.name}' act on it as well."
             )
-        cargo.append(ShapeCargo(origin.source.name, np.array(origin.source.matrix_world.translation)))
-    return cargo
+        found.append(ShapeAdapter(request.source.name, np.array(request.source.matrix_world.translation)))
+    return found
 
 
-def _packed_keys(origin: Origin, remarks: Remarks) -> list[Cargo]:
-    target = origin.target
-    if all(_absent(piece.source) for piece in origin.pieces):
+def _collected_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
+    target = request.target
+    if all(_absent(piece.source) for piece in request.pieces):
         return []
-    bare = [_without_keys(piece) for piece in origin.pieces]  # before copies are evaluated, see `PACK`
-    faces = [mesh_data.read_faces(piece.mesh) for piece in origin.pieces]
-    sources = [piece.source for piece in origin.pieces]
+    bare = [_without_keys(piece) for piece in request.pieces]  # before copies are evaluated, see `COLLECTORS`
+    faces = [mesh_data.read_faces(piece.mesh) for piece in request.pieces]
+    sources = [piece.source for piece in request.pieces]
     found = [_keys_of(source, each, remarks) for source, each in zip(sources, faces, strict=True)]
     joined, own = mesh_data.joined_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
     if not joined.keys:
         return []
     _check_target(target, joined.offsets.labels)
-    _note_masks(joined.keys, origin, remarks)
+    _note_masks(joined.keys, request, remarks)
     owners = [(source.name, names) for source, names in zip(sources, own, strict=True) if names]
     for name, _ in owners:
         _note_animation(bpy.context.scene.objects[name], target, remarks)
     target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
-    return [ShapeKeyCargo(owners, joined.keys, joined.offsets, joined.rest, target_rest)]
+    return [ShapeKeyAdapter(owners, joined.keys, joined.offsets, joined.rest, target_rest)]
 
 
 def _absent(source: Object) -> bool:
@@ -176,13 +176,13 @@ def _check_target(target: Object, names: Sequence[str]) -> None:
         )
 
 
-def _note_masks(keys: Sequence[ShapeKey], origin: Origin, remarks: Remarks) -> None:
-    masks = {key.settings["vertex_group"] for key in keys} - {"", *origin.target.vertex_groups.keys()}
-    if "vertex_groups" in origin.data:
-        masks -= {group.name for piece in origin.pieces for group in piece.source.vertex_groups}
+def _note_masks(keys: Sequence[ShapeKey], request: TransferRequest, remarks: Remarks) -> None:
+    masks = {key.settings["vertex_group"] for key in keys} - {"", *request.target.vertex_groups.keys()}
+    if "vertex_groups" in request.data:
+        masks -= {group.name for piece in request.pieces for group in piece.source.vertex_groups}
     if masks:
         remarks.notes.append(
-            f"Shape keys are limited to vertex groups that '{origin.target.name}' lacks ({', '.join(sorted(masks))}): "
+            f"Shape keys are limited to vertex groups that '{request.target.name}' lacks ({', '.join(sorted(masks))}): "
             "transfer these as well."
         )
 

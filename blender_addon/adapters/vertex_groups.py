@@ -13,11 +13,11 @@ from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
 
 from .. import mesh_data
-from .adapter import Cargo, Origin, Remarks, Way
+from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
 
 @dataclass
-class WeightCargo:
+class WeightAdapter:
     """Vertex groups.
 
     Attributes:
@@ -39,24 +39,24 @@ class WeightCargo:
     def names(self) -> list[str]:
         return list(self.weights.labels)
 
-    def carry(self, way: Way) -> Steps[None]:
-        carried = yield from way.carry(self.weights, "vertex groups", **self.sharing)
-        self.weights = way.blended(carried, self.present, self.deforming, self.lacking)
-        if self.weights is not carried and way.settings.limit:
-            limit_weights(self.weights.values, way.pair.target, self.sharing["normalised"], way.settings.limit)
+    def transfer(self, job: TransferJob) -> Steps[None]:
+        carried = yield from job.transfer(self.weights, "vertex groups", **self.sharing)
+        self.weights = job.blended(carried, self.present, self.deforming, self.lacking)
+        if self.weights is not carried and job.settings.limit:
+            limit_weights(self.weights.values, job.pair.target, self.sharing["normalised"], job.settings.limit)
 
     def write(self, target: Object) -> None:
         mesh_data.write_weights(target, self.weights)
 
 
-def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
+def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The groups that are not locked on the target."""
-    if "vertex_groups" not in origin.data:
+    if "vertex_groups" not in request.data:
         return []
-    target, settings = origin.target, origin.settings
-    weights, lacking = mesh_data.read_joined_weights(origin.pieces)
+    target, settings = request.target, request.settings
+    weights, lacking = mesh_data.read_joined_weights(request.pieces)
     locked = mesh_data.locked_groups(target)
-    names = {*weights.labels, *_bones_of_sources(origin)}
+    names = {*weights.labels, *_bones_of_sources(request)}
     weights = rename_groups(weights, {name: settings.new_name(name, names) for name in weights.labels})
     open_columns = [i for i, name in enumerate(weights.labels) if name not in locked]
     closed = [name for name in weights.labels if name in locked]
@@ -65,7 +65,7 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
         return []
     if weights.values.nnz == 0:
         remarks.notes.append(
-            f"As its modifiers leave it, '{origin.source.name}' has no weights: its vertex groups arrive empty."
+            f"As its modifiers leave it, '{request.source.name}' has no weights: its vertex groups arrive empty."
         )
     labels = tuple(weights.labels[i] for i in open_columns)
     hidden = [name for name in labels if name in target.data.attributes]
@@ -74,7 +74,7 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
             f"'{target.name}' has attributes with the names of vertex groups ({', '.join(hidden)}): rename them, "
             "or modifiers may confuse the two."
         )
-    deforming = _deforming_groups(weights, lacking, origin, remarks)
+    deforming = _deforming_groups(weights, lacking, request, remarks)
     columns = [i for i, name in enumerate(weights.labels) if name in deforming]
     sharing = {
         "normalised": np.array([name in deforming for name in labels]),
@@ -83,34 +83,36 @@ def pack(origin: Origin, remarks: Remarks) -> list[Cargo]:
     if settings.limit:
         sharing["limit"] = settings.limit
     held = locked & deforming
-    present = mesh_data.read_weights(target, target.data) if held or lacking or not origin.blend.replaces else None
+    present = mesh_data.read_weights(target, target.data) if held or lacking or not request.blend.replaces else None
     if held and present:
         columns = [i for i, name in enumerate(present.labels) if name in held]
         sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
     chosen = replace(weights, values=weights.values[:, open_columns], labels=labels)
-    return [WeightCargo(chosen, sharing, deforming, present, lacking)]
+    return [WeightAdapter(chosen, sharing, deforming, present, lacking)]
 
 
-def _deforming_groups(weights: Attribute, lacking: tuple[int, ...], origin: Origin, remarks: Remarks) -> set[str]:
+def _deforming_groups(
+    weights: Attribute, lacking: tuple[int, ...], request: TransferRequest, remarks: Remarks
+) -> set[str]:
     """The groups that share a vertex among them: those of bones, or of a skin without bones.
 
     What an armature does not use may be masks, each for itself; but masks seldom sum to one on every vertex.
     """
-    bones = _bones_of_sources(origin)
-    bones = {origin.settings.new_name(name, bones) for name in bones}
-    bones |= mesh_data.deforming_bones(origin.target)
+    bones = _bones_of_sources(request)
+    bones = {request.settings.new_name(name, bones) for name in bones}
+    bones |= mesh_data.deforming_bones(request.target)
     if bones.intersection(weights.labels) or weights.values.nnz == 0:
         return bones
-    weighted = [number not in lacking for number in range(len(origin.pieces))]
-    rows = np.repeat(weighted, [len(piece.mesh.vertices) for piece in origin.pieces])
+    weighted = [number not in lacking for number in range(len(request.pieces))]
+    rows = np.repeat(weighted, [len(piece.mesh.vertices) for piece in request.pieces])
     skin = sum_to_one(weights.values[rows])
     remarks.notes.append(
-        f"No armature has bones with the names of the vertex groups of '{origin.source.name}', which "
+        f"No armature has bones with the names of the vertex groups of '{request.source.name}', which "
         + ("sum to one on every vertex: they were taken for skin weights." if skin else "were taken for masks.")
     )
     return set(weights.labels) if skin else set()
 
 
-def _bones_of_sources(origin: Origin) -> set[str]:
+def _bones_of_sources(request: TransferRequest) -> set[str]:
     """Names of the bones that deform the objects that have data."""
-    return set().union(*(mesh_data.deforming_bones(piece.source) for piece in origin.pieces))
+    return set().union(*(mesh_data.deforming_bones(piece.source) for piece in request.pieces))

@@ -14,9 +14,9 @@ from zoomout_core.runtime.stepping import Steps, drain
 from ..properties.match import MatchOptions
 from ..properties.transfer import BlendOptions
 from ..services.collection_match import match_collections_steps
-from ..services.match import worked_out_match_steps
+from ..services.match import prepare_match_steps
 from ..services.targets import Write, each_target_steps
-from ..services.transfer import worked_out_transfer_steps
+from ..services.transfer import prepare_transfer_steps
 from ..storage import stored_match
 from .arguments import as_in_sidebar
 
@@ -33,7 +33,7 @@ def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         return {name: _entry(*matched) for name, matched in _match_collections(context, options).items()}
 
     def work(target: str) -> Steps[Write[stored_match.Match]]:
-        return worked_out_match_steps(context, options.source, target, **_match_options(options))
+        return prepare_match_steps(context, options.source, target, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, _entry)
 
@@ -52,7 +52,7 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
 
     def work(target: str) -> Steps[Write[dict[str, Any]]]:
-        return worked_out_transfer_steps(context, source_of[target], target, options.data, settings, **matching)
+        return prepare_transfer_steps(context, source_of[target], target, options.data, settings, **matching)
 
     return _reports(source_of, work, lambda _, report: dict(report))
 

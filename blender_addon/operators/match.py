@@ -8,7 +8,7 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
-from ..services.match import worked_out_match_steps
+from ..services.match import prepare_match_steps
 from ..services.pair import choose_source
 from ..services.targets import Outcome, each_target_steps, target_names
 from ..storage import stored_match
@@ -31,7 +31,7 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
         targets = target_names(context, source)
         options, source_name = self.match_options(), source.name
         outcome = yield from each_target_steps(
-            targets, lambda target: worked_out_match_steps(context, source_name, target, **options)
+            targets, lambda target: prepare_match_steps(context, source_name, target, **options)
         )
         self.report_failed(outcome)
         return _summary(source_name, outcome)

@@ -16,7 +16,7 @@ from ..services.pair import (
     choose_source,
 )
 from ..services.targets import Write, chosen_targets, each_target_steps, target_names
-from ..services.transfer import summary, worked_out_transfer_steps
+from ..services.transfer import prepare_transfer_steps, summary
 from ..storage import stored_match
 from .stepped import SteppedOperator
 
@@ -37,7 +37,7 @@ class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions,
         data, settings, options = self.data(), self.settings(), self.match_options()
 
         def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return worked_out_transfer_steps(context, source_of[target], target, data, settings, **options)
+            return prepare_transfer_steps(context, source_of[target], target, data, settings, **options)
 
         outcome = yield from each_target_steps(list(source_of), work)
         self.report_failed(outcome)

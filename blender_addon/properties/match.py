@@ -13,9 +13,9 @@ from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE
 from ..translations import CONTEXT
 from .once import ONCE
 
-# Options that say which evidence an automatic start weighs.
-EVIDENCE = ("use_landmarks", "names", "same_up", "from_last")
-# What other starts have in place of evidence.
+# Options that say which constraints an automatic start weighs.
+CONSTRAINTS = ("use_landmarks", "names", "same_up", "from_last")
+# What other starts have in place of constraints.
 OF_START = {"LANDMARKS": (), "SAME_ORDER": (), "FILE": ("map_file",)}
 # The presets of the core's `DETAIL` that suit a panel, and what they are for.
 OFFERED_DETAIL = {
@@ -151,7 +151,7 @@ class MatchOptions:
                 ),  # a half turn in single precision is more than one
                 "either_side": self.either_side,
             }
-        others = OF_START.get(self.initial, EVIDENCE)
+        others = OF_START.get(self.initial, CONSTRAINTS)
         chosen = {name: getattr(self, name) for name in ("k_final", "exact_landmarks", *others)}
         return {"initial": self.initial.lower(), "detail": self.detail.lower(), **chosen}
 

@@ -25,7 +25,16 @@ from .. import mesh_data
 from ..storage import stored_match
 from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
 from .name_matching import paired_by_name
-from .pair import READING, Look, ObjectPair, check_distinct, check_unedited, find_mesh, look_at_source, look_at_target
+from .pair import (
+    READING,
+    Fingerprint,
+    ObjectPair,
+    check_distinct,
+    check_unedited,
+    find_mesh,
+    fingerprint_source,
+    fingerprint_target,
+)
 from .targets import Write
 
 # Part of the progress that matching takes.
@@ -48,30 +57,30 @@ class Parts:
     """The objects of a collection as one surface.
 
     Attributes:
-        looks: at the objects, when they were read.
+        fingerprints: those of the objects, when they were read.
         surfaces: of each.
         joined: all of them.
         first_vertex: (p + 1,) the first vertex of each in the joined surface, and their number.
         first_triangle: (p + 1,) the first triangle of each, and their number.
     """
 
-    looks: tuple[Look, ...]
+    fingerprints: tuple[Fingerprint, ...]
     surfaces: tuple[zo.Surface, ...]
     joined: zo.Surface
     first_vertex: Integers
     first_triangle: Integers
 
     @classmethod
-    def of(cls, looks: Sequence[Look], surfaces: Sequence[zo.Surface]) -> Parts:
-        """Those of these looks and surfaces."""
+    def of(cls, fingerprints: Sequence[Fingerprint], surfaces: Sequence[zo.Surface]) -> Parts:
+        """The parts of these fingerprints and surfaces."""
         vertices = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
         triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
-        return cls(tuple(looks), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
+        return cls(tuple(fingerprints), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
 
     @property
     def names(self) -> list[str]:
         """Of the objects."""
-        return [look.name for look in self.looks]
+        return [fingerprint.name for fingerprint in self.fingerprints]
 
 
 def match_collections(
@@ -98,22 +107,22 @@ def match_collections_steps(
     context: Context, source: str, target: str, **options: Any
 ) -> Steps[dict[str, tuple[str, StoredMatch]]]:
     """`match_collections` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from worked_out_collections_steps(context, source, target, **options)
+    write = yield from prepare_collections_steps(context, source, target, **options)
     return write()
 
 
-def worked_out_collections_steps(
+def prepare_collections_steps(
     context: Context, source: str, target: str, detail: str = "balanced", **options: Any
 ) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
     """The same without the end: it returns what keeps the matches."""
-    sources = yield from _read_steps(context, source, look_at_source, mesh_data.read_source_surface)
-    targets = yield from _read_steps(context, target, look_at_target, mesh_data.read_target_surface)
+    sources = yield from _read_steps(context, source, fingerprint_source, mesh_data.read_source_surface)
+    targets = yield from _read_steps(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
     alike = paired_by_name(sources.names, targets.names)
     arguments = DETAIL[detail] | {"regions": _regions(sources, targets, alike)} | options
     result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
-    pairing = for_each(lambda i: _match_of_own(result, sources, targets, i, alike), range(len(targets.looks)))
+    pairing = for_each(lambda i: _match_of_own(result, sources, targets, i, alike), range(len(targets.fingerprints)))
     matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
@@ -135,7 +144,7 @@ def _unedited(context: Context, pair: ObjectPair) -> Mesh:
 def _read_steps(
     context: Context,
     collection: str,
-    look_at: Callable[[Context, str], Look],
+    fingerprint: Callable[[Context, str], Fingerprint],
     read: Callable[[Object, Depsgraph], zo.Surface],
 ) -> Steps[Parts]:
     """The meshes of a collection that have faces; of those that share one, the first."""
@@ -147,13 +156,13 @@ def _read_steps(
     if not names:
         raise zo.MeshError(f"There is no mesh in the collection '{collection}': choose another one.")
     del found, objects  # Blender data, which may be gone after a yield
-    looks, surfaces = [], []
+    fingerprints, surfaces = [], []
     for name in names:
-        looks.append(look_at(context, name))
+        fingerprints.append(fingerprint(context, name))
         yield READING
         surfaces.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
         yield READING
-    return Parts.of(looks, surfaces)
+    return Parts.of(fingerprints, surfaces)
 
 
 def _regions(sources: Parts, targets: Parts, alike: Pairs) -> list[tuple[Integers, Integers]]:
@@ -210,8 +219,8 @@ def _match_of_own(
     """One of the targets with the sources that it lies on, and the match with these."""
     own = _on_its_like(_own(result, sources, targets, number), sources, number, alike)
     givers = own.givers(len(sources.names))
-    surfaces, looks = tuple(sources.surfaces[i] for i in givers), tuple(sources.looks[i] for i in givers)
-    pair = ObjectPair(surfaces, targets.surfaces[number], looks, targets.looks[number])
+    surfaces, fingerprints = tuple(sources.surfaces[i] for i in givers), tuple(sources.fingerprints[i] for i in givers)
+    pair = ObjectPair(surfaces, targets.surfaces[number], fingerprints, targets.fingerprints[number])
     moved = np.full(len(sources.names), -1)  # to what a source's triangles are shifted
     moved[givers] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
     triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + moved[own.owner]

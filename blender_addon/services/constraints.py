@@ -1,6 +1,6 @@
 """What two objects tell of their match beside their shapes: landmarks, shared names, the up axis, the last match.
 
-Everything here is evidence, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
+Everything here is a soft constraint, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ def matching_steps(
     k_final: int = 0,
     **options: Any,
 ) -> Steps[Match]:
-    """`zoomout_core.match_steps` with the evidence of two objects, which the result's notes name.
+    """`zoomout_core.match_steps` with the constraints that two objects give, which the result's notes name.
 
     With initial="nearest" it is `zoomout_core.match_by_proximity_steps`, and with "same_order" each vertex has its own
-    on the source; neither weighs evidence. With "landmarks" the landmarks alone are evidence, and with "file" there
-    is none: the match starts from `map_file`.
+    on the source; neither weighs constraints. With "landmarks" the landmarks alone are constraints, and with "file"
+    there are none: the match starts from `map_file`.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -74,7 +74,7 @@ def matching_steps(
         map_file: a map that `zoomout match` wrote.
         detail: one of `DETAIL`.
         k_final: size of the final functional map; 0 for as large as `detail` says.
-        options: of `zoomout_core.match`, of which only an automatic start weighs evidence; or of
+        options: of `zoomout_core.match`, of which only an automatic start weighs constraints; or of
             `zoomout_core.match_by_proximity`.
 
     Raises:
@@ -97,11 +97,11 @@ def matching_steps(
     if exact_landmarks and "landmarks" in arguments | options:
         arguments["exact_landmarks"] = True
     if initial == "auto":
-        evidence, of_evidence = yield from _evidence_steps(
+        constraints, of_constraints = yield from _constraints_steps(
             context, pair, names, same_up, from_last, len(landmarks.numbers)
         )
-        arguments |= evidence
-        notes = of_evidence + notes
+        arguments |= constraints
+        notes = of_constraints + notes
     try:
         result = yield from zo.match_steps(pair.source, pair.target, **arguments | options)
     except LandmarkError as error:
@@ -142,7 +142,7 @@ def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -
     return found
 
 
-def _evidence_steps(
+def _constraints_steps(
     context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool, landmarks: int
 ) -> Steps[tuple[dict[str, Any], list[str]]]:
     """Arguments of `zoomout_core.match`, and sentences about them and a number of landmarks."""

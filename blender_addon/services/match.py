@@ -33,11 +33,11 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
 
 def match_steps(context: Context, source_name: str, target_name: str, **options: Any) -> Steps[stored_match.Match]:
     """`match_objects` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from worked_out_match_steps(context, source_name, target_name, **options)
+    write = yield from prepare_match_steps(context, source_name, target_name, **options)
     return write()
 
 
-def worked_out_match_steps(
+def prepare_match_steps(
     context: Context, source_name: str, target_name: str, **options: Any
 ) -> Steps[Write[stored_match.Match]]:
     """The same without the end: it returns what keeps the match on the target."""

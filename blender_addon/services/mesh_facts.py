@@ -1,4 +1,4 @@
-"""Facts about meshes that drawing the sidebar must not wait for: worked out when it is idle, and kept until an edit."""
+"""Facts about meshes that drawing the sidebar must not wait for: computed when it is idle, and cached until an edit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from zoomout_core.runtime.stepping import drain
 from ..mesh_data import MeshFacts, facts_steps
 from ..viewport.redraw import redraw_views
 
-# Seconds without an edit after which meshes are looked at, and between two looks at what comes of it.
+# Seconds without an edit after which meshes are inspected, and between two steps of that.
 PAUSE, TICK = 0.3, 0.02
 
 # By the session's numbers of meshes: what is known, what is asked for, and how often each was edited.
@@ -52,15 +52,15 @@ def forget_all() -> None:
         kept.clear()
 
 
-def look_now() -> None:
-    """Look at all meshes that were asked about."""
-    drain(_looks())
+def inspect_now() -> None:
+    """Inspect all meshes that were asked about."""
+    drain(_inspections())
 
 
 def _tick() -> float | None:
-    """Go on looking at meshes, a step at a time; Blender calls this after as many seconds as it returns."""
+    """Inspect meshes one step further; Blender calls this after as many seconds as it returns."""
     global _work
-    _work = _work or _looks()
+    _work = _work or _inspections()
     try:
         next(_work)
     except StopIteration:
@@ -70,7 +70,7 @@ def _tick() -> float | None:
     return TICK
 
 
-def _looks() -> Generator[float, None, None]:
+def _inspections() -> Generator[float, None, None]:
     while _wanted:
         number, _ = _wanted.popitem()
         mesh = next((mesh for mesh in bpy.data.meshes if mesh.session_uid == number), None)

@@ -28,19 +28,19 @@ READING = Progress(0.0, "Reading the meshes")
 
 
 @dataclass(frozen=True)
-class Look:
-    """What tells whether an object was edited, without its surface.
+class Fingerprint:
+    """What tells whether an object was edited, without its surface; it is the same in every pose.
 
     Attributes:
         name: of the object.
-        fingerprint: changes when it is edited, or the faces of its surface become others.
+        digest: hash of its content, whether it is mirrored, and the faces of its surface.
         content: of its own mesh, see `mesh_data.content_hash`.
         mirrored: whether its matrix mirrors it.
         size: how many vertices and faces its surface has.
     """
 
     name: str
-    fingerprint: str
+    digest: str
     content: str
     mirrored: bool
     size: tuple[int, int]
@@ -53,14 +53,14 @@ class ObjectPair:
     Attributes:
         sources: as their modifiers leave them; they have the data. The first one gives most.
         target: its own mesh, where modifiers move it; it receives them.
-        source_looks: at the sources, when they were read.
-        target_look: of the target.
+        source_fingerprints: those of the sources, when they were read.
+        target_fingerprint: that of the target.
     """
 
     sources: tuple[zo.Surface, ...]
     target: zo.Surface
-    source_looks: tuple[Look, ...]
-    target_look: Look
+    source_fingerprints: tuple[Fingerprint, ...]
+    target_fingerprint: Fingerprint
 
     @cached_property
     def source(self) -> zo.Surface:
@@ -70,17 +70,17 @@ class ObjectPair:
     @property
     def source_names(self) -> tuple[str, ...]:
         """Of the sources' objects."""
-        return tuple(look.name for look in self.source_looks)
+        return tuple(fingerprint.name for fingerprint in self.source_fingerprints)
 
     @property
     def source_name(self) -> str:
         """Of the first source's object."""
-        return self.source_looks[0].name
+        return self.source_fingerprints[0].name
 
     @property
     def target_name(self) -> str:
         """Of the target's object."""
-        return self.target_look.name
+        return self.target_fingerprint.name
 
 
 def find_mesh(context: Context, name: str) -> Object:
@@ -187,15 +187,15 @@ def read_pair_steps(
     names = source_name, *others
     for name in names:
         check_distinct(find_mesh(context, name), find_mesh(context, target_name))
-    looks = tuple(look_at_source(context, name) for name in names)
-    target_look = look_at_target(context, target_name)
+    fingerprints = tuple(fingerprint_source(context, name) for name in names)
+    target_fingerprint = fingerprint_target(context, target_name)
     yield READING
     sources = []
     for name in names:
         sources.append(mesh_data.read_source_surface(find_mesh(context, name), context.evaluated_depsgraph_get()))
         yield READING
     target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
-    pair = ObjectPair(tuple(sources), target, looks, target_look)
+    pair = ObjectPair(tuple(sources), target, fingerprints, target_fingerprint)
     yield READING
     check_unedited(context, pair)
     return pair
@@ -207,15 +207,15 @@ def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
     Raises:
         MeshError: one of them was removed or edited since.
     """
-    for look in pair.source_looks:
-        check_same(look, look_at_source(context, look.name))
-    check_same(pair.target_look, look_at_target(context, pair.target_name))
+    for before in pair.source_fingerprints:
+        check_same(before, fingerprint_source(context, before.name))
+    check_same(pair.target_fingerprint, fingerprint_target(context, pair.target_name))
     return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
 
 
-def check_same(before: Look, now: Look) -> None:
-    """Raise a MeshError if an object was edited between two looks."""
-    if before.fingerprint != now.fingerprint:
+def check_same(before: Fingerprint, now: Fingerprint) -> None:
+    """Raise a MeshError if an object was edited between two fingerprints."""
+    if before.digest != now.digest:
         raise edited(before.name)
 
 
@@ -272,33 +272,33 @@ def users_of_mesh(context: Context, target: Object) -> int:
     return sum(obj.data == target.data for obj in context.blend_data.objects)
 
 
-def look_at_source(context: Context, name: str) -> Look:
-    """A look at an object that has data.
+def fingerprint_source(context: Context, name: str) -> Fingerprint:
+    """The fingerprint of an object that has data.
 
     Raises:
         MeshError: it cannot be used.
     """
     source = find_mesh(context, name)
-    return _look(source, mesh_data.read_source_faces(source, context.evaluated_depsgraph_get()))
+    return _fingerprint(source, mesh_data.read_source_faces(source, context.evaluated_depsgraph_get()))
 
 
-def look_at_target(context: Context, name: str) -> Look:
-    """A look at an object that receives data.
+def fingerprint_target(context: Context, name: str) -> Fingerprint:
+    """The fingerprint of an object that receives data.
 
     Raises:
         MeshError: it cannot be used or written to.
     """
     target = find_mesh(context, name)
     check_writable(target)
-    return _look(target, mesh_data.read_target_faces(target, context.evaluated_depsgraph_get()))
+    return _fingerprint(target, mesh_data.read_target_faces(target, context.evaluated_depsgraph_get()))
 
 
-def _look(obj: Object, faces: mesh_data.Faces) -> Look:
-    """A look at an object whose surface has these faces."""
+def _fingerprint(obj: Object, faces: mesh_data.Faces) -> Fingerprint:
+    """The fingerprint of an object whose surface has these faces."""
     content, mirrored = mesh_data.content_hash(obj.data), mesh_data.is_mirrored(obj)
     # Not of the triangles: a pose that folds a quad of a subdivided mesh divides it another way. The numbers are
     # hashed as a surface has them.
     corner_vertex = faces.corner_vertex.astype(np.int64)
     face_start = np.append(faces.start, len(corner_vertex)).astype(np.int64)
     size = faces.vertices, len(faces.start)
-    return Look(obj.name, hash_of(f"{content} {mirrored}", corner_vertex, face_start), content, mirrored, size)
+    return Fingerprint(obj.name, hash_of(f"{content} {mirrored}", corner_vertex, face_start), content, mirrored, size)

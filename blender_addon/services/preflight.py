@@ -96,16 +96,16 @@ def stale(context: Context, target: Object) -> str:
     kept = stored_match.description(target.data)
     if kept is None:
         return ""
-    looks = {
+    recorded = {
         role: {what: kept[what][role] for what in ("size", "mirrored", "content")} for role in ("source", "target")
     }
-    for then in ({"name": kept["source"], **looks["source"]}, *stored_match.others(kept)):
+    for then in ({"name": kept["source"], **recorded["source"]}, *stored_match.others(kept)):
         source = context.scene.objects.get(then["name"])
         if source is None or source.type != "MESH":
             return f"Its source '{then['name']}' is not in the scene: choose the source, then match again."
         if _edited(source, seen_mesh(context, source), then):
             return f"The source '{source.name}' was edited since: match again."
-    if _edited(target, target.data, looks["target"]):
+    if _edited(target, target.data, recorded["target"]):
         return f"The target '{target.name}' was edited since: match again."
     return ""
 

@@ -17,7 +17,7 @@ from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 from ..mesh_data import divided_steps, read_joined_active_uv_map, write_divided
 from ..storage import stored_match
 from ..viewport import preview
-from .pair import ObjectPair, check_unedited, find_mesh, look_at_target, source_pieces
+from .pair import ObjectPair, check_unedited, find_mesh, fingerprint_target, source_pieces
 from .stored_pair import stored_pair_steps
 
 # Part of the progress after which faces are divided.
@@ -68,8 +68,8 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
 
 def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:
     """Keep the match on the mesh that was cut: new vertices are trusted as the least trusted of those around them."""
-    # The target's surface is no longer its own, but a match that was kept before is written by looks alone.
-    pair = replace(before, target_look=look_at_target(context, before.target_name))
+    # The target's surface is no longer its own, but a match that was kept before needs the fingerprints alone.
+    pair = replace(before, target_fingerprint=fingerprint_target(context, before.target_name))
     of_new = [kept.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
     confidence = np.concatenate([kept.confidence, *of_new])
     match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)

@@ -8,7 +8,7 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps
 
 from ..storage.stored_match import StoredMatch, description, others, read
-from .pair import ObjectPair, choose_source, find_mesh, look_at_source, read_pair_steps
+from .pair import ObjectPair, choose_source, find_mesh, fingerprint_source, read_pair_steps
 
 
 def stored_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
@@ -20,7 +20,7 @@ def stored_pair_steps(context: Context, source_name: str, target_name: str) -> S
     kept = description(find_mesh(context, target_name).data)
     names = [other["name"] for other in others(kept)] if kept else []
     if kept and names and kept["source"] != source_name:
-        renamed = look_at_source(context, source_name).fingerprint == kept["source_fingerprint"]
+        renamed = fingerprint_source(context, source_name).digest == kept["source_fingerprint"]
         names = names if renamed else []
     return (yield from read_pair_steps(context, source_name, target_name, names))
 

@@ -1,4 +1,4 @@
-"""Which objects receive data, and work for all of them: worked out one after another, written at the end."""
+"""Which objects receive data, and work for all of them: prepared one after another, written at the end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 WRITING = Progress(1.0, "Writing")
 
-# What writes a result that was worked out, and returns it.
+# Writes a prepared result, and returns it.
 Write: TypeAlias = Callable[[], Result]
 
 

@@ -11,7 +11,19 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, within
 from zoomout_core.transfer import Blend
 
-from ..adapters import DATA, DEFAULT, NOUNS, PACK, USUAL_DATA, Cargo, Origin, Remarks, Settings, Way, carry_steps
+from ..adapters import (
+    COLLECTORS,
+    DATA,
+    DEFAULT,
+    NOUNS,
+    USUAL_DATA,
+    Adapter,
+    Remarks,
+    Settings,
+    TransferJob,
+    TransferRequest,
+    transfer_all_steps,
+)
 from ..properties.match import option_label
 from ..storage import stored_match, stored_report
 from .constraints import matching_steps, settings_to_keep
@@ -67,11 +79,11 @@ def transfer_steps(
     **match_options: Any,
 ) -> Steps[dict[str, Any]]:
     """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from worked_out_transfer_steps(context, source_name, target_name, data, settings, **match_options)
+    write = yield from prepare_transfer_steps(context, source_name, target_name, data, settings, **match_options)
     return write()
 
 
-def worked_out_transfer_steps(
+def prepare_transfer_steps(
     context: Context,
     source_name: str,
     target_name: str,
@@ -82,7 +94,7 @@ def worked_out_transfer_steps(
     """The same without the end: it returns what writes the data to the target."""
     pair = yield from stored_pair_steps(context, source_name, target_name)
     kept = stored_match.read(find_mesh(context, target_name).data, pair)
-    cargo, remarks, blend = yield from _packed_steps(context, pair, data, settings)
+    adapters, remarks, blend = yield from _collected_steps(context, pair, data, settings)
     match: stored_match.Match
     if kept is None:
         made_with = settings_to_keep(context, pair, match_options)
@@ -90,17 +102,17 @@ def worked_out_transfer_steps(
     else:
         match = kept
         remarks.notes.extend(_unused_settings(kept, match_options))
-    way = Way(match, pair, remarks, settings, blend)
-    yield from within(carry_steps(cargo, way), MATCHING if kept is None else 0, 1)
+    job = TransferJob(match, pair, remarks, settings, blend)
+    yield from within(transfer_all_steps(adapters, job), MATCHING if kept is None else 0, 1)
 
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
         if kept is None:
             stored_match.write(target.data, match, pair, made_with)
-        for one in cargo:
+        for one in adapters:
             one.write(target)
         target.data.update()
-        return _write_report(target, cargo, way, users_of_mesh(context, target))
+        return _write_report(target, adapters, job, users_of_mesh(context, target))
 
     return write
 
@@ -114,28 +126,28 @@ def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -
     return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
 
 
-def _packed_steps(
+def _collected_steps(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
-) -> Steps[tuple[list[Cargo], Remarks, Blend]]:
+) -> Steps[tuple[list[Adapter], Remarks, Blend]]:
     """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
-    cargo, remarks = list[Cargo](), Remarks()
+    adapters, remarks = list[Adapter](), Remarks()
     with target_mesh(context, pair) as (target, _):
         blend = settings.blend(target)
-    for pack in PACK:
+    for collect in COLLECTORS:
         yield READING
         with source_pieces(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
-            cargo += pack(Origin(*first, target, data, settings, blend, others), remarks)
-    if not cargo:
+            adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
+    if not adapters:
         raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")
-    return cargo, remarks, blend
+    return adapters, remarks, blend
 
 
-def _write_report(target: Object, cargo: list[Cargo], way: Way, users: int) -> dict[str, Any]:
-    match, pair, remarks = way.match, way.pair, way.remarks
+def _write_report(target: Object, adapters: list[Adapter], job: TransferJob, users: int) -> dict[str, Any]:
+    match, pair, remarks = job.match, job.pair, job.remarks
     written: dict[str, list[str]] = {kind: [] for kind in DATA}
-    for one in cargo:
+    for one in adapters:
         written[one.kind].extend(one.names)
     shared = f"The mesh '{target.data.name}' is shared by {users} objects, which all received the data."
     report = {

@@ -75,7 +75,7 @@ class Listing:
         return _swapping(self.chosen, [candidate.colors for candidate in self.candidates])
 
 
-# Results that were worked out, by the list's key and the candidate's number.
+# Computed results, by the list's key and the candidate's number.
 _held: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
 
 

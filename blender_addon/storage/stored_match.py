@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,7 +21,7 @@ import zoomout_core as zo
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
-from ..services.pair import ObjectPair
+from ..services.pair import Fingerprint, ObjectPair
 from . import candidates
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
@@ -63,7 +63,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
         pair: its two objects.
         settings: what it was made with; of these, those that are a number or a word are kept.
     """
-    surface_map, (source, *further), target = match.surface_map, pair.source_looks, pair.target_look
+    surface_map, (source, *further), target = match.surface_map, pair.source_fingerprints, pair.target_fingerprint
     for name, kind, data_type, values in (
         (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
         (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", surface_map.barycentric),
@@ -73,13 +73,13 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
     mesh[PROPERTY] = json.dumps(
         {
             "source": source.name,
-            "source_fingerprint": source.fingerprint,
-            "target_fingerprint": target.fingerprint,
+            "source_fingerprint": source.digest,
+            "target_fingerprint": target.digest,
             # What can be compared in passing, see `preflight.stale`.
             "content": {"source": source.content, "target": target.content},
             "size": {"source": source.size, "target": target.size},
             "mirrored": {"source": source.mirrored, "target": target.mirrored},
-            "others": [asdict(look) for look in further],
+            "others": [_described(source) for source in further],
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "notes": match.notes,
@@ -102,15 +102,15 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     kept = description(mesh)
     if kept is None:
         return None
-    fingerprints = [kept["source_fingerprint"], *(other["fingerprint"] for other in others(kept))]
-    if len(fingerprints) != len(pair.source_looks):
+    digests = [kept["source_fingerprint"], *(other["fingerprint"] for other in others(kept))]
+    if len(digests) != len(pair.source_fingerprints):
         return None
-    for fingerprint, look in zip(fingerprints, pair.source_looks, strict=True):
-        if fingerprint != look.fingerprint:
+    for digest, source in zip(digests, pair.source_fingerprints, strict=True):
+        if digest != source.digest:
             if kept["source"] != pair.source_name:
                 return None
-            raise zo.MeshError(f"The source '{look.name}' was edited since it was matched: match again.")
-    if kept["target_fingerprint"] != pair.target_look.fingerprint:
+            raise zo.MeshError(f"The source '{source.name}' was edited since it was matched: match again.")
+    if kept["target_fingerprint"] != pair.target_fingerprint.digest:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
     # Stored in single precision: brought back to a sum of one.
@@ -132,10 +132,21 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
 
 
 def others(kept: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What is known, as of a `Look`, of the objects that a target lies on besides its source."""
+    """What `_described` tells of the objects that a target lies on besides its source."""
     return kept.get("others", [])
 
 
 def low_confidence(confidence: np.ndarray) -> int:
     """How many vertices are of low confidence."""
     return int((confidence < LOW_CONFIDENCE).sum())
+
+
+def _described(source: Fingerprint) -> dict[str, Any]:
+    """A source besides the first one, as it is stored."""
+    return {
+        "name": source.name,
+        "fingerprint": source.digest,
+        "content": source.content,
+        "mirrored": source.mirrored,
+        "size": source.size,
+    }

@@ -156,7 +156,7 @@ def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
         carrying = transfer_steps(uv, drape(match, pair.source, pair.target))
         on_source, on_target = uv.values, (yield from spread(carrying, 0.1, 1, "Laying the checker")).values
     target = find_mesh(context, pair.target_name)
-    coats = [Coat(target.session_uid, on_target, pair.target_look.content)]
+    coats = [Coat(target.session_uid, on_target, pair.target_fingerprint.content)]
     if on_source is not None:
         coats.extend(_coats_of_sources(context, pair, on_source))
     kept = hash_of("", match.surface_map.triangle.astype(np.int32))
@@ -165,7 +165,7 @@ def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
 
 @contextmanager
 def foreseen(obj: Object, listing: Listing, place: int) -> Iterator[None]:
-    """Where places are shown of a match, those that another candidate leads to, roughly, until it is worked out.
+    """Where places are shown of a match, those that another candidate leads to, approximately, until it is computed.
 
     If it comes to nothing, what was shown before is shown again.
 
@@ -192,8 +192,8 @@ def _coats_of_sources(context: Context, pair: ObjectPair, values: Floats) -> lis
     elements = "vertices" if values.shape[1] == 3 else "corner_vertex"
     ends = np.cumsum([len(getattr(source, elements)) for source in pair.sources])[:-1]
     return [
-        Coat(find_mesh(context, look.name).session_uid, own, look.content)
-        for look, own in zip(pair.source_looks, np.split(values, ends), strict=True)
+        Coat(find_mesh(context, source.name).session_uid, own, source.content)
+        for source, own in zip(pair.source_fingerprints, np.split(values, ends), strict=True)
     ]
 
 

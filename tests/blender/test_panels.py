@@ -68,7 +68,7 @@ def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
 
 def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
     drawn()
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     everything = drawn()
     counts = {
         name: everything[place + 1][1]
@@ -112,7 +112,7 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     target.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     drawn()
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     assert "The target 'Target' was edited since: match again." in texts()
     assert preview.OUTDATED in texts()
     assert "Same color, same place" not in texts()
@@ -210,7 +210,7 @@ def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
     body.data.vertices[0].co.x += 0.1
     bpy.context.view_layer.update()
     drawn()
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     assert "Reshaped since: Mirror Sculpt carries it over" in texts()
     assert preview.OUTDATED in texts()
     assert "Blue is left" not in texts()

@@ -15,7 +15,7 @@ def found():
     """Sentences that block and that do not, when all is known that is asked for."""
     bpy.context.view_layer.update()
     preflight.findings(bpy.context)
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     everything = preflight.findings(bpy.context)
     return [text for text, blocks in everything if blocks], [text for text, blocks in everything if not blocks]
 
@@ -138,14 +138,14 @@ def test_parts_that_only_lie_open_at_a_seam_are_one(source):
     points = positions(source.data)[np.array([polygon.vertices for polygon in source.data.polygons])].reshape(-1, 3)
     split = from_pydata("Split", points.tolist(), np.arange(len(points)).reshape(-1, 3).tolist())
     assert mesh_facts.facts(split) is None
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     assert mesh_facts.facts(split).parts == 1
 
 
 def test_facts_are_kept_until_an_edit(target):
     bpy.context.view_layer.update()
     assert mesh_facts.facts(target) is None
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     known = mesh_facts.facts(target)
     assert known.content == content_hash(target.data)
     target.location.x = 1
@@ -154,14 +154,14 @@ def test_facts_are_kept_until_an_edit(target):
     target.data.vertices[0].co.x += 1
     bpy.context.view_layer.update()
     assert mesh_facts.facts(target) is None
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     assert mesh_facts.facts(target).content == content_hash(target.data) != known.content
 
 
 def test_an_edit_during_a_look_makes_it_void(target):
     bpy.context.view_layer.update()
     mesh_facts.facts(target)
-    looking = mesh_facts._looks()
+    looking = mesh_facts._inspections()
     next(looking)
     target.data.vertices[0].co.x += 1
     bpy.context.view_layer.update()
@@ -174,7 +174,7 @@ def test_an_edit_during_a_look_makes_it_void(target):
 def test_a_match_that_is_out_of_date_says_so_in_passing(source, target, edit):
     match_objects(bpy.context, source, target, k_final=30)
     preflight.stale(bpy.context, target)
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     assert preflight.stale(bpy.context, target) == ""
     if edit == "target moved":
         target.data.vertices[3].co.x += 0.1
@@ -189,7 +189,7 @@ def test_a_match_that_is_out_of_date_says_so_in_passing(source, target, edit):
     bpy.context.view_layer.update()
     if edit.endswith("moved"):
         assert preflight.stale(bpy.context, target) == ""  # not yet known
-        mesh_facts.look_now()
+        mesh_facts.inspect_now()
     role = edit.split()[0]
     expected = f"The {role} '{role.title()}' was edited since: match again."
     if edit == "gone":
@@ -206,6 +206,6 @@ def test_posing_and_painting_leave_a_match_up_to_date(source, target):
     target.data.attributes.new("paint", "FLOAT", "POINT")
     bpy.context.view_layer.update()
     preflight.stale(bpy.context, target)
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     assert preflight.stale(bpy.context, target) == ""
     read_pair(bpy.context, "Source", "Target")

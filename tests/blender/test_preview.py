@@ -155,7 +155,7 @@ def covered():
     """The names of the objects whose coats are to be seen, once their meshes were looked at."""
     bpy.context.view_layer.update()
     overlay.covered()
-    mesh_facts.look_now()
+    mesh_facts.inspect_now()
     return {obj.name for _, obj in overlay.covered()}
 
 

@@ -109,7 +109,7 @@ def test_a_reshaped_mesh_says_so_in_passing(body):
         body.data.update_tag()
         bpy.context.view_layer.update()
         stored_symmetry.is_reshaped(body, kept)
-        mesh_facts.look_now()
+        mesh_facts.inspect_now()
         assert stored_symmetry.is_reshaped(body, kept) == bool(moved)
 
 

@@ -6,7 +6,7 @@ import pytest
 from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, snapshot_file, values
 
 import zoomout_core as zo
-from blender_addon.services.match import worked_out_match_steps
+from blender_addon.services.match import prepare_match_steps
 from blender_addon.services.targets import chosen_targets, each_target_steps
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
@@ -90,7 +90,7 @@ def test_nothing_is_written_before_all_are_worked_out(source, targets):
 def test_a_cancelled_run_leaves_all_of_them_as_they_were(source, targets):
     before = snapshot_file()
     names = [obj.name for obj in targets]
-    steps = each_target_steps(names, lambda name: worked_out_match_steps(bpy.context, "Source", name, k_final=30))
+    steps = each_target_steps(names, lambda name: prepare_match_steps(bpy.context, "Source", name, k_final=30))
     for progress in steps:
         if progress.fraction > 0.7:
             break

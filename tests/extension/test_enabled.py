@@ -218,7 +218,7 @@ def test_after_an_edit_a_match_is_out_of_date_and_says_so(source, matched):
     matched.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     part("services.preflight").stale(bpy.context, matched)
-    part("services.mesh_facts").look_now()
+    part("services.mesh_facts").inspect_now()
     assert (
         part("services.preflight").stale(bpy.context, matched) == "The target 'Target' was edited since: match again."
     )

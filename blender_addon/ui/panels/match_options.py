@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel
 
-from ...properties.match import EVIDENCE, NEARNESS
+from ...properties.match import CONSTRAINTS, NEARNESS
 from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, split_properties
 
@@ -23,7 +23,7 @@ class ZOOMOUT_PT_evidence(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         split_properties(self.layout)
         column = self.layout.column(heading="Go By")
-        for name in EVIDENCE:
+        for name in CONSTRAINTS:
             column.prop(context.scene.zoomout, name)
 
 

@@ -41,7 +41,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             sentences(context, box, [reason], "ERROR")
         else:
             doubtful = kept["low_confidence"] / kept["vertices"]
-            others = (look["name"] for look in stored_match.others(kept))
+            others = (source["name"] for source in stored_match.others(kept))
             names = ", ".join(f"'{name}'" for name in (kept["source"], *others))
             text = f"Matched with {names}, {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
