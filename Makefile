@@ -10,7 +10,7 @@ FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 # Files of tests run side by side, one at a time on each core; the last -n counts, such as in ARGS="-n 0 --pdb".
 PYTEST := OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest -n auto --dist loadfile
 
-.PHONY: help setup test test-core test-blender-versions mutants extension demo lint format benchmarks clean
+.PHONY: help setup test test-core test-all test-blender-versions mutants extension demo lint format benchmarks clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-23s%s\n", $$1, $$2 }' Makefile
@@ -27,9 +27,10 @@ test-core: ROOMS := core
 test-core: setup  ## run the core's tests, which need no Blender: nothing of it is fetched (ARGS for pytest)
 	$(PYTEST) tests/core $(ARGS)
 
-test: setup  ## run the tests (ARGS for pytest), in CI with the extension in the oldest and newest Blender
+test: setup  ## run the tests (ARGS for pytest)
 	$(PYTEST) $(ARGS)
-	@$(if $(ARGS),,if [ "$$CI" = true ]; then $(BIN)/python tools/blender_versions.py --ends; fi)
+
+test-all: test test-blender-versions  ## run the tests, then the extension's in each version of Blender
 
 test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)
 	$(BIN)/python tools/blender_versions.py $(ARGS)

@@ -1,0 +1,9 @@
+"""What CONTRIBUTING.md says is true: the operator that it adds works."""
+
+from pathlib import Path
+
+from guide import follow
+
+
+def test_the_operator_of_the_guide_works(tmp_path: Path):
+    follow("An operator for Blender", tmp_path)

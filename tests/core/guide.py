@@ -1,0 +1,48 @@
+"""Follows CONTRIBUTING.md: puts the blocks of a section where they say, in a copy of the tree, and runs the last."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("zoomout_core", "meshlab_filter", "blender_addon")
+NEW, TRY = "new", "# try it"
+
+
+def follow(section: str, folder: Path) -> None:
+    """Do what a section says.
+
+    Args:
+        section: its title.
+        folder: where the copy is made.
+
+    Raises:
+        AssertionError: a file or a line that a block names is not there, or what was added does not work.
+    """
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    body = re.split(r"(?m)^## ", text.split(f"\n## {section}\n", 1)[1])[0]
+    blocks = re.findall(r"(?ms)^```python\n(.*?)^```$", body)
+    assert blocks, f"{section} shows no code"
+    for block in blocks[:-1]:
+        head, code = block.split("\n", 1)
+        place, _, anchor = head.removeprefix("# ").partition(", ")
+        if anchor == NEW:
+            assert not (folder / place).exists(), f"{place} is there already"
+            (folder / place).write_text(code, encoding="utf-8")
+        else:
+            line = anchor.removeprefix("after: ") + "\n"
+            present = (folder / place).read_text(encoding="utf-8")
+            assert present.count(line) == 1, f"{place} has not one line {line!r}"
+            (folder / place).write_text(present.replace(line, line + code), encoding="utf-8")
+    head, script = blocks[-1].split("\n", 1)
+    assert head == TRY
+    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "ZOOMOUT_CACHE": "off"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,56 @@
+"""The rooms of the core import each other in one direction only, as ARCHITECTURE.md says."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import zoomout_core
+
+CORE = Path(zoomout_core.__file__).parent
+# Each may import those that stand before it.
+ROOMS = ("arrays", "mesh", "geometry", "spectral", "maps", "transfer", "matching", "symmetry", "evaluation")
+# Leaves on their way down: they import nothing of the rooms.
+RUNTIME = "runtime"
+
+
+def imports(path: Path) -> Iterator[str]:
+    """The core's modules that a module imports."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("zoomout_core."):
+            yield str(node.module)
+        elif isinstance(node, ast.Import):
+            yield from (name.name for name in node.names if name.name.startswith("zoomout_core."))
+
+
+def test_rooms_import_those_before_them_only() -> None:
+    modules = {path: path.relative_to(CORE).with_suffix("").parts[0] for path in CORE.rglob("*.py")}
+    assert set(ROOMS) <= set(modules.values())
+    wrong = [
+        f"{path.relative_to(CORE)} imports {module}"
+        for path, room in modules.items()
+        if room in (*ROOMS, RUNTIME)
+        for module in imports(path)
+        if (other := module.split(".")[1]) != room and not allowed(room, other)
+    ]
+    assert not wrong
+
+
+def allowed(room: str, other: str) -> bool:
+    """Whether a room may import another one."""
+    if room == RUNTIME:
+        return False
+    if room == "matching" and other == "transfer":
+        return False
+    return other == RUNTIME or (other in ROOMS and ROOMS.index(other) < ROOMS.index(room))
+
+
+def test_the_core_knows_no_host() -> None:
+    hosts = ("bpy", "pymeshlab", "blender_addon", "meshlab_filter")
+    for path in CORE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            found = [name for name in names if name.split(".")[0] in hosts]
+            assert not found or path.name == "cli.py", path

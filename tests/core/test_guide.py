@@ -1,0 +1,13 @@
+"""What CONTRIBUTING.md says is true: what it adds to the core works."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from guide import follow
+
+
+@pytest.mark.parametrize("section", ["A kind of attribute", "A hypothesis"])
+def test_what_the_guide_adds_works(section: str, tmp_path: Path) -> None:
+    follow(section, tmp_path)
