@@ -51,7 +51,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 
 from .adapters import DATA, USUAL_DATA, Settings
-from .mesh_data import place_of_vertex
+from .mesh_data import surface_point_of_vertex
 from .services import landmarks
 from .services.collection_match import match_collections, match_collections_steps
 from .services.landmarks import LandmarkPairs, landmark_pairs
@@ -111,5 +111,5 @@ def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: 
     """
     if obj.type != "MESH" or not 0 <= vertex < len(obj.data.vertices):
         raise zo.MeshError(f"'{obj.name}' is no mesh with a vertex {vertex}: give another one.")
-    place = place_of_vertex(obj, vertex, context.evaluated_depsgraph_get())
+    place = surface_point_of_vertex(obj, vertex, context.evaluated_depsgraph_get())
     landmarks.set_landmark(context.scene, obj, place, number, name)

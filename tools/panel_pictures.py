@@ -22,7 +22,7 @@ from mathutils import Vector
 import blender_addon
 from blender_addon.demo.character import build_character
 from blender_addon.demo.target import posed_copy, relax, remeshed, strike
-from blender_addon.mesh_data import nearest_place
+from blender_addon.mesh_data import nearest_surface_point
 from blender_addon.services import activity, preflight
 from blender_addon.services.landmarks import set_landmark
 from blender_addon.ui import panels
@@ -212,7 +212,7 @@ def set_landmarks(obj: Object, points: list[Vector], count: int) -> None:
     """Set the first landmarks of an object, where it is nearest to some points."""
     depsgraph, inverse = bpy.context.evaluated_depsgraph_get(), obj.matrix_world.inverted()
     for number, (point, name) in enumerate(zip(points[:count], LANDMARKS.values(), strict=False), start=1):
-        place = nearest_place(obj, inverse @ point, 1, depsgraph)
+        place = nearest_surface_point(obj, inverse @ point, 1, depsgraph)
         assert place is not None  # the character has faces
         set_landmark(bpy.context.scene, obj, place, number, name)
 

@@ -10,7 +10,7 @@ from zoomout_core.runtime.threads import side_by_side
 
 from .adapter import Adapter, Remarks, TransferJob
 
-# Kinds that take about as long as all others do, and need nothing of theirs.
+# Kinds that take about as long as all others together and do not depend on them.
 LONG = ("shape_keys", "shape")
 
 

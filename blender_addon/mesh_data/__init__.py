@@ -37,7 +37,6 @@ from .pieces import (
     read_joined_normals,
     read_joined_weights,
 )
-from .places import Place, extent, nearest_place, place_in_face, place_of_vertex, seen_place
 from .selection import read_selection, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -52,6 +51,14 @@ from .shape_keys import (
     write_animation,
     write_shape,
     write_shape_keys,
+)
+from .surface_points import (
+    SurfacePoint,
+    extent,
+    nearest_surface_point,
+    raycast_surface_point,
+    surface_point_in_face,
+    surface_point_of_vertex,
 )
 from .surfaces import (
     Faces,
@@ -92,10 +99,10 @@ __all__ = [
     "Layer",
     "MeshFacts",
     "Piece",
-    "Place",
     "Role",
     "ShapeKey",
     "ShapeKeys",
+    "SurfacePoint",
     "change_of_vertices",
     "content_hash",
     "count_layers",
@@ -112,11 +119,10 @@ __all__ = [
     "joined_shape_keys",
     "locked_groups",
     "move_vertices",
-    "nearest_place",
+    "nearest_surface_point",
     "offsets_of",
-    "place_in_face",
-    "place_of_vertex",
     "positions_in_world",
+    "raycast_surface_point",
     "read_active_layers",
     "read_custom_normals",
     "read_faces",
@@ -145,7 +151,8 @@ __all__ = [
     "read_target_surface",
     "read_weights",
     "read_weights_steps",
-    "seen_place",
+    "surface_point_in_face",
+    "surface_point_of_vertex",
     "to_object",
     "update_weights",
     "write_active_layers",

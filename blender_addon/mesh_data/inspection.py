@@ -1,4 +1,4 @@
-"""What a look at a mesh tells: whether it is still the same, and whether anything about it makes matching hard."""
+"""Facts about a mesh: whether it is still the same, and whether anything about it makes matching hard."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def content_hash(mesh: Mesh) -> str:
 
 
 def facts_steps(mesh: Mesh) -> Generator[float, None, MeshFacts]:
-    """Look at a mesh; it is read at the first step, and may be gone at the others."""
+    """Inspect a mesh; it is read at the first step, and may be removed before the others."""
     positions, faces = read_positions(mesh), read_faces(mesh)
     edges = read_array(mesh.edges, "vertices", np.int32, 2)
     edge_of_corner = read_array(mesh.loops, "edge_index", np.int32)

@@ -8,10 +8,10 @@ from bpy.types import Context, Object, Operator
 
 import zoomout_core as zo
 
-from ..mesh_data import place_of_vertex
+from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
-from ..services.landmark_import import places_of_empties, places_of_groups
-from ..services.landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
+from ..services.landmark_import import points_of_empties, points_of_groups
+from ..services.landmarks import next_number, obstacle, participants, remove_landmark, set_landmark, surface_points_on
 
 # More vertices are not selected to mark places one by one.
 MOST_SELECTED = 64
@@ -77,7 +77,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
         if count > MOST_SELECTED:
             raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select single ones.")
         depsgraph = context.evaluated_depsgraph_get()
-        places = {obj: [place_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
+        places = {obj: [surface_point_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
         for obj in objects:
             for place in places[obj]:
                 set_landmark(context.scene, obj, place, next_number(context.scene, obj, objects))
@@ -91,7 +91,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them, those of names that are there already anew."""
-        find = places_of_groups if self.what == "GROUPS" else places_of_empties
+        find = points_of_groups if self.what == "GROUPS" else points_of_empties
         found = {obj: find(context, obj, objects) for obj in objects}
         shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
         if not shared:
@@ -138,7 +138,7 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove them."""
-        numbers = sorted(set().union(*(places_on(context.scene, obj) for obj in objects)))
+        numbers = sorted(set().union(*(surface_points_on(context.scene, obj) for obj in objects)))
         for number in numbers:
             remove_landmark(context.scene, number, objects)
         return f"Removed {len(numbers)} landmark{'' if len(numbers) == 1 else 's'}"

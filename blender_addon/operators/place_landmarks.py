@@ -10,8 +10,8 @@ from bpy.types import Area, Context, Event, Object, Operator, Region
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ..mesh_data import Place, seen_place
-from ..services.landmarks import next_number, obstacle, participants, places_on, remove_landmark, set_landmark
+from ..mesh_data import SurfacePoint, raycast_surface_point
+from ..services.landmarks import next_number, obstacle, participants, remove_landmark, set_landmark, surface_points_on
 from ..viewport.landmark_dots import dot_at, dots
 from . import modal
 
@@ -142,7 +142,7 @@ def _advice(context: Context, objects: list[Object]) -> str:
         (number, obj)
         for obj in objects
         for number in [next_number(context.scene, obj, objects)]
-        if any(number in places_on(context.scene, other) for other in objects)
+        if any(number in surface_points_on(context.scene, other) for other in objects)
     ]
     if waiting:
         number, obj = min(waiting, key=lambda entry: entry[0])
@@ -167,17 +167,17 @@ def _inside(box: Area | Region, event: Event) -> bool:
     return 0 <= event.mouse_x - box.x < box.width and 0 <= event.mouse_y - box.y < box.height
 
 
-def _seen(context: Context, objects: list[Object], pointed: Pointed) -> tuple[Object, Place] | None:
+def _seen(context: Context, objects: list[Object], pointed: Pointed) -> tuple[Object, SurfacePoint] | None:
     """Which of some objects is seen first at a place in a view, and where on it that is."""
     view = pointed.area.spaces.active
     origin = region_2d_to_origin_3d(pointed.region, view.region_3d, pointed.place)
     direction = region_2d_to_vector_3d(pointed.region, view.region_3d, pointed.place)
     depsgraph = context.evaluated_depsgraph_get()
 
-    def hits() -> Iterator[tuple[float, Object, Place]]:
+    def hits() -> Iterator[tuple[float, Object, SurfacePoint]]:
         for obj in objects:
             if obj.visible_get() and (view.local_view is None or obj.local_view_get(view)):
-                hit = seen_place(obj, origin, direction, depsgraph)
+                hit = raycast_surface_point(obj, origin, direction, depsgraph)
                 if hit is not None:
                     yield hit[1], obj, hit[0]
 

@@ -18,11 +18,11 @@ from ..services.targets import Outcome
 from ..viewport.redraw import redraw_sidebars
 from . import modal
 
-# Seconds of work between two looks at the keyboard, and of the step that is then under way up to a tenth more.
+# Seconds of work between two events; the step that is then running may take up to a tenth of a second more.
 SLICE = 0.05
-# Seconds between two times that the progress is drawn, which takes time from the work, and much of it without a GPU.
+# Seconds between two redraws of the progress, which take time from the work, much of it without a GPU.
 REDRAWN = 0.2
-# What goes on to the view meanwhile, so that it can be looked at from all sides.
+# Events that pass through to the view meanwhile, so that it can be rotated and zoomed.
 LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM"})
 
 # When the progress was last drawn.

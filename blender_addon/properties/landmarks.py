@@ -14,12 +14,12 @@ from bpy.props import (
 )
 from bpy.types import Object, PropertyGroup
 
-from ..mesh_data import Place
+from ..mesh_data import SurfacePoint
 from .once import ONCE
 
 
 class ZOOMOUT_PG_place(PropertyGroup):
-    """Where a landmark lies on one object: a `Place`."""
+    """Where a landmark lies on one object: a `SurfacePoint`."""
 
     object: PointerProperty(name="Object", description="The object that it lies on", type=Object)
     face: IntProperty(name="Face", description="The face that it lies in")
@@ -28,14 +28,16 @@ class ZOOMOUT_PG_place(PropertyGroup):
     position: FloatVectorProperty(name="Position", description="Where it was when it was set", subtype="XYZ")
     counts: IntVectorProperty(name="Counts", description="Vertices and faces that the mesh had then", size=2)
 
-    def take(self, place: Place) -> None:
+    def take(self, place: SurfacePoint) -> None:
         """Become a place."""
-        for name in Place.__annotations__:
+        for name in SurfacePoint.__annotations__:
             setattr(self, name, getattr(place, name))
 
-    def place(self) -> Place:
+    def place(self) -> SurfacePoint:
         """The place that is kept."""
-        return Place(self.face, tuple(self.vertices), tuple(self.weights), tuple(self.position), tuple(self.counts))
+        return SurfacePoint(
+            self.face, tuple(self.vertices), tuple(self.weights), tuple(self.position), tuple(self.counts)
+        )
 
 
 class ZOOMOUT_PG_landmark(PropertyGroup):

@@ -37,15 +37,17 @@ from .pair import (
 )
 from .targets import Write
 
-# Part of the progress that matching takes.
+# Part of the progress bar that matching takes, in [0, 1].
 MATCHING = 0.95
-# A target of which this part lies on one source receives from that alone, but for loose parts that lie on others.
+# Part of a target's area, weighted by confidence, above which it receives data from that one source alone; loose parts
+# that lie on other sources still receive from those.
 NEARLY_ALL = 0.95
-# Where less does, it receives from all that this part of it lies on.
+# Otherwise it receives from every source that at least this part of its area lies on.
 SMALLEST_SHARE = 0.005
-# What lies on the like of another target is moved onto its own target's, over this part of the area's square root.
+# Largest distance, over the square root of the sources' area, at which vertices that lie on the counterpart of another
+# target are projected onto the counterpart of their own.
 NEAR = 0.02
-# What a vertex without confidence counts for.
+# Weight of a vertex with a confidence of 0.
 LEAST_CONFIDENCE = 1e-6
 
 # Numbers of sources and targets that are called alike.

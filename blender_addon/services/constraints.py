@@ -29,11 +29,11 @@ from .initial_maps import map_of_file, same_order
 from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
 from .pair import ObjectPair, find_mesh, source_mesh, target_mesh
 
-# Weight from which a vertex belongs to its group.
+# Smallest weight with which a vertex belongs to a vertex group.
 MEMBER = 0.5
-# Of more regions the largest are used: smaller ones lie in them, or next to them, and tell no more.
+# Largest number of regions; the largest ones are used, since smaller ones lie in them or beside them and add little.
 MOST_REGIONS = 36
-# Where the map and the regions of the same name overlap less than by the rest, the user is told.
+# The user is told where the score of the regions, the part in which map and names disagree, is larger.
 CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
 # Starts that may weigh landmarks.

@@ -70,6 +70,6 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
 
 
 def _numbered(edges: Integers, count: int) -> Integers:
-    """(e,) a number for each edge (e, 2) between so many vertices, whichever way round it is."""
+    """(e,) a number for each undirected edge (e, 2) of a mesh with `count` vertices."""
     ends = np.sort(edges.astype(np.int64), axis=1)
     return ends[:, 0] * count + ends[:, 1]

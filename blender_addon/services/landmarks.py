@@ -16,7 +16,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import OFF_SURFACE
 
-from ..mesh_data import Place, evaluated_mesh, extent, nearest_place
+from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point
 from ..mesh_data.arrays import hash_of
 from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
 from ..storage import stored_match
@@ -55,7 +55,7 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
     """
     on_both, on_one, gone = [], [], []
     depsgraph = context.evaluated_depsgraph_get()
-    places = {obj: world_places(obj, places_on(context.scene, obj), depsgraph) for obj in (source, target)}
+    places = {obj: world_positions(obj, surface_points_on(context.scene, obj), depsgraph) for obj in (source, target)}
     for number in sorted({*places[source], *places[target]}):
         missing = [obj.name for obj in (source, target) if number not in places[obj]]
         lost = [obj.name for obj in (source, target) if number in places[obj] and places[obj][number] is None]
@@ -78,7 +78,7 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
 
 def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
     """What changes when a landmark that two objects have in common is placed, moved or removed, but not with poses."""
-    of_source, of_target = places_on(scene, source), places_on(scene, target)
+    of_source, of_target = surface_points_on(scene, source), surface_points_on(scene, target)
     common = [(number, of_source[number], of_target[number]) for number in sorted(of_source.keys() & of_target.keys())]
     return hash_of(repr(common))
 
@@ -109,15 +109,15 @@ def obstacle(context: Context, mode: str = "OBJECT") -> str:
     return ""
 
 
-def places_on(scene: Scene, obj: Object) -> dict[int, Place]:
-    """The places of all landmarks on an object, by their numbers."""
+def surface_points_on(scene: Scene, obj: Object) -> dict[int, SurfacePoint]:
+    """The surface points of all landmarks on an object, by their numbers."""
     settings = getattr(scene, "zoomout", None)  # none where the functions are used without the extension
     landmarks = settings.landmarks if settings else ()
     found = ((landmark.number, _kept_place(landmark, obj)) for landmark in landmarks)
     return {number: kept.place() for number, kept in found if kept is not None}
 
 
-def world_places(obj: Object, places: dict[int, Place], depsgraph: Depsgraph) -> dict[int, Floats | None]:
+def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Depsgraph) -> dict[int, Floats | None]:
     """Where places on an object are now, in world space; None for those that edits took the surface away from.
 
     Raises:
@@ -131,13 +131,13 @@ def world_places(obj: Object, places: dict[int, Place], depsgraph: Depsgraph) ->
         here = {number: place.on(mesh) for number, place in places.items()}
     for number, position in here.items():
         if position is None:
-            again = nearest_place(obj, Vector(places[number].position), most, depsgraph)
+            again = nearest_surface_point(obj, Vector(places[number].position), most, depsgraph)
             position = None if again is None else Vector(again.position)
         found[number] = None if position is None else np.array(obj.matrix_world @ position)
     return found
 
 
-def set_landmark(scene: Scene, obj: Object, place: Place, number: int, name: str = "") -> None:
+def set_landmark(scene: Scene, obj: Object, place: SurfacePoint, number: int, name: str = "") -> None:
     """Give a landmark a place on an object, in place of the one that it may have there."""
     forget_removed_objects(scene)
     landmark = _landmark(scene, number)
@@ -153,8 +153,8 @@ def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
 
     It is the lowest that one of the others has and the object lacks, else the first that none of them has.
     """
-    own = set(places_on(scene, obj))
-    theirs = set().union(*(places_on(scene, other) for other in others if other != obj))
+    own = set(surface_points_on(scene, obj))
+    theirs = set().union(*(surface_points_on(scene, other) for other in others if other != obj))
     return min(theirs - own, default=max(own | theirs, default=0) + 1)
 
 

@@ -21,9 +21,10 @@ COPY = re.compile(r"\.\d{3,}$")
 NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 WORD = re.compile(r"[^\W\d_]+|\d+")
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-# A word that this part of a character's objects share, and the other character lacks, is its own name.
+# Part of a character's objects from which a word that they share, and the other character lacks, is its own name.
 OWN_NAME = 0.75
-# Names are alike that share this part of their words, by weight, where no other shares more than this part of it.
+# Smallest similarity, the weighted part of words in common, at which names match; and the largest similarity of any
+# other name, as a part of that.
 ALIKE, RIVAL = 0.6, 0.75
 
 

@@ -1,7 +1,7 @@
-"""What stands in the way of a match or a transfer, and what makes one doubtful, found without looking long.
+"""What stands in the way of a match or a transfer, and what makes one doubtful, found fast.
 
-Everything here may be asked each time the sidebar is drawn: counts and flags are compared, and what takes longer is
-in `mesh_facts`.
+All functions may be called each time the sidebar is drawn: they compare counts and flags; what takes longer is cached
+by `mesh_facts`.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def seen_mesh(context: Context, obj: Object) -> Mesh | None:
 def stale(context: Context, target: Object) -> str:
     """Why the match that is kept on a target holds no longer, as far as can be told in passing; or nothing.
 
-    Operators look closer: they compare fingerprints.
+    Operators compare fingerprints, which is exact but slower.
     """
     kept = stored_match.description(target.data)
     if kept is None:

@@ -20,7 +20,7 @@ from ..viewport import preview
 from .pair import ObjectPair, check_unedited, find_mesh, fingerprint_target, source_pieces
 from .stored_pair import stored_pair_steps
 
-# Part of the progress after which faces are divided.
+# Part of the progress bar at which faces begin to be divided, in [0, 1].
 DIVIDING = 0.9
 
 

@@ -39,7 +39,7 @@ from .pair import (
 from .stored_pair import stored_pair_steps
 from .targets import Write
 
-# Part of the progress that matching takes, where there is no match yet.
+# Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
 MATCHING = 0.8
 
 

@@ -16,7 +16,7 @@ from .constraints import matching_steps
 from .pair import ObjectPair, check_unedited, find_mesh
 from .stored_pair import read_stored_match_steps
 
-# Part of the progress that matching anew takes, where results are no longer held in memory.
+# Part of the progress bar that matching again takes, where results are no longer in memory, in [0, 1].
 MATCHING = 0.7
 
 

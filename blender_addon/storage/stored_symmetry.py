@@ -37,7 +37,7 @@ from ..viewport.colors import pair_colors
 
 PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
-# A picture of a candidate shows so many vertices.
+# Number of vertices in the picture of a candidate.
 PICTURED = 800
 # What each candidate consists of, and how Blender keeps it.
 PARTS = {

@@ -12,11 +12,11 @@ from zoomout_core.symmetry.self_map import SelfMap
 BAD_TO_GOOD = np.array([[0.75, 0.12, 0.08], [0.96, 0.55, 0.25], [0.95, 0.92, 0.70], [0.30, 0.62, 0.80]])
 # Of the right side, the middle and the left side.
 SIDES = BAD_TO_GOOD[1:]
-# Darkest and lightest value of each channel of the colours of places, so that both stand out from either theme.
+# Smallest and largest value of each channel of position colours, so that both differ from light and dark themes.
 DARK, LIGHT = 0.08, 0.98
-# Colours of the right side are mixed with so much white, so that the symmetry line shows.
+# Part of white in the colours of the right side, so that the symmetry line shows.
 PALENESS = 0.45
-# From so many places colours are blended.
+# Number of nearest samples whose colours are blended, weighted by the inverse squared distance.
 BLENDED = 4
 
 

@@ -17,7 +17,7 @@ from mathutils import Vector
 
 import zoomout_core as zo
 
-from ..services.landmarks import participants, places_on
+from ..services.landmarks import participants, surface_points_on
 
 # In pixels, at the interface's normal scale.
 RADIUS, RING, TEXT = 8.0, 2.0, 11
@@ -71,8 +71,8 @@ def dots(context: Context, region: Region, view: RegionView3D, space: SpaceView3
         return []
     active = settings.active_landmark
     number = settings.landmarks[active].number if active < len(settings.landmarks) else None
-    on_source = places_on(context.scene, source)
-    on_targets = {target: places_on(context.scene, target) for target in targets}
+    on_source = surface_points_on(context.scene, source)
+    on_targets = {target: surface_points_on(context.scene, target) for target in targets}
     on_any = set().union(*on_targets.values())
     depsgraph = context.evaluated_depsgraph_get()
     found = []

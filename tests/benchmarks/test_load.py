@@ -19,7 +19,7 @@ def test_every_kind_is_carried_and_timed() -> None:
     assert {"color_attributes", "edges", "all"} <= counts.keys()
     *kinds, together, waited = rows
     for row in kinds:
-        steps = [row[step] for step in ("read", "carry", "write") if row[step] is not None]
+        steps = [row[step] for step in ("read", "transfer", "write") if row[step] is not None]
         assert row["seconds"] == pytest.approx(sum(steps))
     assert together["seconds"] == pytest.approx(sum(row["seconds"] for row in kinds))
     assert waited["count"] == together["count"]

@@ -10,11 +10,17 @@ from mathutils import Matrix, Vector
 from scenes import activate, ellipsoid, positions, set_weights, values
 
 import zoomout_core as zo
-from blender_addon.mesh_data import nearest_place
+from blender_addon.mesh_data import nearest_surface_point
 from blender_addon.operators import modal
 from blender_addon.operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from blender_addon.services import landmarks
-from blender_addon.services.landmarks import landmark_pairs, next_number, places_on, set_landmark, world_places
+from blender_addon.services.landmarks import (
+    landmark_pairs,
+    next_number,
+    set_landmark,
+    surface_points_on,
+    world_positions,
+)
 from blender_addon.services.match import match_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import landmark_dots
@@ -26,7 +32,7 @@ PROJECTION = Matrix.Diagonal((0.5, 0.5, -0.01, 1))
 
 
 def place(obj, *point):
-    return nearest_place(obj, Vector(point), 10.0, bpy.context.evaluated_depsgraph_get())
+    return nearest_surface_point(obj, Vector(point), 10.0, bpy.context.evaluated_depsgraph_get())
 
 
 def add(obj, number, *point, name=""):
@@ -35,11 +41,11 @@ def add(obj, number, *point, name=""):
 
 def world(obj):
     bpy.context.view_layer.update()
-    return world_places(obj, places_on(bpy.context.scene, obj), bpy.context.evaluated_depsgraph_get())
+    return world_positions(obj, surface_points_on(bpy.context.scene, obj), bpy.context.evaluated_depsgraph_get())
 
 
 def numbers(obj):
-    return sorted(places_on(bpy.context.scene, obj))
+    return sorted(surface_points_on(bpy.context.scene, obj))
 
 
 def delete_vertices(obj, chosen):

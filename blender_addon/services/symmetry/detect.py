@@ -16,7 +16,7 @@ from ...viewport import preview
 from ..targets import WRITING
 from .mesh_access import unedited, writable_mesh
 
-# So many candidates are kept at most: things have more symmetries than characters.
+# Number of candidates that are kept at most: objects such as wheels have many symmetries.
 MOST = 6
 
 

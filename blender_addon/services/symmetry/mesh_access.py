@@ -13,7 +13,7 @@ from zoomout_core.runtime.stepping import Progress
 from ...storage import stored_symmetry
 from ..pair import check_elements, check_writable, edited, find_mesh
 
-# Part of the progress in which an operator's data is read, which takes steps.
+# Part of the progress bar in which data is read, in [0, 1].
 READ = 0.3
 READING = Progress(0.0, "Reading the mesh")
 

@@ -145,7 +145,7 @@ def _made(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Directio
 
 
 def _without_noise(made: Floats, offsets: Floats) -> Floats:
-    """Displacements (n, 3) without those that are as good as none beside the longest that they were made from."""
+    """Displacements (n, 3), set to zero where shorter than `NOISE` times the longest of the original ones."""
     least = NOISE * np.linalg.norm(offsets, axis=1).max(initial=0)
     return np.where(np.linalg.norm(made, axis=1, keepdims=True) < least, 0, made)
 

@@ -16,7 +16,7 @@ from ...operators.landmarks import (
 )
 from ...operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ...properties.landmarks import LandmarkSettings, ZOOMOUT_PG_landmark
-from ...services.landmarks import participants, places_on
+from ...services.landmarks import participants, surface_points_on
 from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, sentences
 
@@ -68,7 +68,7 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
         column.separator()
         column.prop(settings, "show_landmarks", text="", icon="HIDE_OFF" if settings.show_landmarks else "HIDE_ON")
         if len(pair) == 2:
-            on = [set(places_on(context.scene, obj)) for obj in pair]
+            on = [set(surface_points_on(context.scene, obj)) for obj in pair]
             both = len(on[0] & on[1])
             sentences(context, layout, [f"{both} on both; the marks are for '{pair[0].name}' and '{pair[1].name}'"])
         row = layout.row(align=True)

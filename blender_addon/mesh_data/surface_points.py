@@ -1,7 +1,7 @@
-"""Places on the surface that an object shows, kept so that they are found again after poses, edits and saving.
+"""Points on the evaluated surface of an object, stored so that they are found again after poses, edits and saving.
 
-A place is a point in a face of the mesh as the modifiers leave it: it moves with the face. Where edits gave the mesh
-other elements, so that the face cannot be told any more, the place is where the surface still comes near to it.
+A surface point lies in a face of the evaluated mesh and moves with it. Where an edit changed the number of vertices or
+faces, so that the face is no longer known, the nearest point of the surface takes its place.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .surfaces import evaluated_mesh
 
 
 @dataclass(frozen=True)
-class Place:
-    """A point on the mesh that an object shows.
+class SurfacePoint:
+    """A point in a face of the evaluated mesh of an object.
 
     Attributes:
         face: that it lies in.
@@ -45,14 +45,14 @@ class Place:
         return sum((w * mesh.vertices[v].co for w, v in zip(self.weights, self.vertices, strict=True)), Vector())
 
 
-def place_in_face(mesh: Mesh, face: int, point: Vector) -> Place:
-    """The place in a face that is closest to a point in the object's own space."""
+def surface_point_in_face(mesh: Mesh, face: int, point: Vector) -> SurfacePoint:
+    """The surface point in a face that is closest to a point in the object's own space."""
     vertices = np.array(mesh.polygons[face].vertices)
     corners = np.array([mesh.vertices[vertex].co for vertex in vertices.tolist()])
     triangles = np.array(tessellate_polygon([[Vector(corner) for corner in corners]]))
     triangle, weights = closest_points(np.array([point]), corners, triangles)
     of_face = triangles[triangle[0]]
-    return Place(
+    return SurfacePoint(
         face,
         tuple(vertices[of_face].tolist()),
         tuple(weights[0].tolist()),
@@ -61,7 +61,9 @@ def place_in_face(mesh: Mesh, face: int, point: Vector) -> Place:
     )
 
 
-def seen_place(obj: Object, origin: Vector, direction: Vector, depsgraph: Depsgraph) -> tuple[Place, float] | None:
+def raycast_surface_point(
+    obj: Object, origin: Vector, direction: Vector, depsgraph: Depsgraph
+) -> tuple[SurfacePoint, float] | None:
     """Where a ray in world space first meets what an object shows, and how far along it; None if it misses."""
     inverse = obj.matrix_world.inverted_safe()
     start = inverse @ origin
@@ -69,21 +71,21 @@ def seen_place(obj: Object, origin: Vector, direction: Vector, depsgraph: Depsgr
     if not hit:
         return None
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        place = place_in_face(mesh, face, point)
+        place = surface_point_in_face(mesh, face, point)
     return place, (obj.matrix_world @ point - origin).dot(direction)
 
 
-def nearest_place(obj: Object, point: Vector, distance: float, depsgraph: Depsgraph) -> Place | None:
-    """The place that is closest to a point in an object's own space, if it is not farther than a distance there."""
+def nearest_surface_point(obj: Object, point: Vector, distance: float, depsgraph: Depsgraph) -> SurfacePoint | None:
+    """The surface point closest to a point in an object's own space, if it is within a distance there."""
     found, _, _, face = obj.closest_point_on_mesh(point, distance=distance, depsgraph=depsgraph)
     if not found:
         return None
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        return place_in_face(mesh, face, point)
+        return surface_point_in_face(mesh, face, point)
 
 
-def place_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> Place:
-    """The place of a vertex of an object's own mesh on what the object shows.
+def surface_point_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> SurfacePoint:
+    """The point of the evaluated surface at a vertex of the object's own mesh.
 
     Raises:
         MeshError: the modifiers leave nothing there, or the object is disabled.
@@ -92,7 +94,7 @@ def place_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> Place:
         keeps = len(mesh.vertices) == len(obj.data.vertices)
         point = (mesh if keeps else obj.data).vertices[vertex].co.copy()
         most = OFF_SURFACE * extent(mesh)
-    place = nearest_place(obj, point, most, depsgraph)
+    place = nearest_surface_point(obj, point, most, depsgraph)
     if place is None:
         raise zo.MeshError(
             f"Modifiers move the surface of '{obj.name}' away from vertex {vertex}: click on it in Object Mode instead."
