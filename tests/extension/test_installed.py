@@ -129,8 +129,8 @@ def test_a_match_finds_the_true_points(pair):
 
 def test_a_match_that_is_cancelled_leaves_the_file_as_it_was(pair):
     before = snapshot_file()
-    operators = importlib.import_module(f"{EXTENSION}.operators.match")
-    steps = operators.match_steps(bpy.context, "Source", "Target")
+    services = importlib.import_module(f"{EXTENSION}.services.match")
+    steps = services.match_steps(bpy.context, "Source", "Target")
     taken = [next(steps) for _ in range(5)]
     steps.close()
     assert taken[-1].fraction < 1
@@ -203,7 +203,7 @@ def test_options_are_kept_as_presets(installed):
 
 
 def test_the_guide_is_a_page_that_came_along(installed):
-    manual = importlib.import_module(f"{EXTENSION}.manual")
+    manual = importlib.import_module(f"{EXTENSION}.ui.manual")
     addresses = {
         bpy.types.WM_OT_doc_view_manual._lookup_rna_url(f"bpy.ops.zoomout.{name}", verbose=False)
         for name in ("match", "transfer")
