@@ -312,13 +312,13 @@ def test_benchmark_humans_are_matched(benchmark_data) -> None:
 
 
 def test_a_large_mesh_is_matched_by_a_stand_in_as_exactly_as_in_full() -> None:
-    source, target = creature(20000, seed=0), creature(15000, seed=1, bend=0.9)
+    source, target = creature(8000, seed=0), creature(6000, seed=1, bend=0.9)
     truth = true_vertex(source, target)
-    by_proxy = zo.match(source.surface, target.surface, proxy_vertices=4000)
+    by_proxy = zo.match(source.surface, target.surface, proxy_vertices=2500)
     in_full = zo.match(source.surface, target.surface, proxy_vertices=None)
     errors = [mean_error(result, source.surface, truth) for result in (by_proxy, in_full)]
     assert errors[0] < 1.1 * errors[1] + 1e-3
-    assert len(by_proxy.confidence) == 15000
+    assert len(by_proxy.confidence) == 6000
 
 
 def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
