@@ -1,4 +1,7 @@
-"""One skin around all that belongs to a body, where a character is made of many shells."""
+"""One skin around all that belongs to a body, where a character is made of many shells.
+
+Thresholds were set by `benchmarks characters`.
+"""
 
 from __future__ import annotations
 
