@@ -13,7 +13,7 @@ from bpy.types import Mesh, Object
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import Steps, spread
-from zoomout_core.transfer import Attribute, Blend, blend, drape, transfer_steps
+from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_steps
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 from ..mesh_data import Piece
@@ -91,7 +91,7 @@ class TransferJob:
     _mapped_targets: dict[tuple[Surface | None, Surface | None], MappedTarget] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        own = drape(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
+        own = map_target(self.match, self.pair.source, self.pair.target, self.settings.fill_below)
         self._mapped_targets.setdefault((None, None), own)
 
     def transfer(

@@ -11,7 +11,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
-from zoomout_core.transfer import drape
+from zoomout_core.transfer import map_target
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
 from ..mesh_data import divided_steps, read_joined_active_uv_map, write_divided
@@ -49,8 +49,8 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
     with source_pieces(context, pair) as pieces:
         uv = read_joined_active_uv_map(pieces)
-    draped = drape(kept, pair.source, pair.target)
-    cut = yield from spread(in_background(partial(seam_cut, uv, draped)), 0, DIVIDING, "Following the seams")
+    mapped = map_target(kept, pair.source, pair.target)
+    cut = yield from spread(in_background(partial(seam_cut, uv, mapped)), 0, DIVIDING, "Following the seams")
     _, target = check_unedited(context, pair)
     divided = yield from spread(divided_steps(target.data, cut), DIVIDING, 1, "Dividing faces")
     try:

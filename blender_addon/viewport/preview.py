@@ -19,7 +19,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
-from zoomout_core.transfer import drape, transfer_steps
+from zoomout_core.transfer import map_target, transfer_steps
 
 from ..mesh_data import MATCH_ATTRIBUTES, content_hash, read_joined_active_uv_map, read_layer, read_positions
 from ..mesh_data.arrays import hash_of
@@ -153,7 +153,7 @@ def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
     else:
         with source_pieces(context, pair) as pieces:
             uv = read_joined_active_uv_map(pieces)
-        carrying = transfer_steps(uv, drape(match, pair.source, pair.target))
+        carrying = transfer_steps(uv, map_target(match, pair.source, pair.target))
         on_source, on_target = uv.values, (yield from spread(carrying, 0.1, 1, "Laying the checker")).values
     target = find_mesh(context, pair.target_name)
     coats = [Coat(target.session_uid, on_target, pair.target_fingerprint.content)]

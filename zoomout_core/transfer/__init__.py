@@ -2,7 +2,7 @@
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
-from zoomout_core.transfer.rules import RULES, Rule, conform, drape, transfer, transfer_along, transfer_steps
+from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along, transfer_steps
 
 __all__ = [
     "MODES",
@@ -15,7 +15,7 @@ __all__ = [
     "Rule",
     "blend",
     "conform",
-    "drape",
+    "map_target",
     "transfer",
     "transfer_along",
     "transfer_steps",

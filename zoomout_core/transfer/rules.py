@@ -143,10 +143,10 @@ def transfer(
             is of other surfaces.
         ValueError: `fill_below` is no confidence.
     """
-    return transfer_along(attribute, drape(result, source, target, fill_below), **options)
+    return transfer_along(attribute, map_target(result, source, target, fill_below), **options)
 
 
-def drape(
+def map_target(
     result: Match | SurfaceMap, source: Surface, target: Surface, fill_below: float | None = None
 ) -> MappedTarget:
     """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.
@@ -183,7 +183,7 @@ def conform(result: Match | SurfaceMap, source: Surface, target: Surface) -> Flo
     Raises:
         MeshError: the map is of other surfaces.
     """
-    return conformed(drape(result, source, target))
+    return conformed(map_target(result, source, target))
 
 
 def _rule(attribute: Attribute) -> Rule:
