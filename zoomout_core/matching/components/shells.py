@@ -107,7 +107,11 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
     image = _beneath(points, normals, source, *kinds)
     trust = np.clip(around, 0, 1) / (1 + (image.distance / HALF_DISTANCE) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
-    partners, motions = _partners(pair, motion, ours[:MOST_PARTS], theirs[:MOST_PARTS], source, target)
+    partners: list[tuple[int, int]] = []
+    motions: list[Similarities] = []
+    # A surface of one shell is a whole body, and a shell of the other one a piece of one.
+    if min(len(ours), len(theirs)) > 1:
+        partners, motions = _partners(pair, motion, ours[:MOST_PARTS], theirs[:MOST_PARTS], source, target)
     if partners:
         shells = OrientedSurface(
             source.points,

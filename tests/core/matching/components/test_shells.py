@@ -67,12 +67,20 @@ def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> N
     assert right_parts(zo.match(skin.surface, at_rest.surface), skin, at_rest) > 0.9
 
 
-def test_what_a_partner_lacks_lies_where_the_body_has_it() -> None:
+@pytest.mark.parametrize("eye", [False, True])
+def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     sphere, leg = directions(300, 1), [0.2, 0.2, 1.1] * directions(150, 2) + [0.9, -0.2, -1.4]
-    shells = Surface.joined([Surface(points, ConvexHull(points).simplices) for points in (sphere, leg)])
-    welded = Surface(*voxel_remesh(shells.vertices, shells.triangles, 60))
-    image = zo.match(shells, welded).surface_map.vertex
-    clear_of_the_sphere = np.linalg.norm(welded.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
+    pieces = [Surface(points, ConvexHull(points).simplices) for points in (sphere, leg)]
+    both = Surface.joined(pieces)
+    welded = Surface(*voxel_remesh(both.vertices, both.triangles, 60))
+    around = 0.15 * directions(60, 3) + [-0.9, 0.4, 0.5]
+    beside = [Surface(around, ConvexHull(around).simplices)] if eye else []
+    source, target = Surface.joined([*pieces, *beside]), Surface.joined([welded, *beside])
+    result = zo.match(source, target)
+    image = result.surface_map.vertex
+    # A body of one shell is laid on no piece of the other.
+    assert any("laid on their like" in note for note in result.notes) is eye
+    clear_of_the_sphere = np.linalg.norm(target.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
     assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
 
 
