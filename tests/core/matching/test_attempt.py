@@ -55,3 +55,13 @@ def test_a_map_is_worth_what_it_is_sure_of_times_what_it_tells_of() -> None:
 def test_the_first_map_of_an_attempt_speaks_for_it() -> None:
     wide, narrow = body(0.9, 1.0, np.zeros(100)), body(0.4, 0.5, np.zeros(100))
     assert best_of([wide, narrow]).candidates[0].certainty == 0.9
+
+
+def test_a_later_attempt_that_tells_of_as_much_has_to_be_clearly_surer() -> None:
+    here = np.zeros(100)
+    loose, tight, hardly_surer = (body(certainty, 1.0, here) for certainty in (0.3, 0.6, 0.31))
+    assert best_of([loose, tight]).pair is tight.pair
+    assert best_of([tight, loose]).pair is tight.pair
+    chosen = best_of([loose, hardly_surer])
+    assert chosen.pair is loose.pair
+    assert chosen.candidates[0].certainty == 0.31

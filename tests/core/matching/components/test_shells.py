@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from creatures import directions
@@ -12,10 +10,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
-from zoomout_core.matching.attempt import Attempt, best_of
 from zoomout_core.matching.components.bodies import bodies_steps
 from zoomout_core.matching.components.skins import covered_by_main_part, skin_of, turned_outwards
-from zoomout_core.matching.ranking import Candidate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.runtime.stepping import drain
@@ -244,39 +240,3 @@ def test_open_shells_are_wound_as_the_skin_around_them() -> None:
         on_plate = mesh.component[mesh.triangles[:, 0]] == 1
         a, b, c = mesh.vertices[mesh.oriented_triangles[on_plate]].transpose(1, 0, 2)
         assert (np.cross(b - a, c - a)[:, 1] < 0).all()
-
-
-def attempt(certainty: float, coverage: float, moved: float) -> Attempt:
-    """Two bodies of which nothing but an outline is known."""
-    place = np.random.default_rng(1).standard_normal((50, 3))
-    found = Attempt(
-        SimpleNamespace(source_shape=SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(scale=1.0)))),  # type: ignore[arg-type]
-        [Candidate("", False, False, *([None] * 5), certainty, {})],  # type: ignore[arg-type]
-        coverage,
-    )
-    object.__setattr__(found, "outline", lambda: (place, place + np.array([moved, 0, 0])))
-    return found
-
-
-def test_bodies_that_agree_are_witnesses_for_each_other() -> None:
-    chosen = best_of([attempt(0.4, 1.0, 0.0), attempt(0.9, 0.7, 0.02)])
-    assert chosen.coverage == 1.0
-    assert chosen.candidates[0].certainty == 0.9
-
-
-def test_of_skins_that_agree_the_surer_one_is_taken() -> None:
-    loose, tight = attempt(0.3, 1.0, 0.0), attempt(0.6, 1.0, 0.02)
-    assert best_of([loose, tight]).pair is tight.pair
-    assert best_of([tight, loose]).pair is tight.pair
-
-
-def test_a_later_skin_is_not_taken_for_a_shade_of_certainty() -> None:
-    loose, tight = attempt(0.16, 1.0, 0.0), attempt(0.17, 1.0, 0.02)
-    chosen = best_of([loose, tight])
-    assert chosen.pair is loose.pair
-    assert chosen.candidates[0].certainty == 0.17
-
-
-def test_of_bodies_that_do_not_agree_the_one_that_is_right_for_more_is_taken() -> None:
-    assert best_of([attempt(0.4, 1.0, 0.0), attempt(0.9, 0.7, 1.0)]).coverage == 0.7
-    assert best_of([attempt(0.7, 1.0, 0.0), attempt(0.9, 0.7, 1.0)]).coverage == 1.0
