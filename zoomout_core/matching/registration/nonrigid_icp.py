@@ -117,29 +117,27 @@ def fit_steps(
         normals = -normals
     around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
     still, placed = unmoved(first, rest, normals, around, limit, target)
-    positions, bending = np.where(still[:, None], placed, laid.positions), None
+    positions, graph = np.where(still[:, None], placed, laid.positions), None
     for i, (count, sliding, stiffness, rounds) in enumerate(LEVELS):
         count = min(count, len(target.distances))
-        if bending is None or len(bending.nodes.vertex) != count:
+        if graph is None or len(graph.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
             here, there = QueryPoints.on(target, count), QueryPoints.on(source, count)
-            bending = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
+            graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
         for j in range(rounds):
             yield (i + j / rounds) / (len(LEVELS) + 1)
-            positions, turned, _ = bending.moved()
+            positions, turned, _ = graph.moved()
             if sliding == 1:
                 weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-                motion = bending.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
+                motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
             else:
-                motion = bending.step(
-                    *residuals(positions, turned, here, there, around, limit, sliding), stiffness, True
-                )
+                motion = graph.step(*residuals(positions, turned, here, there, around, limit, sliding), stiffness, True)
             if motion < AT_REST:
                 break
     yield len(LEVELS) / (len(LEVELS) + 1)
-    assert bending is not None
-    positions, turned, blends = bending.moved()
+    assert graph is not None
+    positions, turned, blends = graph.moved()
     found = around.closest(positions, turned)
     facing = np.einsum("nx,nx->n", turned, found.interpolate(source.mesh.vertex_normals)) > 0
     fits = (

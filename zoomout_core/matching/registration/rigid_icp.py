@@ -102,7 +102,7 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDING)
         if len(near) < FEWEST_SETTLED * len(at):
             return goal, FLUSH
-        residual, normals = _misses(placed[near], source)
+        residual, normals = _residuals(placed[near], source)
         away = placed[near] - placed[near].mean(axis=0)
         columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
         change = np.linalg.lstsq(np.hstack(columns), residual, rcond=None)[0]
@@ -114,7 +114,7 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         return goal, FLUSH
     placed = points @ motion.T + shift
     if np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) < FLUSH:
-        as_they_stand, _ = _misses(standing[at[near]], source)
+        as_they_stand, _ = _residuals(standing[at[near]], source)
         if np.median(np.abs(as_they_stand)) < AS_WELL * miss:
             placed = standing
     settled = fits & (np.linalg.norm(placed - goal, axis=1) < COINCIDING)
@@ -126,7 +126,7 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
     return np.where(settled[:, None], placed, goal), COINCIDING
 
 
-def _misses(points: Floats, source: Proxy) -> tuple[Floats, Floats]:
+def _residuals(points: Floats, source: Proxy) -> tuple[Floats, Floats]:
     """(n,) how far a mesh lies above points (n, 3), and (n, 3) along which normals."""
     mesh = source.full
     found = SurfaceMap(*source.search.closest(points), mesh.triangles)
