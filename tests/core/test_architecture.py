@@ -10,7 +10,7 @@ import zoomout_core
 
 CORE = Path(zoomout_core.__file__).parent
 # Each may import those that stand before it.
-ROOMS = ("arrays", "mesh", "geometry", "spectral", "maps", "transfer", "matching", "symmetry", "evaluation")
+ROOMS = ("arrays", "tuning", "mesh", "geometry", "spectral", "maps", "transfer", "matching", "symmetry", "evaluation")
 # Leaves on their way down: they import nothing of the rooms.
 RUNTIME = "runtime"
 

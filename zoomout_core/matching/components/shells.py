@@ -3,7 +3,7 @@
 The skins' map moves everything along. Where a shell of the target then has its like on the source, one is laid on the
 other by a similarity; all others lie on what of the source is nearest, outer parts on outer ones.
 
-Lengths are at unit area of the skin; thresholds were set by `benchmarks characters`.
+Lengths are at unit area of the skin.
 """
 
 from __future__ import annotations
@@ -28,33 +28,59 @@ from zoomout_core.matching.constraints import PINNING
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.tuning import Tuning, tuned
 
 # Points that are moved along at once, which bounds the memory.
 AT_ONCE = 50_000
-# A shell is laid on so many others, of those that are nearest in place and size.
-RIVALS = 6
-# What a pair of shells may miss each other by, over the source's size; how far it may be from where the body's map has
-# it, at unit area; and by which factors its size may differ.
-MOST_MISS, MOST_MOVE, MOST_UNLIKE = 0.3, 0.17, 1.65
-# The cost of a pair: the two above, relative to their limits, a turn in radians, and the logarithm of a scale.
-MISS_COST, MOVE_COST, TURN_COST, SCALE_COST = 1.0, 1.2, 0.1, 1.0
-MOST_COST = 1.5
-# A normal that is off by a right angle counts as much as this distance, at unit area.
-NORMAL_WEIGHT = 0.02
-# A vertex is on the outside that is nearer to the skin than this, at unit area; one that is not lies on an inner part
-# of the source if there is one as near as the next.
-OUTSIDE, INNER_REACH = 0.02, 0.05
-# Half of the trust in the skins' map is left where the source is as far from where that leads as this, at unit area.
-HALF_DISTANCE = 0.045
-# A shell lies on its partner already where half of its vertices are nearer to it than this, at unit area.
-FLUSH = 0.015
-# What of a shell its partner lacks, being farther from it than this at unit area, lies where the body's map has it.
-# Below 0.15 parts of other builds are taken from their partners (`benchmarks characters`, one robot to another).
-BESIDE = 0.2
-# What a landmark moves by less than this part of its own move stays.
-FADED = 0.01
-# Trust in a pair whose edges keep their lengths, and the mean change of length that leaves half of it.
-FULL_TRUST, HALF_STRETCH = 0.9, 0.5
+
+
+@dataclass(frozen=True)
+class ShellTuning(Tuning, set_by="characters"):
+    """Which shells are each other's like, where the others lie, and how far that is trusted.
+
+    Attributes:
+        rivals: those nearest in place and size that a shell is registered to.
+        most_miss: what a pair may miss each other by.
+        most_move: how far a pair may be from where the body's map has it.
+        most_unlike: the factor by which the sizes of a pair may differ.
+        miss_cost: of a miss of `most_miss`.
+        move_cost: of a move of `most_move`.
+        turn_cost: of a turn against the body's.
+        scale_cost: of a scale against the body's, by its logarithm.
+        most_cost: of a pair, the sum of these.
+        normal_weight: the distance that a normal off by a right angle counts as.
+        outside: a vertex nearer to the skin is on the outside.
+        inner_reach: a vertex that is not on the outside lies on an inner part of the source if one is as near.
+        half_distance: where the source is as far from where the skins' map leads, half of the trust in that is left.
+        flush: a shell lies on its partner already where half of its vertices are nearer to it.
+        beside: what of a shell is farther from its partner lies where the body's map has it. Below 0.15 parts of robots
+            of other builds are taken from their partners.
+        faded: what a landmark moves by less than this part of its own move stays.
+        full_trust: in a pair whose edges keep their lengths.
+        half_stretch: the mean change of length, relative, that leaves half of that.
+    """
+
+    rivals: int = tuned(6, "shells", 1, 300)
+    most_miss: float = tuned(0.3, "sizes of the source's shell", 0, 1)
+    most_move: float = tuned(0.17, "at unit area", 0, 1)
+    most_unlike: float = tuned(1.65, "1", 1, 10)
+    miss_cost: float = tuned(1.0, "1", 0, 10)
+    move_cost: float = tuned(1.2, "1", 0, 10)
+    turn_cost: float = tuned(0.1, "1 / radian", 0, 10)
+    scale_cost: float = tuned(1.0, "1", 0, 10)
+    most_cost: float = tuned(1.5, "1", 0, 10)
+    normal_weight: float = tuned(0.02, "at unit area", 0, 1)
+    outside: float = tuned(0.02, "at unit area", 0, 1)
+    inner_reach: float = tuned(0.05, "at unit area", 0, 1)
+    half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)
+    flush: float = tuned(0.015, "at unit area", 0, 1)
+    beside: float = tuned(0.2, "at unit area", 0, 1)
+    faded: float = tuned(0.01, "1", 0, 1)
+    full_trust: float = tuned(0.9, "1", 0, 1)
+    half_stretch: float = tuned(0.5, "1", 1e-6, 10)
+
+
+SHELLS = ShellTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +131,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
     points, normals, around = _carried(motion, target.points, target.mesh.vertex_normals)
     kinds = tuple(_outside(side, shape) for side, shape in ((source, pair.source_shape), (target, pair.target_shape)))
     image = _beneath(points, normals, source, *kinds)
-    trust = np.clip(around, 0, 1) / (1 + (image.distance / HALF_DISTANCE) ** 2)
+    trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
     partners: list[tuple[int, int]] = []
     motions: list[Similarities] = []
@@ -117,17 +143,17 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
             source.points,
             source.mesh.triangles,
             source.mesh.flipped,
-            NORMAL_WEIGHT,
+            SHELLS.normal_weight,
             source.mesh.component[source.mesh.triangles[:, 0]],
         )
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
         laid, stretch = _laid_on(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
-        on = laid.distance < np.maximum(BESIDE, image.distance[part.vertices])
+        on = laid.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
         vertices = part.vertices[on]
         image.triangle[vertices], image.barycentric[vertices] = laid.triangle[on], laid.barycentric[on]
         image.distance[vertices] = laid.distance[on]
-        trust[vertices] = FULL_TRUST / (1 + (stretch / HALF_STRETCH) ** 2)
+        trust[vertices] = SHELLS.full_trust / (1 + (stretch / SHELLS.half_stretch) ** 2)
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
         surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
@@ -135,7 +161,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
         surface_map,
         trust,
         len(partners),
-        float(target.areas[image.distance > HALF_DISTANCE].sum() / target.areas.sum()),
+        float(target.areas[image.distance > SHELLS.half_distance].sum() / target.areas.sum()),
         in_place,
     )
 
@@ -160,7 +186,7 @@ def _pinned(
     distance = np.linalg.norm(target.points[:, None] - target.points[vertex], axis=2)
     kernel = np.exp(-((distance / PINNING) ** 2))
     moves = np.linalg.lstsq(kernel[vertex], goals - images[vertex], rcond=None)[0]
-    bent = np.flatnonzero(kernel.max(axis=1) > FADED)
+    bent = np.flatnonzero(kernel.max(axis=1) > SHELLS.faded)
     triangle, barycentric = between.triangle.copy(), between.barycentric.copy()
     triangle[bent], barycentric[bent] = closest_points(
         images[bent] + kernel[bent] @ moves, source.points, source.mesh.triangles
@@ -190,7 +216,7 @@ def _carried(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[
 
 def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:
     """(n,) which vertices of a surface's working mesh are on the outside."""
-    return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < OUTSIDE)
+    return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < SHELLS.outside)
 
 
 def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans, of_target: Booleans) -> _Image:
@@ -215,14 +241,14 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
         """Have vertices lie on some triangles; returns those that are farther off than the reach."""
         if not len(vertices) or not len(among):
             return vertices
-        surface = OrientedSurface(source.points, triangles[among], source.mesh.flipped[among], NORMAL_WEIGHT)
+        surface = OrientedSurface(source.points, triangles[among], source.mesh.flipped[among], SHELLS.normal_weight)
         found, barycentric, apart = surface.closest(points[vertices], normals[vertices])
         near = apart <= reach
         chosen = vertices[near]
         number[chosen], weights[chosen], distance[chosen] = among[found[near]], barycentric[near], apart[near]
         return vertices[~near]
 
-    rest = look(np.flatnonzero(~of_target), np.flatnonzero(~outer), INNER_REACH)
+    rest = look(np.flatnonzero(~of_target), np.flatnonzero(~outer), SHELLS.inner_reach)
     rest = look(np.concatenate([np.flatnonzero(of_target), rest]), np.flatnonzero(outer), np.inf)
     look(rest, np.arange(len(triangles)), np.inf)
     return _Image(number, weights, distance)
@@ -246,9 +272,9 @@ def _partners(
             source.members([of_source for of_source, _ in pair.regions])[: len(theirs)],
         )
     )
-    rough = apart / MOST_MOVE + unlike / np.log(MOST_UNLIKE)
-    rough[(unlike > np.log(MOST_UNLIKE)) | (apart > MOST_MOVE + size[:, None] / 2) | strangers] = np.inf
-    rivals = np.argsort(rough, axis=1, kind="stable")[:, :RIVALS]
+    rough = apart / SHELLS.most_move + unlike / np.log(SHELLS.most_unlike)
+    rough[(unlike > np.log(SHELLS.most_unlike)) | (apart > SHELLS.most_move + size[:, None] / 2) | strangers] = np.inf
+    rivals = np.argsort(rough, axis=1, kind="stable")[:, : SHELLS.rivals]
     i, j = np.repeat(np.arange(len(ours)), rivals.shape[1]), rivals.ravel()
     possible = np.isfinite(rough[i, j])
     i, j = i[possible], j[possible]
@@ -259,17 +285,17 @@ def _partners(
     move = np.linalg.norm(laid(here.centre[i][:, None])[:, 0] - images[i], axis=1)
     cosine = (np.einsum("qij,qij->q", laid.turn, prior.turn[i]) - 1) / 2
     cost = (
-        MISS_COST * miss / MOST_MISS
-        + MOVE_COST * move / MOST_MOVE
-        + TURN_COST * np.arccos(np.clip(cosine, -1, 1))
-        + SCALE_COST * np.abs(np.log(laid.scale / prior.scale[i]))
+        SHELLS.miss_cost * miss / SHELLS.most_miss
+        + SHELLS.move_cost * move / SHELLS.most_move
+        + SHELLS.turn_cost * np.arccos(np.clip(cosine, -1, 1))
+        + SHELLS.scale_cost * np.abs(np.log(laid.scale / prior.scale[i]))
     )
-    cost[(miss > MOST_MISS) | (move > MOST_MOVE)] = np.inf
-    table = np.full((len(ours), len(theirs)), 10 * MOST_COST)
-    table[i, j] = np.minimum(cost, 10 * MOST_COST)
+    cost[(miss > SHELLS.most_miss) | (move > SHELLS.most_move)] = np.inf
+    table = np.full((len(ours), len(theirs)), 10 * SHELLS.most_cost)
+    table[i, j] = np.minimum(cost, 10 * SHELLS.most_cost)
     number = np.zeros(table.shape, dtype=np.int64)
     number[i, j] = np.arange(len(i))
-    chosen = [(a, b) for a, b in zip(*linear_sum_assignment(table), strict=True) if table[a, b] <= MOST_COST]
+    chosen = [(a, b) for a, b in zip(*linear_sum_assignment(table), strict=True) if table[a, b] <= SHELLS.most_cost]
     return chosen, [laid[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 
@@ -317,6 +343,6 @@ def _laid_on(
         on = np.einsum("nc,ncx->nx", image.barycentric, corners)
         change = np.abs(np.linalg.norm(on[edges[:, 0]] - on[edges[:, 1]], axis=1) - lengths)
         tried.append((image, float(change.sum() / max(lengths.sum(), 1e-300))))
-        if stays and np.median(image.distance) < FLUSH:
+        if stays and np.median(image.distance) < SHELLS.flush:
             break
     return min(tried, key=itemgetter(1))

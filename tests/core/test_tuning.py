@@ -1,0 +1,61 @@
+"""Numbers that were tuned: each says what it is, its unit, its range, and what set it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from dataclasses import FrozenInstanceError, dataclass, fields, replace
+from pathlib import Path
+
+import pytest
+
+import zoomout_core
+from zoomout_core.tuning import Tuning, retuned, stages, tuned
+
+ROOT = Path(zoomout_core.__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Toy(Tuning, set_by="judgement"):
+    """A stage of a test.
+
+    Attributes:
+        width: of a Gaussian.
+        quotas: of two kinds.
+    """
+
+    width: float = tuned(0.05, "at unit area", 0, 1)
+    quotas: tuple[tuple[int, int], ...] = tuned(((1, 4), (2, 8)), "candidates", 1, 100)
+
+
+def test_numbers_out_of_their_range_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"Toy\.width is 2: give 0 to 1 \(at unit area\)"):
+        replace(Toy(), width=2)
+    with pytest.raises(ValueError, match="quotas"):
+        Toy(quotas=((1, 4), (0, 8)))
+    with pytest.raises(ValueError, match="width"):
+        Toy(width=float("nan"))
+
+
+def test_numbers_are_others_within_a_context_alone() -> None:
+    toy = Toy()
+    with retuned(toy, width=0.5):
+        assert toy.width == 0.5
+    assert toy.width == 0.05
+    with pytest.raises(ValueError, match="width"), retuned(toy, width=5.0):
+        pass
+    assert toy == Toy()
+    with pytest.raises(FrozenInstanceError):
+        toy.width = 0.5  # type: ignore[misc]
+
+
+def test_every_stage_says_what_each_number_is_and_which_benchmark_set_it() -> None:
+    tree = ast.parse((ROOT / "benchmarks" / "__main__.py").read_text(encoding="utf-8"))
+    commands = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert stages()
+    for name, stage in stages().items():
+        text = inspect.getdoc(type(stage)) or ""
+        said = re.findall(r"^    (\w+):", text.partition("Attributes:")[2], re.MULTILINE)
+        assert said == [each.name for each in fields(stage)], name  # type: ignore[arg-type]
+        assert stage.set_by in {*commands, "judgement"}, name
