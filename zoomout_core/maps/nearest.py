@@ -2,29 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
+from zoomout_core.tuning import Tuning, tuned
 
 # Entries of the block of inner products that is looked at together: bounds the memory.
 BLOCK = 1 << 24
-# Up to this dimension a tree beats products.
-TREE_DIMENSION = 8
-# From so many products on it pays to rule most points out by clusters, this many times the root of their number.
-MANY_PRODUCTS = 1 << 27
-CLUSTERS = 5
 # Squared distances by products in single precision are wrong by less than this part of the squared norms.
 ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class NearestTuning(Tuning, set_by="judgement"):
+    """Which search is the fastest; all are exact.
+
+    Attributes:
+        tree_dimension: up to this a k-d tree is faster than inner products,
+        tree_points: where there are more points than this.
+        clusters_from: products of pairs above which most points are first ruled out by clusters.
+        clusters: their number, for each unit of the square root of the number of points.
+    """
+
+    tree_dimension: int = tuned(8, "dimensions", 0, 100)
+    tree_points: int = tuned(1000, "points", 0, 10**9)
+    clusters_from: int = tuned(1 << 27, "pairs", 0, 1 << 60)
+    clusters: float = tuned(5, "1", 0.1, 30)
+
+
+NEAREST = NearestTuning()
 
 
 def nearest(queries: Floats, points: Floats) -> Integers:
     """(..., q) the row of `points` (..., n, k) nearest to each row of `queries` (q, k); of few points for a stack."""
     k = queries.shape[1]
-    if points.ndim == 2 and k <= TREE_DIMENSION and len(points) > 1000:
+    if points.ndim == 2 and k <= NEAREST.tree_dimension and len(points) > NEAREST.tree_points:
         return np.asarray(cKDTree(points).query(queries)[1])
-    if points.ndim == 2 and k >= SINGLE_PRECISION_DIMENSION and len(queries) * len(points) > MANY_PRODUCTS:
+    clustered = points.ndim == 2 and len(queries) * len(points) > NEAREST.clusters_from
+    if clustered and k >= SINGLE_PRECISION_DIMENSION:
         return _nearest_by_clusters(queries.astype(np.float32), points.astype(np.float32))
     dtype: type = np.float32 if k >= SINGLE_PRECISION_DIMENSION else np.float64
     table = _table(points.astype(dtype))
@@ -51,7 +70,7 @@ def nearest_among(queries: Floats, points: Floats, candidates: Integers) -> Inte
 
 
 def _table(points: Floats) -> Floats:
-    """(..., k + 1, n) of points: |x - y|^2 is least where x.y - |y|^2 / 2 is most; the second term rides along."""
+    """(..., k + 1, n) of points: |x - y|^2 is least where x.y - |y|^2 / 2 is most; the table holds both terms."""
     half_norm = np.einsum("...nk,...nk->...n", points, points) / 2
     return np.concatenate([np.swapaxes(points, -1, -2), -half_norm[..., None, :]], axis=-2)
 
@@ -67,7 +86,7 @@ def _nearest_by_clusters(queries: Floats, points: Floats) -> Integers:
     Queries that share their nearest centre are looked at together. Whatever they find in its cluster bounds the
     distance, and the triangle inequality rules out other clusters.
     """
-    count = int(CLUSTERS * np.sqrt(len(points)))
+    count = int(NEAREST.clusters * np.sqrt(len(points)))
     centres = points[np.random.default_rng(0).choice(len(points), count, replace=False)]
     owner, distance = _nearest_centre(points, centres)
     radius = np.zeros(count, dtype=np.float32)

@@ -84,10 +84,10 @@ class SurfaceMap:
     def invert(self, source: Surface, target: Surface) -> SurfaceMap:
         """The map the other way: for every vertex of the source a point on the target.
 
-        The target is laid onto the source by this map, and each source vertex takes the closest point of it.
+        Each source vertex takes the closest point of the target, whose vertices this map moves onto the source.
         """
-        laid = self.interpolate(source.vertices)
-        return SurfaceMap(*closest_points(source.vertices, laid, target.triangles), target.triangles)
+        images = self.interpolate(source.vertices)
+        return SurfaceMap(*closest_points(source.vertices, images, target.triangles), target.triangles)
 
     def save(self, path: str | PathLike[str], **extra: Any) -> None:
         """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file.

@@ -18,12 +18,25 @@ from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
+from zoomout_core.tuning import Tuning, tuned
 
-# Size of the functional map that a given pointwise map is taken down to before it is upsampled.
-K_INITIAL = 20
-# What sampling costs in exactness a few rounds on all vertices take back, that grow from the leading functions once
-# more: so many sizes, evenly spread.
-LEADING, FINISHING = 30, 5
+
+@dataclass(frozen=True)
+class ZoomOutTuning(Tuning, set_by="refinement"):
+    """Where upsampling begins, and the rounds on all vertices, which recover the exactness that sampling costs.
+
+    Attributes:
+        initial_size: of the functional map of a given pointwise map.
+        finishing_size: of the functional map that the rounds on all vertices begin with.
+        finishing_rounds: on all vertices, at sizes that are evenly spread.
+    """
+
+    initial_size: int = tuned(20, "eigenfunctions", 1, 1000)
+    finishing_size: int = tuned(30, "eigenfunctions", 1, 1000)
+    finishing_rounds: int = tuned(5, "rounds", 1, 100)
+
+
+ZOOMOUT = ZoomOutTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +110,7 @@ def zoomout(
     available = min(len(basis_source.eigenvalues), len(basis_target.eigenvalues))
     _check_sizes(available, initial.shape, k_final, step, samples)
     if initial.ndim == 1:
-        k = min(K_INITIAL, k_final)
+        k = min(ZOOMOUT.initial_size, k_final)
         initial = functional_map_of(initial, basis_source, basis_target, k, k)
     if samples is None:
         return _dense(basis_source, basis_target, initial, k_final, step)
@@ -158,7 +171,8 @@ def _dense(
 def _finished(basis_source: SpectralBasis, basis_target: SpectralBasis, functional_map: Floats) -> Refined:
     """From the functional map that samples have led to, to the dense map: grown again on all vertices, in big steps."""
     shape = np.array(functional_map.shape)
-    first, *sizes = np.rint(shape * np.linspace(min(1.0, LEADING / shape.min()), 1, FINISHING)[:, None]).astype(int)
+    start = min(1.0, ZOOMOUT.finishing_size / shape.min())
+    first, *sizes = np.rint(shape * np.linspace(start, 1, ZOOMOUT.finishing_rounds)[:, None]).astype(int)
     functional_map = functional_map[: first[0], : first[1]]
     for k_target, k_source in (*sizes, shape):
         vertex = vertex_map_of(functional_map, basis_source, basis_target)
@@ -193,7 +207,7 @@ def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> Floats | 
     """A map to begin with, as the user gave it: (k_t, k_s) functional map, or (n_t,) source vertices.
 
     Raises:
-        ValueError: it is neither, or not between shapes of so many vertices.
+        ValueError: it is neither, or not between shapes with these numbers of vertices.
     """
     start = np.asarray(initial)
     if start.ndim == 1:

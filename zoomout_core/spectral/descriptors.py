@@ -6,15 +6,32 @@ Guibas 2009. Pseudo-scalars <n, grad f x grad g> turn their sign under a reflect
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.tuning import Tuning, tuned
 
 # Norm of functions that vanish but for rounding; signatures are of order one.
 NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class BandTuning(Tuning, set_by="correspondence"):
+    """Signatures in narrow bands of energy.
+
+    Attributes:
+        width: standard deviation of a band.
+    """
+
+    width: float = tuned(2.0, "steps between energies", 0.1, 20)
+
+
+BANDS = BandTuning()
 
 
 def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None, width: float = 7.0) -> Floats:
@@ -45,13 +62,13 @@ def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None 
 
 def signature_bands(basis: SpectralBasis, count: int, k: int) -> Floats:
     """(n, count) wave kernel signatures in narrow bands of energy, of mean zero and unit norm; k as above."""
-    bands = wave_kernel_signature(basis, count, k, width=2.0)
+    bands = wave_kernel_signature(basis, count, k, BANDS.width)
     bands = bands - basis.areas @ bands
     return unit_columns(bands, np.sqrt(basis.areas @ bands**2))
 
 
 def unit_columns(functions: Floats, norms: Floats) -> Floats:
-    """Functions (n, d) divided by their norms (d,); those that are nothing but rounding, as on a sphere, stay zero."""
+    """Functions (n, d) divided by their norms (d,); those of rounding alone, as on a sphere, stay zero."""
     return np.divide(functions, norms, out=np.zeros_like(functions), where=norms > NOTHING)
 
 

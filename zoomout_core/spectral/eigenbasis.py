@@ -25,23 +25,57 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.spectral.laplacian import mesh_laplacian, point_cloud_laplacian
+from zoomout_core.tuning import Tuning, tuned
 
-# At unit area lambda_k is about 4 pi k; anything from 0.1 to 200 converges alike.
-SHIFT = 20.0
-BLOCK = 16
-# Largest accepted change of direction of a shift-inverted pair, relative to its eigenvalue.
-TOLERANCE = 1e-3
-# The last pairs carry all of the remaining error, so a few more are computed than asked for.
-SURPLUS = 1.05
-DENSE_BELOW = 1200
-# Right-hand sides of more entries than this are worth a second thread.
-LONG = 20_000
+# Vertices whose eigenvectors are assembled at once: bounds the memory, and the time between two steps.
 COLUMN_CHUNK = 1 << 14
-# A block more divides the last residual by less than this: so it need not be looked at after each one.
-GAIN = 4.0
-# Vertices of the mesh that stands in for one whose matrix does not fit into memory.
-FEWER = 50_000
-SMOOTHING, DAMPING = 10, 0.5
+
+
+@dataclass(frozen=True)
+class EigensolverTuning(Tuning, set_by="judgement"):
+    """Block Lanczos.
+
+    Attributes:
+        shift: of the inverted operator. Lambda_k is about 4 pi k; anything from 0.1 to 200 converges alike.
+        block: right-hand sides that are solved at once. Blocks of 4 to 16 take half the time of single ones for each.
+        tolerance: largest accepted residual of a shift-inverted pair, relative to its eigenvalue. On one pair of meshes
+            maps by such bases were as exact as by ARPACK's; at 0.03 their mean error rose by an eighth.
+        surplus: pairs that are computed for each one asked for; the last pairs carry all of the remaining error.
+        first_test: size of the Krylov space, for each pair computed, from which on convergence is tested.
+        gain: factor by which one more block divides the last residual at most, which says when to test again.
+        dense_below: matrices with fewer rows are diagonalised densely.
+        two_threads_from: vectors with as many entries are worth a second thread.
+    """
+
+    shift: float = tuned(20.0, "eigenvalues at unit area", 0.1, 200)
+    block: int = tuned(16, "vectors", 1, 64)
+    tolerance: float = tuned(1e-3, "1", 1e-6, 0.1)
+    surplus: float = tuned(1.05, "1", 1, 2)
+    first_test: float = tuned(2.4, "1", 1, 4)
+    gain: float = tuned(4.0, "1", 1.01, 1000)
+    dense_below: int = tuned(1200, "vertices", 200, 20_000)
+    two_threads_from: int = tuned(20_000, "vertices", 2, 10**9)
+
+
+EIGENSOLVER = EigensolverTuning()
+
+
+@dataclass(frozen=True)
+class CoarseBasisTuning(Tuning, set_by="judgement"):
+    """A basis from a smaller mesh, where the matrix of the mesh itself does not fit into memory factorised.
+
+    Attributes:
+        vertices: of the smaller mesh.
+        smoothing: damped Jacobi steps, which smooth the functions across the edges of the smaller mesh.
+        damping: of these steps.
+    """
+
+    vertices: int = tuned(50_000, "vertices", 1000, 10**6)
+    smoothing: int = tuned(10, "steps", 0, 1000)
+    damping: float = tuned(0.5, "1", 0, 1)
+
+
+COARSE_BASIS = CoarseBasisTuning()
 
 _log = logging.getLogger(__name__)
 
@@ -125,17 +159,17 @@ def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:
             "There is not enough memory to factorise the Laplacian of %d vertices: its eigenfunctions are taken from a "
             "mesh of %d, nearly.",
             len(mesh.vertices),
-            FEWER,
+            COARSE_BASIS.vertices,
         )
-    points, triangles, merged = drain(decimated_steps(mesh.vertices, mesh.oriented_triangles, FEWER))
+    points, triangles, merged = drain(decimated_steps(mesh.vertices, mesh.oriented_triangles, COARSE_BASIS.vertices))
     around = Neighbourhoods(triangles, len(points))
     triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
     stiffness, areas = mesh_laplacian(points, triangles)
-    _, coarse = drain(eigenpairs_steps(stiffness, areas, int(SURPLUS * k) + 2, seed))
+    _, coarse = drain(eigenpairs_steps(stiffness, areas, int(EIGENSOLVER.surplus * k) + 2, seed))
     functions = np.einsum("nc,nck->nk", barycentric, coarse[triangles[triangle]])
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
-    damped_inverse = DAMPING / stiffness.diagonal()[:, None]
-    for _ in range(SMOOTHING):  # damped Jacobi steps take away the kinks along the edges of the smaller mesh
+    damped_inverse = COARSE_BASIS.damping / stiffness.diagonal()[:, None]
+    for _ in range(COARSE_BASIS.smoothing):
         functions -= damped_inverse * (stiffness @ functions)
     weighted = areas[:, None] * functions
     eigenvalues, mixing = eigh(
@@ -169,7 +203,7 @@ def eigenpairs_steps(
     if not 1 <= k < n:
         raise MeshError(f"{k} eigenfunctions were asked for, but {n} vertices allow 1 to {n - 1}: ask for fewer.")
     root = np.sqrt(areas)
-    if n < max(DENSE_BELOW, 4 * k):
+    if n < max(EIGENSOLVER.dense_below, 4 * k):
         scaled = (diags_array(1 / root) @ stiffness @ diags_array(1 / root)).toarray()
         values, vectors = eigh((scaled + scaled.T) / 2, subset_by_index=(0, k - 1))
         vectors /= root[:, None]
@@ -182,16 +216,16 @@ def eigenpairs_steps(
 def _block_lanczos(
     stiffness: csc_array, areas: Floats, root: Floats, k: int, seed: int
 ) -> Generator[float, None, tuple[Floats, Floats]]:
-    n, b = len(root), BLOCK
-    wanted = min(n - 1, int(SURPLUS * k) + 2)
-    factor = _factorised(stiffness + SHIFT * diags_array(areas))
+    n, b = len(root), EIGENSOLVER.block
+    wanted = min(n - 1, int(EIGENSOLVER.surplus * k) + 2)
+    factor = _factorised(stiffness + EIGENSOLVER.shift * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
     start = np.random.default_rng(seed).standard_normal((n, b))
     start[:, 0] = root
     Q[:b] = qr(start, mode="economic")[0].T
-    next_test = 2.4 * wanted
+    next_test = EIGENSOLVER.first_test * wanted
     pool = ThreadPoolExecutor(max_workers=2)
     try:
         two = _TwoHalves(pool, n)
@@ -216,16 +250,17 @@ def _block_lanczos(
             # The last pair converges last, as a rule: alone it costs a part of what all cost.
             last = eigh(projected, subset_by_index=(e - wanted, e - wanted))
             residual = _residuals(R, *last).max()
-            if residual >= TOLERANCE:
-                next_test = e + b * max(1, int(np.log(residual / TOLERANCE) / np.log(GAIN)))
+            if residual >= EIGENSOLVER.tolerance:
+                blocks = int(np.log(residual / EIGENSOLVER.tolerance) / np.log(EIGENSOLVER.gain))
+                next_test = e + b * max(1, blocks)
                 continue
             yield min(0.9, e / (2.8 * wanted))
             mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
             yield min(0.9, e / (2.8 * wanted))
-            if _residuals(R, mu, S).max() >= TOLERANCE:
+            if _residuals(R, mu, S).max() >= EIGENSOLVER.tolerance:
                 continue
             mu, S = mu[::-1], S[:, ::-1]
-            complete = pool.submit(_is_complete, 1 / mu - SHIFT, k, stiffness, areas)
+            complete = pool.submit(_is_complete, 1 / mu - EIGENSOLVER.shift, k, stiffness, areas)
             weights = np.asarray(S[:, :k], dtype=np.float32)
             eigenvectors = np.empty((n, k))
             for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
@@ -233,7 +268,7 @@ def _block_lanczos(
                 np.divide(Q[:e, rows].T @ weights, root[rows, None], out=eigenvectors[rows])
                 yield 0.95
             if complete.result():
-                return 1 / mu[:k] - SHIFT, eigenvectors
+                return 1 / mu[:k] - EIGENSOLVER.shift, eigenvectors
             next_test = e + 4 * b
     finally:
         pool.shutdown(wait=False, cancel_futures=True)  # should the caller have closed this halfway
@@ -256,8 +291,8 @@ class _TwoHalves:
     """Work on blocks of long vectors, half of it by a second thread where they are long enough."""
 
     def __init__(self, pool: ThreadPoolExecutor, n: int) -> None:
-        self._map = pool.map if n >= LONG else map
-        self._count = 2 if n >= LONG else 1
+        self._map = pool.map if n >= EIGENSOLVER.two_threads_from else map
+        self._count = 2 if n >= EIGENSOLVER.two_threads_from else 1
         self._halves = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(n), self._count)]
 
     def solved(self, factor: SuperLU, rows: Floats) -> Floats:

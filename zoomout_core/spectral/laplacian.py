@@ -13,7 +13,7 @@ from scipy.sparse import csc_array
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import MeshError
 
-# Masses below this part of the mean only amplify rounding in the eigenvectors.
+# Vertex areas are at least this part of their mean: smaller ones only amplify rounding in the eigenvectors.
 SMALLEST_AREA = 1e-6
 
 
@@ -31,12 +31,12 @@ def point_cloud_laplacian(points: Floats) -> tuple[csc_array, Floats]:
     """Stiffness matrix and point areas of a point cloud; shapes and scaling as for `mesh_laplacian`.
 
     Raises:
-        MeshError: no surface can be laid through the points, as where they lie on a line.
+        MeshError: no surface passes through the points, as where they lie on a line.
     """
     try:
         stiffness, mass = robust_laplacian.point_cloud_laplacian(np.ascontiguousarray(points))
     except RuntimeError as error:
-        raise MeshError("No surface can be laid through the points: do they lie on a line, or in one place?") from error
+        raise MeshError("No surface passes through the points: do they lie on a line, or in one place?") from error
     return csc_array(stiffness), _unit_areas(mass.diagonal())
 
 

@@ -15,6 +15,7 @@ from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral import eigenbasis as module
 from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.tuning import retuned
 
 
 def test_eigenpairs_agree_with_arpack(resting: Creature) -> None:
@@ -156,8 +157,8 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
         return factorised(matrix)
 
     monkeypatch.setattr(module, "_factorised", with_little_memory)
-    monkeypatch.setattr(module, "FEWER", 2000)
-    basis = eigenbasis(resting.surface, 30)
+    with retuned(module.COARSE_BASIS, vertices=2000):
+        basis = eigenbasis(resting.surface, 30)
     assert "not enough memory" in caplog.text
     assert basis.eigenvectors.shape == exact.eigenvectors.shape
     np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(30), atol=1e-6)
