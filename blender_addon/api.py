@@ -52,9 +52,9 @@ import zoomout_core as zo
 
 from .adapters import DATA, USUAL_DATA, Settings
 from .mesh_data import surface_point_of_vertex
-from .services import landmarks
+from .scene import landmarks
+from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.collection_match import match_collections, match_collections_steps
-from .services.landmarks import LandmarkPairs, landmark_pairs
 from .services.match import match_objects, match_steps
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps, swap_sides

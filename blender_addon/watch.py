@@ -8,8 +8,8 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
-from .services import mesh_facts
-from .storage import candidates
+from .scene import mesh_facts
+from .services import candidates, previews
 from .viewport import overlay, preview
 
 
@@ -26,7 +26,7 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
 def _after_undo(*_: Any) -> None:
     mesh_facts.forget_all()
     overlay.repose()
-    preview.follow_undo(bpy.context)
+    previews.follow_undo(bpy.context)
 
 
 @persistent
@@ -58,5 +58,5 @@ def unregister() -> None:
 def forget_everything() -> None:
     """Let go of what belongs to the file that is open."""
     mesh_facts.forget_all()
-    candidates.forget()
+    candidates.clear_cache()
     preview.clear()

@@ -39,6 +39,7 @@ SHIPPED = (
     "operators/**/*.py",
     "presets/**/*.py",
     "properties/*.py",
+    "scene/*.py",
     "services/**/*.py",
     "storage/*.py",
     "translations/*.py",

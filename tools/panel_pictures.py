@@ -23,8 +23,9 @@ import blender_addon
 from blender_addon.demo.character import build_character
 from blender_addon.demo.target import posed_copy, relax, remeshed, strike
 from blender_addon.mesh_data import nearest_surface_point
-from blender_addon.services import activity, preflight
-from blender_addon.services.landmarks import set_landmark
+from blender_addon.operators import activity
+from blender_addon.scene.landmarks import set_landmark
+from blender_addon.services import preflight
 from blender_addon.ui import panels
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"

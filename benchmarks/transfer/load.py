@@ -16,7 +16,7 @@ from blender_addon import mesh_data
 from blender_addon.adapters import COLLECTORS, DEFAULT, USUAL_DATA, Adapter, Remarks, TransferJob, TransferRequest
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.character import select_only
-from blender_addon.services.pair import read_pair
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_match import StoredMatch

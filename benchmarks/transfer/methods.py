@@ -16,8 +16,8 @@ from benchmarks.transfer.cast import Cast
 from blender_addon import mesh_data
 from blender_addon.demo.baseline import KINDS, transfer_best
 from blender_addon.demo.character import PAINT
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
-from blender_addon.services.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.transfer import Attribute, Domain, Kind

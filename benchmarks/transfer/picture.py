@@ -15,8 +15,8 @@ from blender_addon import mesh_data
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.baseline import transfer_best
 from blender_addon.demo.picture import FAINT, INK, checker_material, ink, light, link, render, write
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
-from blender_addon.services.pair import read_pair
 from blender_addon.services.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match

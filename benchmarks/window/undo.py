@@ -20,7 +20,7 @@ from blender_addon import mesh_data
 from blender_addon.demo import Size, make_cast
 from blender_addon.demo.character import select_only
 from blender_addon.mesh_data.arrays import hash_of, read_array
-from blender_addon.services.pair import read_pair
+from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
 
 Record = dict[str, Any]

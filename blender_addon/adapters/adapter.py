@@ -16,8 +16,7 @@ from zoomout_core.runtime.stepping import Steps, spread
 from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_steps
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-from ..mesh_data import Piece
-from ..services.pair import ObjectPair
+from ..mesh_data import ObjectPair, Piece
 from ..storage.stored_match import Match
 from .settings import Settings
 

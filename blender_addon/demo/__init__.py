@@ -19,7 +19,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 
 from .. import mesh_data, registered
-from ..services.pair import read_pair
+from ..scene.pair import read_pair
 from ..storage import stored_match
 from ..storage.stored_report import transfer_report
 from . import picture

@@ -25,6 +25,7 @@ from .layers import (
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, write_custom_normals
+from .object_pair import Fingerprint, ObjectPair
 from .pieces import (
     JoinedLayer,
     Piece,
@@ -95,9 +96,11 @@ __all__ = [
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
     "Faces",
+    "Fingerprint",
     "JoinedLayer",
     "Layer",
     "MeshFacts",
+    "ObjectPair",
     "Piece",
     "Role",
     "ShapeKey",

@@ -9,16 +9,17 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps
 
-from ..services.use_candidate import listing_of, use_candidate_steps
+from ..services.candidates import side_swapped
+from ..services.use_candidate import stored_list, use_candidate_steps
 from ..storage import stored_match
-from ..storage.candidates import Listing
+from ..storage.stored_candidates import CandidateList
 from .stepped import SteppedOperator
 
 
 class CandidateOperator(SteppedOperator):
     """The base of operators that put another candidate in the place of the match that is kept."""
 
-    def place(self, listing: Listing) -> int:
+    def place(self, listing: CandidateList) -> int:
         """Which candidate of a list to use.
 
         Raises:
@@ -28,7 +29,7 @@ class CandidateOperator(SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         target = context.active_object
-        place = self.place(listing_of(target))
+        place = self.place(stored_list(target))
         result = yield from use_candidate_steps(context, target.name, place)
         doubtful = stored_match.low_confidence(result.confidence)
         return (
@@ -54,7 +55,7 @@ class ZOOMOUT_OT_use_candidate(CandidateOperator):
         options={"SKIP_SAVE"},
     )
 
-    def place(self, listing: Listing) -> int:
+    def place(self, listing: CandidateList) -> int:
         if self.candidate > len(listing.candidates):
             raise zo.MeshError(f"There is no candidate {self.candidate}: {len(listing.candidates)} are listed.")
         return self.candidate - 1 if self.candidate else (listing.chosen + 1) % len(listing.candidates)
@@ -66,8 +67,8 @@ class ZOOMOUT_OT_swap_match_sides(CandidateOperator):
     bl_description = "Use the map that has left and right the other way round"
     bl_options = {"REGISTER", "UNDO"}
 
-    def place(self, listing: Listing) -> int:
-        swapped = listing.swapped()
+    def place(self, listing: CandidateList) -> int:
+        swapped = side_swapped(listing)
         if swapped is None:
             raise zo.MeshError("None of the candidates swaps the sides: set a landmark on one side, then match again.")
         return swapped

@@ -7,7 +7,7 @@ from bpy.types import Context
 from zoomout_core.runtime.stepping import Steps
 
 from ..properties.settings import SourceName
-from ..services.pair import choose_source
+from ..scene.selection import choose_source
 from ..services.seam_cut import cut_seams_steps
 from ..storage import stored_match
 from .stepped import SteppedOperator

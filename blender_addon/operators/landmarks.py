@@ -10,13 +10,12 @@ import zoomout_core as zo
 
 from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
-from ..services.landmark_import import points_of_empties, points_of_groups
-from ..services.landmarks import next_number, obstacle, participants, remove_landmark, set_landmark, surface_points_on
+from ..scene.landmarks import next_number, obstacle, remove_landmark, set_landmark, surface_points_on
+from ..scene.selection import participants
+from ..services.landmark_import import import_landmarks
 
 # More vertices are not selected to mark places one by one.
 MOST_SELECTED = 64
-# What marks the places of landmarks that are imported, in messages.
-NOUNS = {"GROUPS": "small vertex groups", "EMPTIES": "empties"}
 
 
 class LandmarkOperator(Operator):
@@ -90,23 +89,9 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     bl_description = "Place landmarks where the source and the target have something of the same name"
 
     def change(self, context: Context, objects: list[Object]) -> str:
-        """Place them, those of names that are there already anew."""
-        find = points_of_groups if self.what == "GROUPS" else points_of_empties
-        found = {obj: find(context, obj, objects) for obj in objects}
-        shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
-        if not shared:
-            raise zo.MeshError(
-                f"'{objects[0].name}' and the target have no {NOUNS[self.what]} of the same name that mark places: "
-                "name some alike."
-            )
-        numbers = {landmark.name: landmark.number for landmark in context.scene.zoomout.landmarks}
-        for name in shared:
-            number = numbers.get(name) or max(numbers.values(), default=0) + 1
-            numbers[name] = number
-            for obj in objects:
-                if name in found[obj]:
-                    set_landmark(context.scene, obj, found[obj][name], number, name)
-        return f"Imported {len(shared)} landmark{'s' if len(shared) > 1 else ''}"
+        """Place them."""
+        count = import_landmarks(context, objects, self.what)
+        return f"Imported {count} landmark{'s' if count > 1 else ''}"
 
 
 class ZOOMOUT_OT_remove_landmark(LandmarkOperator):

@@ -8,9 +8,9 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
+from ..scene.selection import choose_source, target_names
 from ..services.match import prepare_match_steps
-from ..services.pair import choose_source
-from ..services.targets import Outcome, each_target_steps, target_names
+from ..services.targets import Outcome, each_target_steps
 from ..storage import stored_match
 from .stepped import SteppedOperator
 

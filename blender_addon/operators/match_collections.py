@@ -6,10 +6,10 @@ from bpy.types import Context
 
 from zoomout_core.runtime.stepping import Steps
 
-from ..services import activity
 from ..services.collection_match import match_collections_steps
 from ..services.transfer import and_others
 from ..storage import stored_match
+from . import activity
 from .stepped import SteppedOperator
 
 

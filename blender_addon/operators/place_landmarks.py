@@ -11,7 +11,8 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from mathutils import Vector
 
 from ..mesh_data import SurfacePoint, raycast_surface_point
-from ..services.landmarks import next_number, obstacle, participants, remove_landmark, set_landmark, surface_points_on
+from ..scene.landmarks import next_number, obstacle, remove_landmark, set_landmark, surface_points_on
+from ..scene.selection import participants
 from ..viewport.landmark_dots import dot_at, dots
 from . import modal
 

@@ -8,8 +8,9 @@ from bpy.types import Context, Operator, OperatorProperties
 
 from zoomout_core.runtime.stepping import Steps
 
-from ..services.pair import check_unedited
-from ..services.stored_pair import read_stored_match_steps
+from ..scene.pair import check_unedited
+from ..scene.stored_pair import read_stored_match_steps
+from ..services import previews
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
 from .stepped import SteppedOperator
@@ -41,10 +42,10 @@ class ZOOMOUT_OT_preview(SteppedOperator):
     def steps(self, context: Context) -> Steps[str]:
         name = context.active_object.name
         if self.kind in OF_SYMMETRY:
-            preview.show((yield from preview.symmetry_steps(context, name, self.kind)))
+            preview.show((yield from previews.symmetry_steps(context, name, self.kind)))
             return f"Showing the symmetry of '{name}'"
         pair, match = yield from read_stored_match_steps(context, name)
-        made = yield from preview.match_steps(context, pair, match, self.kind)
+        made = yield from previews.match_steps(context, pair, match, self.kind)
         check_unedited(context, pair)
         preview.show(made)
         return f"Showing the match of '{name}'"
@@ -59,9 +60,9 @@ class ZOOMOUT_OT_clear_preview(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether there are any."""
-        if not preview.is_anything_shown():
+        if preview.current() is None:
             cls.poll_message_set("There is no preview")
-        return preview.is_anything_shown()
+        return preview.current() is not None
 
     def execute(self, context: Context) -> set[str]:
         """Take the colours away."""

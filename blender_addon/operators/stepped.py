@@ -12,11 +12,10 @@ from bpy.types import Context, Event, Operator
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps, drain
 
-from ..services import activity
+from ..scene.redraw import redraw_sidebars
 from ..services.preflight import obstacle
 from ..services.targets import Outcome
-from ..viewport.redraw import redraw_sidebars
-from . import modal
+from . import activity, modal
 
 # Seconds of work between two events; the step that is then running may take up to a tenth of a second more.
 SLICE = 0.05

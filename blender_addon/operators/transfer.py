@@ -12,8 +12,8 @@ from zoomout_core.runtime.stepping import Steps
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
-from ..services.pair import choose_source
-from ..services.targets import Write, chosen_targets, each_target_steps, target_names
+from ..scene.selection import choose_source, chosen_targets, target_names
+from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps, summary
 from ..storage import stored_match
 from .stepped import SteppedOperator

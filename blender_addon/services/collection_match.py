@@ -22,19 +22,18 @@ from zoomout_core.runtime.stepping import Steps, drain, spread, within
 from zoomout_core.runtime.threads import for_each
 
 from .. import mesh_data
-from ..storage import stored_match
-from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
-from .name_matching import paired_by_name
-from .pair import (
+from ..mesh_data import Fingerprint, ObjectPair
+from ..scene.pair import (
     READING,
-    Fingerprint,
-    ObjectPair,
     check_distinct,
     check_unedited,
     find_mesh,
     fingerprint_source,
     fingerprint_target,
 )
+from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from .candidates import store_match
+from .name_matching import paired_by_name
 from .targets import Write
 
 # Part of the progress bar that matching takes, in [0, 1].
@@ -130,7 +129,7 @@ def prepare_collections_steps(
     def write() -> dict[str, tuple[str, StoredMatch]]:
         meshes = [_unedited(context, pair) for pair, _ in matches]
         for mesh, (pair, match) in zip(meshes, matches, strict=True):
-            stored_match.write(mesh, match, pair, options | {"detail": detail})
+            store_match(mesh, match, pair, options | {"detail": detail})
         return {pair.target_name: (pair.source_name, match) for pair, match in matches}
 
     return write

@@ -22,12 +22,13 @@ from zoomout_core.runtime.stepping import Steps, spread
 from zoomout_core.runtime.threads import in_background
 
 from .. import mesh_data
+from ..mesh_data import ObjectPair
+from ..scene.landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
+from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
 from .initial_maps import map_of_file, same_order
-from .landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
-from .pair import ObjectPair, find_mesh, source_mesh, target_mesh
 
 # Smallest weight with which a vertex belongs to a vertex group.
 MEMBER = 0.5

@@ -10,8 +10,8 @@ from zoomout_core.arrays import Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import read_vertex_map
 
+from ..mesh_data import ObjectPair
 from ..storage.stored_match import StoredMatch
-from .pair import ObjectPair
 
 # Meshes of the same order share nearly all edges. Where they share fewer than this part, the order is another.
 SHARED_EDGES = 0.5

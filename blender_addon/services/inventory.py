@@ -5,7 +5,7 @@ from __future__ import annotations
 from bpy.types import Context, Object
 
 from ..mesh_data import Role, count_layers
-from .mesh_facts import facts
+from ..scene.mesh_facts import facts
 from .preflight import seen_mesh
 
 

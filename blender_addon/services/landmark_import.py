@@ -1,4 +1,4 @@
-"""Places of landmarks from what objects have by name: small vertex groups, empties."""
+"""Landmarks from what objects have in common by name: small vertex groups, empties."""
 
 from __future__ import annotations
 
@@ -6,13 +6,49 @@ import numpy as np
 from bpy.types import Context, Object
 from mathutils import Vector
 
+import zoomout_core as zo
 from zoomout_core.matching.pair import OFF_SURFACE
 
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, read_positions, read_weights
+from ..scene.landmarks import set_landmark
 from .name_matching import COPY
 
 # Largest spread of a vertex group that marks a point: the standard deviation over the square root of the mesh's area.
 MOST_SPREAD = 0.1
+# What marks the places, in messages.
+NOUNS = {"GROUPS": "small vertex groups", "EMPTIES": "empties"}
+
+
+def import_landmarks(context: Context, objects: list[Object], what: str) -> int:
+    """Place landmarks where the source and a target have something of the same name; existing names are placed anew.
+
+    Args:
+        context: Blender's; the objects are in its scene.
+        objects: the source, then the targets.
+        what: marks the places, a key of `NOUNS`.
+
+    Returns:
+        The number of landmarks.
+
+    Raises:
+        MeshError: no name is shared; nothing was placed.
+    """
+    find = points_of_groups if what == "GROUPS" else points_of_empties
+    found = {obj: find(context, obj, objects) for obj in objects}
+    shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
+    if not shared:
+        raise zo.MeshError(
+            f"'{objects[0].name}' and the target have no {NOUNS[what]} of the same name that mark places: "
+            "name some alike."
+        )
+    numbers = {landmark.name: landmark.number for landmark in context.scene.zoomout.landmarks}
+    for name in shared:
+        number = numbers.get(name) or max(numbers.values(), default=0) + 1
+        numbers[name] = number
+        for obj in objects:
+            if name in found[obj]:
+                set_landmark(context.scene, obj, found[obj][name], number, name)
+    return len(shared)
 
 
 def points_of_groups(context: Context, obj: Object, objects: list[Object]) -> dict[str, SurfacePoint]:

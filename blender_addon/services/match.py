@@ -8,10 +8,12 @@ from bpy.types import Context, Object
 
 from zoomout_core.runtime.stepping import Steps, drain
 
+from ..scene.pair import check_unedited, read_pair_steps
 from ..storage import stored_match
 from ..viewport import preview
+from . import previews
+from .candidates import store_match
 from .constraints import matching_steps, settings_to_keep
-from .pair import check_unedited, read_pair_steps
 from .targets import Write
 
 
@@ -44,11 +46,11 @@ def prepare_match_steps(
     pair = yield from read_pair_steps(context, source_name, target_name)
     settings = settings_to_keep(context, pair, options)
     result = yield from matching_steps(context, pair, **options)
-    following = yield from preview.following_steps(context, pair, result)
+    following = yield from previews.following_steps(context, pair, result)
 
     def write() -> stored_match.Match:
         _, target = check_unedited(context, pair)
-        stored_match.write(target.data, result, pair, settings)
+        store_match(target.data, result, pair, settings)
         if following is not None:
             preview.show(following)
         return result

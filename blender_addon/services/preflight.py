@@ -15,11 +15,11 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 
 from .. import mesh_data
+from ..scene.landmarks import landmarks_fingerprint
+from ..scene.mesh_facts import facts
+from ..scene.pair import check_distinct, check_writable, users_of_mesh
+from ..scene.selection import choose_source, chosen_targets
 from ..storage import stored_match
-from .landmarks import landmarks_fingerprint
-from .mesh_facts import facts
-from .pair import check_distinct, check_writable, choose_source, users_of_mesh
-from .targets import chosen_targets
 
 # Meshes of fewer vertices have too few features to be matched by.
 FEW_VERTICES = 100
@@ -191,3 +191,9 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
         yield f"'{mirrored[0]}' has a negative scale, which swaps its sides: apply the scale if that is not meant."
     if target.data.users > 1 and (users := users_of_mesh(context, target)) > 1:
         yield f"{users} objects share the mesh of '{target.name}', and all receive the data, or make it single-user."
+
+
+def is_reshaped(obj: Object, kept: dict[str, Any]) -> bool:
+    """Whether, as far as is known, vertices of an object's mesh were moved since."""
+    known = facts(obj)
+    return known is not None and known.content != kept.get("content", known.content)

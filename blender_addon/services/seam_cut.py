@@ -14,11 +14,12 @@ from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
 
-from ..mesh_data import divided_steps, read_joined_active_uv_map, write_divided
+from ..mesh_data import ObjectPair, divided_steps, read_joined_active_uv_map, write_divided
+from ..scene.pair import check_unedited, find_mesh, fingerprint_target, source_pieces
+from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
-from ..viewport import preview
-from .pair import ObjectPair, check_unedited, find_mesh, fingerprint_target, source_pieces
-from .stored_pair import stored_pair_steps
+from . import previews
+from .candidates import store_match
 
 # Part of the progress bar at which faces begin to be divided, in [0, 1].
 DIVIDING = 0.9
@@ -60,7 +61,7 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     finally:
         divided.free()
     _keep_match(context, pair, kept, cut)
-    preview.follow_match(context, target)
+    previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
     whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
     return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
@@ -73,4 +74,4 @@ def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredM
     of_new = [kept.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
     confidence = np.concatenate([kept.confidence, *of_new])
     match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)
-    stored_match.write(find_mesh(context, before.target_name).data, match, pair, kept.settings)
+    store_match(find_mesh(context, before.target_name).data, match, pair, kept.settings)

@@ -1,12 +1,10 @@
-"""Which objects receive data, and work for all of them: prepared one after another, written at the end."""
+"""Work for several targets: prepared one after another, written at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeAlias, TypeVar
-
-from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps
@@ -37,18 +35,6 @@ class Outcome(Generic[Result]):
             name, reason = next(iter(self.failed.items()))
             several = f"All {len(self.failed)} targets failed. '{name}': " if len(self.failed) > 1 else ""
             raise zo.MeshError(several + reason)
-
-
-def chosen_targets(context: Context, source: Object | None = None) -> list[Object]:
-    """The active object and all other selected meshes but the source; of those that share a mesh, the first."""
-    meshes = [obj for obj in (context.active_object, *context.selected_objects) if obj and obj.type == "MESH"]
-    of_mesh = {obj.data: obj for obj in reversed(meshes) if obj != source}
-    return list(dict.fromkeys(obj for obj in meshes if of_mesh.get(obj.data) == obj))
-
-
-def target_names(context: Context, source: Object) -> list[str]:
-    """Their names; that of the active object, which then is the source itself, where there are none."""
-    return [obj.name for obj in chosen_targets(context, source) or [context.active_object]]
 
 
 def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Result]]]) -> Steps[Outcome[Result]]:

@@ -24,19 +24,20 @@ from ..adapters import (
     TransferRequest,
     transfer_all_steps,
 )
+from ..mesh_data import ObjectPair
 from ..properties.match import option_label
-from ..storage import stored_match, stored_report
-from .constraints import matching_steps, settings_to_keep
-from .pair import (
+from ..scene.pair import (
     READING,
-    ObjectPair,
     check_unedited,
     find_mesh,
     source_pieces,
     target_mesh,
     users_of_mesh,
 )
-from .stored_pair import stored_pair_steps
+from ..scene.stored_pair import stored_pair_steps
+from ..storage import stored_match, stored_report
+from .candidates import store_match
+from .constraints import matching_steps, settings_to_keep
 from .targets import Write
 
 # Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
@@ -108,7 +109,7 @@ def prepare_transfer_steps(
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
         if kept is None:
-            stored_match.write(target.data, match, pair, made_with)
+            store_match(target.data, match, pair, made_with)
         for one in adapters:
             one.write(target)
         target.data.update()

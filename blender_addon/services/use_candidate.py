@@ -9,12 +9,14 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, within
 
-from ..storage import candidates, stored_match
-from ..storage.candidates import Listing
+from ..mesh_data import ObjectPair
+from ..scene.pair import check_unedited, find_mesh
+from ..scene.stored_pair import read_stored_match_steps
+from ..storage import stored_candidates, stored_match
+from ..storage.stored_candidates import CandidateList
 from ..viewport import preview
+from . import candidates, previews
 from .constraints import matching_steps
-from .pair import ObjectPair, check_unedited, find_mesh
-from .stored_pair import read_stored_match_steps
 
 # Part of the progress bar that matching again takes, where results are no longer in memory, in [0, 1].
 MATCHING = 0.7
@@ -26,7 +28,7 @@ def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResul
     Args:
         context: Blender's; the target and its source are in its scene.
         target: was matched.
-        place: of the candidate in the list, see `candidates.read`.
+        place: of the candidate in the list, see `stored_candidates.read`.
 
     Raises:
         MeshError: there is no match, or one of them was edited since; nothing was written.
@@ -37,38 +39,43 @@ def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResul
 def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps[zo.MatchResult]:
     """`use_candidate` as a generator, which holds no Blender data while it is suspended."""
     target = find_mesh(context, target_name)
-    listing = listing_of(target)
+    listing = stored_list(target)
     note = f"Candidate {place + 1} of {len(listing.candidates)} was chosen."
-    with preview.foreseen(target, listing, place):
+    with previews.foreseen(target, listing, place):
         pair, kept = yield from read_stored_match_steps(context, target_name)
         result = yield from _result_steps(context, pair, listing, place, kept)
         result = replace(result, notes=(note, *result.notes))
-        following = yield from preview.following_steps(context, pair, result)
+        following = yield from previews.following_steps(context, pair, result)
         _, target = check_unedited(context, pair)
-    stored_match.write(target.data, result, pair, kept.settings)
+    candidates.store_match(target.data, result, pair, kept.settings)
     if following is not None:
         preview.show(following)
     return result
 
 
 def _result_steps(
-    context: Context, pair: ObjectPair, listing: Listing, place: int, kept: stored_match.StoredMatch
+    context: Context, pair: ObjectPair, listing: CandidateList, place: int, kept: stored_match.StoredMatch
 ) -> Steps[zo.MatchResult]:
-    """The result of a candidate; where it is not held in memory, the two are matched anew, as they were before."""
-    if candidates.is_held(listing):
+    """The result of a candidate; where it is not cached, the two are matched anew, as they were before."""
+    if candidates.is_cached(listing):
         return (yield from candidates.result_steps(listing, place))
     settings = kept.settings | {"initial": "auto", "from_last": False}
     settings.pop(stored_match.LANDMARKS, None)
     anew = yield from within(matching_steps(context, pair, **settings), 0, MATCHING)
     assert isinstance(anew, zo.MatchResult)  # an automatic start
-    found = candidates.listing_of(anew, pair)
-    candidates.hold(found.key, anew)
-    alike = candidates.most_alike(place, listing, found)
+    found = candidates.list_candidates(anew, pair)
+    candidates.cache_result(found.key, anew)
+    alike = candidates.most_similar(place, listing, found)
     return (yield from within(candidates.result_steps(found, alike), MATCHING, 1))
 
 
-def listing_of(target: Object) -> Listing:
-    listing = candidates.read(target.data)
+def stored_list(target: Object) -> CandidateList:
+    """The list of candidates that is stored on a target's mesh.
+
+    Raises:
+        MeshError: there is none.
+    """
+    listing = stored_candidates.read(target.data)
     if listing is None:
         raise zo.MeshError(f"There are no candidates for '{target.name}': match it first.")
     return listing

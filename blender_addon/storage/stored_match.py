@@ -20,9 +20,7 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from ..mesh_data import MATCH_ATTRIBUTES, Layer, Role, read_layer, write_layer
-from ..services.pair import Fingerprint, ObjectPair
-from . import candidates
+from ..mesh_data import MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
@@ -86,10 +84,6 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
     )
-    if isinstance(match, zo.MatchResult) and len(match.candidates) > 1:
-        candidates.write(mesh, match, pair)
-    else:
-        candidates.remove(mesh)
     mesh.update()
 
 

@@ -19,6 +19,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
+from ..colors import pair_colors
 from ..mesh_data import (
     SYMMETRY_ATTRIBUTES,
     Layer,
@@ -32,8 +33,6 @@ from ..mesh_data import (
     write_layer,
 )
 from ..mesh_data.arrays import from_text, hash_of, to_text
-from ..services.mesh_facts import facts
-from ..viewport.colors import pair_colors
 
 PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
@@ -138,12 +137,6 @@ def described(symmetry: zo.Symmetry) -> dict[str, Any]:
 def is_outdated(mesh: Mesh, kept: dict[str, Any]) -> bool:
     """Whether a glance tells that a mesh has other vertices or faces since; `read` looks closer."""
     return (kept["vertices"], kept["faces"]) != (len(mesh.vertices), len(mesh.polygons))
-
-
-def is_reshaped(obj: Object, kept: dict[str, Any]) -> bool:
-    """Whether, as far as is known, vertices of an object's mesh were moved since."""
-    known = facts(obj)
-    return known is not None and known.content != kept.get("content", known.content)
 
 
 def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Integers]]:

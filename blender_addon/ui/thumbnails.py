@@ -8,7 +8,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 
-from ..storage.candidates import Listing
+from ..storage.stored_candidates import CandidateList
 
 SIZE = 64
 # Radius of the dot that stands for each sample, and the border that stays free, in pixels.
@@ -21,12 +21,12 @@ SHADE = 0.6
 _previews: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
-def icon_of_candidate(listing: Listing, place: int) -> int:
+def icon_of_candidate(listing: CandidateList, place: int) -> int:
     """Blender's number of the picture of the target as a candidate colours it."""
     return _icon(f"{listing.key} {place}", listing.points, listing.candidates[place].colors)
 
 
-def icon_of_source(listing: Listing) -> int:
+def icon_of_source(listing: CandidateList) -> int:
     """Blender's number of the picture of the source."""
     colors = np.concatenate([candidate.colors for candidate in listing.candidates])
     return _icon(f"{listing.key} source", colors / 255 * listing.box, colors)

@@ -17,7 +17,8 @@ from mathutils import Vector
 
 import zoomout_core as zo
 
-from ..services.landmarks import participants, surface_points_on
+from ..scene.landmarks import surface_points_on
+from ..scene.selection import participants
 
 # In pixels, at the interface's normal scale.
 RADIUS, RING, TEXT = 8.0, 2.0, 11

@@ -21,8 +21,8 @@ from mathutils import Vector
 from zoomout_core.arrays import Floats
 
 from ..mesh_data.arrays import read_array
-from ..services.mesh_facts import facts
-from .redraw import redraw_views
+from ..scene.mesh_facts import facts
+from ..scene.redraw import redraw_views
 
 # By how much of the depth range a coat is nearer than what it covers.
 NEARER = 2e-5

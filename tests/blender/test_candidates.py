@@ -9,11 +9,12 @@ from creatures import creature, mirrored_vertex, true_vertex
 from scenes import activate, from_pydata, positions, snapshot_file, values
 
 import zoomout_core as zo
+from blender_addon.scene.pair import read_pair
+from blender_addon.services import candidates
 from blender_addon.services.match import match_objects
-from blender_addon.services.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.services.use_candidate import use_candidate
-from blender_addon.storage import candidates, stored_match
+from blender_addon.storage import stored_candidates, stored_match
 from blender_addon.ui import thumbnails
 
 RESTING, BENT = creature(2500), creature(2000, seed=1, bend=0.5)
@@ -42,14 +43,14 @@ def error(target, truth):
 
 def test_one_click_swaps_the_sides_and_another_swaps_them_back(source, target):
     assert bpy.ops.zoomout.match(k_final=60) == {"FINISHED"}
-    listing = candidates.read(target.data)
+    listing = stored_candidates.read(target.data)
     assert listing.chosen == 0
     assert {candidate.mirrored for candidate in listing.candidates} == {False, True}
     assert error(target, true_vertex) < 0.1 < error(target, mirrored_vertex)
     for truth, mirrored in ((mirrored_vertex, True), (true_vertex, False)):
         assert bpy.ops.zoomout.swap_match_sides() == {"FINISHED"}
         assert error(target, truth) < 0.1
-        listing = candidates.read(target.data)
+        listing = stored_candidates.read(target.data)
         assert listing.candidates[listing.chosen].mirrored == mirrored
         note = f"Candidate {listing.chosen + 1} of {len(listing.candidates)} was chosen."
         assert stored_match.description(target.data)["notes"][0] == note
@@ -57,14 +58,14 @@ def test_one_click_swaps_the_sides_and_another_swaps_them_back(source, target):
 
 def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(source, target):
     match_objects(bpy.context, source, target, k_final=60)
-    count = len(candidates.read(target.data).candidates)
+    count = len(stored_candidates.read(target.data).candidates)
     seen = []
     for _ in range(count):
         assert bpy.ops.zoomout.use_candidate() == {"FINISHED"}
-        seen.append(candidates.read(target.data).chosen)
+        seen.append(stored_candidates.read(target.data).chosen)
     assert seen == [*range(1, count), 0]
     assert bpy.ops.zoomout.use_candidate(candidate=count) == {"FINISHED"}
-    assert candidates.read(target.data).chosen == count - 1
+    assert stored_candidates.read(target.data).chosen == count - 1
     before = snapshot_file()
     with pytest.raises(RuntimeError, match=f"There is no candidate {count + 1}"):
         bpy.ops.zoomout.use_candidate(candidate=count + 1)
@@ -79,18 +80,18 @@ def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_s
         if reverses_orientation is not None:
             changed["reverses_orientation"] = reverses_orientation
         found = tuple(replace(candidate, **changed) for candidate in result.candidates)
-        return candidates.listing_of(replace(result, candidates=found), pair)
+        return candidates.list_candidates(replace(result, candidates=found), pair)
 
     flips = [candidate.reverses_orientation for candidate in result.candidates]
     assert flips.count(False) > 1
     wanted = listing(1.0, None)
-    partner = wanted.candidates[wanted.swapped()].number
+    partner = wanted.candidates[candidates.side_swapped(wanted)].number
     assert flips[partner]
     assert [one.number for one in listing(0.0, None).candidates if not one.mirrored] == [0]
     # Where both sides are alike whichever way round, the map that swaps them need not be a mirror image.
     unlikely = listing(0.0, False)
     assert [one.number for one in unlikely.candidates] == [0, partner]
-    assert unlikely.swapped() == 1
+    assert candidates.side_swapped(unlikely) == 1
 
 
 def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch):
@@ -104,22 +105,22 @@ def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch
 
 def test_a_file_that_is_opened_again_still_offers_the_other_side(source, target, tmp_path):
     match_objects(bpy.context, source, target, k_final=60)
-    listed = candidates.read(target.data)
+    listed = stored_candidates.read(target.data)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "kept.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "kept.blend"))
     target = bpy.data.objects["Target"]
-    again = candidates.read(target.data)
-    assert not candidates.is_held(again)
+    again = stored_candidates.read(target.data)
+    assert not candidates.is_cached(again)
     np.testing.assert_array_equal(again.candidates[0].colors, listed.candidates[0].colors)
     assert bpy.ops.zoomout.swap_match_sides() == {"FINISHED"}
     assert error(target, mirrored_vertex) < 0.1
-    assert candidates.is_held(candidates.read(target.data))
+    assert candidates.is_cached(stored_candidates.read(target.data))
 
 
 def test_a_match_without_others_has_no_list(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     match_objects(bpy.context, source, target, initial="proximity", k_final=60)
-    assert candidates.read(target.data) is None
+    assert stored_candidates.read(target.data) is None
     with pytest.raises(RuntimeError, match="no candidates"):
         bpy.ops.zoomout.swap_match_sides()
 
@@ -127,7 +128,7 @@ def test_a_match_without_others_has_no_list(source, target):
 def test_a_transfer_that_matches_first_lists_candidates_too(source, target):
     source.vertex_groups.new(name="All").add(list(range(len(source.data.vertices))), 1, "REPLACE")
     transfer_objects(bpy.context, source, target, ["vertex_groups"], k_final=60)
-    assert len(candidates.read(target.data).candidates) > 1
+    assert len(stored_candidates.read(target.data).candidates) > 1
 
 
 def test_after_an_edit_no_other_candidate_is_put_in_place(source, target):
@@ -142,21 +143,21 @@ def test_after_an_edit_no_other_candidate_is_put_in_place(source, target):
 
 def test_the_list_takes_a_few_kilobytes_whatever_the_size_of_the_mesh(source, target):
     match_objects(bpy.context, source, target, k_final=60)
-    assert len(target.data[candidates.PROPERTY]) < 30_000
+    assert len(target.data[stored_candidates.PROPERTY]) < 30_000
 
 
-def test_results_are_held_of_the_last_matches_only(source, target):
+def test_results_of_the_last_matches_only_are_cached(source, target):
     for k_final in (40, 50, 60):
         match_objects(bpy.context, source, target, k_final=k_final)
-    assert len(candidates._held) <= candidates.MOST_HELD
+    assert len(candidates._cache) <= candidates.MOST_CACHED
 
 
 def test_pictures_tell_the_sides_apart(source, target):
     match_objects(bpy.context, source, target, k_final=60)
-    listing = candidates.read(target.data)
+    listing = stored_candidates.read(target.data)
     pictures = [
         thumbnails.picture(listing.points, listing.candidates[place].colors / 255)
-        for place in (listing.chosen, listing.swapped())
+        for place in (listing.chosen, candidates.side_swapped(listing))
     ]
     shape = pictures[0][..., 3] > 0
     assert 0.05 < shape.mean() < 0.6

@@ -7,7 +7,7 @@ from scenes import add_attribute, decimated, ellipsoid, from_pydata, positions, 
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon.services.pair import read_pair
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match

@@ -6,8 +6,8 @@ import pytest
 from scenes import activate, linked, positions, values
 
 import zoomout_core as zo
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
-from blender_addon.services.pair import read_pair
 from blender_addon.storage import stored_match
 
 

@@ -13,8 +13,8 @@ import zoomout_core as zo
 from blender_addon.mesh_data import nearest_surface_point
 from blender_addon.operators import modal
 from blender_addon.operators.place_landmarks import ZOOMOUT_OT_place_landmarks
-from blender_addon.services import landmarks
-from blender_addon.services.landmarks import (
+from blender_addon.scene import landmarks
+from blender_addon.scene.landmarks import (
     landmark_pairs,
     next_number,
     set_landmark,

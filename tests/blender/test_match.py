@@ -18,9 +18,9 @@ from scenes import (
 )
 
 import zoomout_core as zo
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.constraints import shared_regions_steps
 from blender_addon.services.match import match_objects, match_steps
-from blender_addon.services.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.matching.presets import DETAIL

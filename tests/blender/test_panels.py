@@ -13,7 +13,8 @@ from scenes import activate, add_attribute, add_uv_map, ellipsoid, linked, new_m
 
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
-from blender_addon.services import activity, mesh_facts
+from blender_addon.operators import activity
+from blender_addon.scene import mesh_facts
 from blender_addon.services.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.services.use_candidate import use_candidate

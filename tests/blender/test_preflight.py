@@ -6,9 +6,10 @@ import pytest
 from scenes import activate, ellipsoid, from_pydata, positions
 
 from blender_addon.mesh_data import content_hash
-from blender_addon.services import mesh_facts, preflight
+from blender_addon.scene import mesh_facts
+from blender_addon.scene.pair import read_pair
+from blender_addon.services import preflight
 from blender_addon.services.match import match_objects
-from blender_addon.services.pair import read_pair
 
 
 def found():

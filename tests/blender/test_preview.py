@@ -8,13 +8,14 @@ from scenes import activate, add_uv_map, ellipsoid, positions, snapshot_file, va
 import blender_addon
 import zoomout_core as zo
 from blender_addon import watch
-from blender_addon.services import mesh_facts
+from blender_addon.colors import confidence_colors, place_colors
+from blender_addon.scene import mesh_facts
+from blender_addon.scene.pair import read_pair
+from blender_addon.services import previews
 from blender_addon.services.match import match_objects
-from blender_addon.services.pair import read_pair
 from blender_addon.services.use_candidate import use_candidate, use_candidate_steps
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
-from blender_addon.viewport.colors import confidence_colors, place_colors
 from zoomout_core.runtime.stepping import drain
 
 
@@ -129,7 +130,7 @@ def handlers():
 def test_a_preview_ends_with_its_file_and_with_the_extension(target):
     bpy.ops.zoomout.preview(kind="PLACES")
     bpy.ops.wm.read_homefile(use_empty=True)
-    assert (overlay.shown(), preview.is_anything_shown(), overlay._handler) == ((), False, None)
+    assert (overlay.shown(), preview.current(), overlay._handler) == ((), None, None)
     overlay.show((overlay.Coat(1, np.zeros((3, 3)), ""),))
     assert set(handlers().values()) == {1}
     assert overlay._handler is not None
@@ -229,8 +230,8 @@ def test_without_the_match_there_is_nothing_to_show_any_more(source, target):
     bpy.ops.ed.undo_push(message="Matched")
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     bpy.ops.ed.undo_push(message="Removed")
-    preview.follow_undo(bpy.context)
-    assert not preview.is_anything_shown()
+    previews.follow_undo(bpy.context)
+    assert preview.current() is None
 
 
 def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):

@@ -12,7 +12,7 @@ from drawing import Context, Layout
 from scenes import activate, ellipsoid, from_pydata
 
 import blender_addon
-from blender_addon.services import activity
+from blender_addon.operators import activity
 from blender_addon.ui import menus
 from zoomout_core.runtime.stepping import Progress
 

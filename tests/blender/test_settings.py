@@ -22,7 +22,7 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon.adapters import Settings, parse_group_names, parse_names
-from blender_addon.services.pair import read_pair
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report

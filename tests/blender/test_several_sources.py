@@ -21,10 +21,10 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon.services import preflight
-from blender_addon.services.pair import read_pair_steps
+from blender_addon.scene.pair import read_pair_steps
+from blender_addon.scene.stored_pair import read_stored_match_steps
+from blender_addon.services import preflight, previews
 from blender_addon.services.seam_cut import cut_seams
-from blender_addon.services.stored_pair import read_stored_match_steps
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
@@ -240,7 +240,7 @@ def test_previews_color_all_sources_and_seams_are_cut_of_all(front, back, whole)
         add_uv_map(obj.data, "UVMap")
     pair, match = zo.drain(read_stored_match_steps(bpy.context, "Whole"))
     for kind in (preview.PLACES, preview.CHECKER):
-        shown = zo.drain(preview.match_steps(bpy.context, pair, match, kind))
+        shown = zo.drain(previews.match_steps(bpy.context, pair, match, kind))
         assert [overlay.find(coat.object_uid).name for coat in shown.coats] == ["Whole", "Front", "Back"]
     assert "Cut 'Whole' along the seams of 'UVMap'" in cut_seams(bpy.context, front, whole)
     assert stored_match.read(whole.data, joined_pair()).others == ("Back",)

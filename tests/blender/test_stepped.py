@@ -7,9 +7,8 @@ import bpy
 import pytest
 
 import zoomout_core as zo
-from blender_addon.operators import modal
+from blender_addon.operators import activity, modal
 from blender_addon.operators.stepped import SteppedOperator, work_for
-from blender_addon.services import activity
 
 TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "X", "WHEELUPMOUSE"))
 

@@ -10,15 +10,16 @@ from scenes import set_weights, snapshot
 from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
 
 import zoomout_core as zo
-from blender_addon.services import mesh_facts
+from blender_addon.colors import PALENESS, pair_colors, place_colors
+from blender_addon.colors import SIDES as SIDE_COLORS
+from blender_addon.scene import mesh_facts
+from blender_addon.services.preflight import is_reshaped
 from blender_addon.services.symmetry.check import check_symmetry
 from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry
 from blender_addon.services.symmetry.weights import symmetrise_weights
 from blender_addon.storage import stored_symmetry
 from blender_addon.ui import thumbnails
 from blender_addon.viewport import overlay, preview
-from blender_addon.viewport.colors import PALENESS, pair_colors, place_colors
-from blender_addon.viewport.colors import SIDES as SIDE_COLORS
 from zoomout_core.symmetry.self_map import SelfMap
 
 # An arbitrary vertex for each.
@@ -108,9 +109,9 @@ def test_a_reshaped_mesh_says_so_in_passing(body):
         body.data.vertices[0].co.x += moved
         body.data.update_tag()
         bpy.context.view_layer.update()
-        stored_symmetry.is_reshaped(body, kept)
+        is_reshaped(body, kept)
         mesh_facts.inspect_now()
-        assert stored_symmetry.is_reshaped(body, kept) == bool(moved)
+        assert is_reshaped(body, kept) == bool(moved)
 
 
 def test_without_vertex_groups_there_are_no_weights_to_look_at(body):

@@ -6,8 +6,9 @@ import pytest
 from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, snapshot_file, values
 
 import zoomout_core as zo
+from blender_addon.scene.selection import chosen_targets
 from blender_addon.services.match import prepare_match_steps
-from blender_addon.services.targets import chosen_targets, each_target_steps
+from blender_addon.services.targets import each_target_steps
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
 

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 
 import zoomout_core as zo
-from blender_addon.services.pair import read_pair
+from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 

@@ -151,7 +151,7 @@ def test_landmarks_are_placed_from_what_is_selected_taken_off_and_cleared(source
 def test_another_candidate_takes_the_place_of_the_match_and_gives_it_back(source, target):
     assert zoomout.match() == {"FINISHED"}
     first = triangles(target)
-    listing = part("storage.candidates").read(target.data)
+    listing = part("storage.stored_candidates").read(target.data)
     colors = np.array([candidate.colors for candidate in listing.candidates], float)
     other = int(np.abs(colors - colors[listing.chosen]).mean(axis=(1, 2)).argmax())
     assert zoomout.use_candidate(candidate=other + 1) == {"FINISHED"}
@@ -218,7 +218,7 @@ def test_after_an_edit_a_match_is_out_of_date_and_says_so(source, matched):
     matched.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     part("services.preflight").stale(bpy.context, matched)
-    part("services.mesh_facts").inspect_now()
+    part("scene.mesh_facts").inspect_now()
     assert (
         part("services.preflight").stale(bpy.context, matched) == "The target 'Target' was edited since: match again."
     )

@@ -20,6 +20,7 @@ from zoomout_core.symmetry.self_map import SelfMap
 from ... import mesh_data
 from ...storage import stored_symmetry
 from ...viewport import preview
+from .. import previews
 from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
 from .shape_keys import read_key
 
@@ -55,7 +56,7 @@ def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) 
     most = max(float(np.percentile(values, 100 - FEW)), least)
     what = _described(check, key, values, most)
     context.view_layer.update()  # so that what was changed before is not taken for changed since
-    preview.show(preview.of_asymmetry(obj, values, most, what))
+    preview.show(previews.of_asymmetry(obj, values, most, what))
     return what
 
 

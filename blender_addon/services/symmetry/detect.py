@@ -12,7 +12,7 @@ from zoomout_core.runtime.stepping import Steps, drain
 
 from ...properties.symmetry import AXES
 from ...storage import stored_symmetry
-from ...viewport import preview
+from .. import previews
 from ..targets import WRITING
 from .mesh_access import unedited, writable_mesh
 
@@ -46,7 +46,7 @@ def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps
     yield WRITING
     obj = unedited(context, name, surface)
     stored_symmetry.write(obj, found, left)
-    preview.follow_symmetry(context, obj)
+    previews.follow_symmetry(context, obj)
     return found
 
 
@@ -63,7 +63,7 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
             f"'{obj.name}' has {_count(len(candidates))}, not the one that is asked for: choose another."
         )
     stored_symmetry.choose(obj.data, number)
-    preview.follow_symmetry(context, obj)
+    previews.follow_symmetry(context, obj)
     return f"'{obj.name}': {summary(candidates[number])}"
 
 
@@ -74,7 +74,7 @@ def swap_sides(context: Context, obj: Object) -> str:
         MeshError: there is none, or it has no sides.
     """
     stored_symmetry.swap_sides(obj)
-    preview.follow_symmetry(context, obj)
+    previews.follow_symmetry(context, obj)
     return f"Left and right of '{obj.name}' were swapped"
 
 

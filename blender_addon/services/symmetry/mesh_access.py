@@ -10,8 +10,8 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress
 
+from ...scene.pair import check_elements, check_writable, edited, find_mesh
 from ...storage import stored_symmetry
-from ..pair import check_elements, check_writable, edited, find_mesh
 
 # Part of the progress bar in which data is read, in [0, 1].
 READ = 0.3

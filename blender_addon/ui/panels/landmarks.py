@@ -16,7 +16,8 @@ from ...operators.landmarks import (
 )
 from ...operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ...properties.landmarks import LandmarkSettings, ZOOMOUT_PG_landmark
-from ...services.landmarks import participants, surface_points_on
+from ...scene.landmarks import surface_points_on
+from ...scene.selection import participants
 from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, sentences
 

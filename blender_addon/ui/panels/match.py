@@ -6,8 +6,8 @@ from bpy.types import Context, Panel, UILayout
 
 from ...operators.match import ZOOMOUT_OT_match
 from ...presets import ZOOMOUT_PT_match_presets
+from ...scene.selection import chosen_targets
 from ...services.preflight import findings, likely_source
-from ...services.targets import chosen_targets
 from ...storage import stored_match
 from .. import manual
 from .sidebar import SidebarPanel, counted, help_button, main_button, show_findings, split_properties

@@ -6,7 +6,8 @@ from bpy.types import Context, Panel, UILayout
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ...services.preflight import Finding, outdated, stale
-from ...storage import candidates, stored_match
+from ...storage import stored_candidates, stored_match
+from ...storage.stored_candidates import CandidateList
 from ...viewport import preview
 from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
@@ -49,13 +50,13 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
-        listing = candidates.read(target.data)
+        listing = stored_candidates.read(target.data)
         if listing is not None:
             _draw_candidates(usable, listing)
         sentences(context, layout, kept["notes"], "DOT")
 
 
-def _draw_candidates(layout: UILayout, listing: candidates.Listing) -> None:
+def _draw_candidates(layout: UILayout, listing: CandidateList) -> None:
     row = layout.row(align=True)
     row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, text="Swap Sides", icon="MOD_MIRROR")
     row.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next", icon="FORWARD")

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from bpy.app.translations import pgettext_iface
 from bpy.types import Context, Object, UILayout
 
+from ...operators import activity
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ...operators.symmetry import ZOOMOUT_OT_check_symmetry
-from ...services import activity
+from ...scene.selection import chosen_targets
 from ...services.preflight import Finding
-from ...services.targets import chosen_targets
 from ...translations import CONTEXT
 from ...viewport import preview
 from .. import manual

@@ -8,7 +8,7 @@ from bpy.types import Context, Object, Panel, UILayout
 
 from ...operators import symmetry as operators
 from ...properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
-from ...services.preflight import FEW_VERTICES, Finding
+from ...services.preflight import FEW_VERTICES, Finding, is_reshaped
 from ...services.symmetry.detect import summary
 from ...storage import stored_symmetry
 from ...viewport import preview
@@ -55,7 +55,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         if stored_symmetry.is_outdated(target.data, kept):
             show_findings(context, layout, [EDITED])
             return
-        if stored_symmetry.is_reshaped(target, kept):
+        if is_reshaped(target, kept):
             show_findings(context, layout, [RESHAPED])
         _draw_candidates(context, layout, kept)
         preview_buttons(context, layout, preview.OF_SYMMETRY)

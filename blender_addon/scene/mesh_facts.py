@@ -10,7 +10,7 @@ from bpy.types import Mesh, Object
 from zoomout_core.runtime.stepping import drain
 
 from ..mesh_data import MeshFacts, facts_steps
-from ..viewport.redraw import redraw_views
+from .redraw import redraw_views
 
 # Seconds without an edit after which meshes are inspected, and between two steps of that.
 PAUSE, TICK = 0.3, 0.02

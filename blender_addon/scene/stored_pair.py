@@ -7,8 +7,10 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps
 
+from ..mesh_data import ObjectPair
 from ..storage.stored_match import StoredMatch, description, others, read
-from .pair import ObjectPair, choose_source, find_mesh, fingerprint_source, read_pair_steps
+from .pair import find_mesh, fingerprint_source, read_pair_steps
+from .selection import choose_source
 
 
 def stored_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:

@@ -19,9 +19,7 @@ from zoomout_core.matching.pair import OFF_SURFACE
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point
 from ..mesh_data.arrays import hash_of
 from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
-from ..storage import stored_match
-from .pair import source_name
-from .targets import chosen_targets
+from .selection import participants
 
 # Modes as Blender's interface calls them.
 MODES = {"OBJECT": "Object Mode", "EDIT_MESH": "Edit Mode"}
@@ -81,21 +79,6 @@ def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
     of_source, of_target = surface_points_on(scene, source), surface_points_on(scene, target)
     common = [(number, of_source[number], of_target[number]) for number in sorted(of_source.keys() & of_target.keys())]
     return hash_of(repr(common))
-
-
-def participants(context: Context) -> tuple[Object, list[Object]]:
-    """The source and the targets that the sidebar and the selection name, in whatever mode they are.
-
-    Raises:
-        MeshError: there is no telling which is the source, or it is none.
-    """
-    active = context.active_object
-    kept = stored_match.description(active.data) if active and active.type == "MESH" else None
-    name = source_name(context, active, otherwise=kept["source"] if kept else "")
-    source = context.scene.objects.get(name)
-    if source is None or source.type != "MESH":
-        raise zo.MeshError(f"There is no mesh '{name}' in the scene: choose another source.")
-    return source, chosen_targets(context, source)
 
 
 def obstacle(context: Context, mode: str = "OBJECT") -> str:

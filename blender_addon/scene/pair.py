@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from bpy.types import Context, Mesh, Object
@@ -22,65 +20,10 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps, drain
 
 from .. import mesh_data
+from ..mesh_data import Fingerprint, ObjectPair
 from ..mesh_data.arrays import hash_of
 
 READING = Progress(0.0, "Reading the meshes")
-
-
-@dataclass(frozen=True)
-class Fingerprint:
-    """What tells whether an object was edited, without its surface; it is the same in every pose.
-
-    Attributes:
-        name: of the object.
-        digest: hash of its content, whether it is mirrored, and the faces of its surface.
-        content: of its own mesh, see `mesh_data.content_hash`.
-        mirrored: whether its matrix mirrors it.
-        size: how many vertices and faces its surface has.
-    """
-
-    name: str
-    digest: str
-    content: str
-    mirrored: bool
-    size: tuple[int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class ObjectPair:
-    """The surfaces of two objects, or of several sources and a target.
-
-    Attributes:
-        sources: as their modifiers leave them; they have the data. The first one gives most.
-        target: its own mesh, where modifiers move it; it receives them.
-        source_fingerprints: those of the sources, when they were read.
-        target_fingerprint: that of the target.
-    """
-
-    sources: tuple[zo.Surface, ...]
-    target: zo.Surface
-    source_fingerprints: tuple[Fingerprint, ...]
-    target_fingerprint: Fingerprint
-
-    @cached_property
-    def source(self) -> zo.Surface:
-        """All sources as one surface."""
-        return self.sources[0] if len(self.sources) == 1 else zo.Surface.joined(self.sources)
-
-    @property
-    def source_names(self) -> tuple[str, ...]:
-        """Of the sources' objects."""
-        return tuple(fingerprint.name for fingerprint in self.source_fingerprints)
-
-    @property
-    def source_name(self) -> str:
-        """Of the first source's object."""
-        return self.source_fingerprints[0].name
-
-    @property
-    def target_name(self) -> str:
-        """Of the target's object."""
-        return self.target_fingerprint.name
 
 
 def find_mesh(context: Context, name: str) -> Object:
@@ -107,38 +50,6 @@ def _has_namesake(context: Context, obj: Object) -> bool:
     paths = (None, *(library.filepath for library in context.blend_data.libraries))
     others = {found for path in paths if (found := objects.get((obj.name, path))) not in (None, obj)}
     return any(context.scene in other.users_scene for other in others)
-
-
-def choose_source(context: Context, target: Object, named: str = "", otherwise: str = "") -> Object:
-    """The source for a target.
-
-    It is the object that is named, else the one chosen in the scene, else the one mesh that is selected
-    besides the target, else the one named `otherwise`.
-
-    Raises:
-        MeshError: it is not a mesh that can be read, or there is no telling which it is.
-    """
-    return find_mesh(context, source_name(context, target, named, otherwise))
-
-
-def source_name(context: Context, target: Object, named: str = "", otherwise: str = "") -> str:
-    """The name of the source that `choose_source` gives, whatever it names.
-
-    Raises:
-        MeshError: there is no telling which it is.
-    """
-    chosen = context.scene.zoomout.source
-    selected = [obj.name for obj in context.selected_objects if obj.type == "MESH" and obj != target]
-    name = named or (chosen.name if chosen else "")
-    if not name and len(selected) > 1:
-        raise zo.MeshError(
-            f"{len(selected)} meshes are selected besides the active one: "
-            "select the source alone, or choose it in the sidebar."
-        )
-    name = name or "".join(selected) or otherwise
-    if not name:
-        raise zo.MeshError("There is no source: choose it in the sidebar, or select it and then, last, the target.")
-    return name
 
 
 def check_writable(target: Object) -> None:

@@ -1,0 +1,151 @@
+"""The candidates of a match: which are listed, and their full results, which are cached in memory."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from bpy.types import Mesh
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.symmetry.detect import LEAST_CERTAINTY
+
+from ..colors import DARK, LIGHT, place_colors
+from ..mesh_data import ObjectPair
+from ..mesh_data.arrays import hash_of
+from ..storage import stored_candidates, stored_match
+from ..storage.stored_candidates import CandidateList, ListedCandidate
+
+# Largest number of listed candidates that preserve orientation, and of those that reverse it, which rank behind them.
+MOST_DIRECT, MOST_MIRRORED = 6, 2
+# Number of matches whose results are cached, those used last.
+MOST_CACHED = 2
+
+# Computed results, by the list's key and the candidate's number.
+_cache: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
+
+
+def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
+    """Store a match on the target's mesh with a list of its candidates, and cache its result.
+
+    Args:
+        mesh: the target's.
+        match: the match.
+        pair: its two objects.
+        settings: what it was computed with, see `stored_match.write`.
+    """
+    stored_match.write(mesh, match, pair, settings)
+    if isinstance(match, zo.MatchResult) and len(match.candidates) > 1:
+        listing = list_candidates(match, pair)
+        cache_result(listing.key, match)
+        stored_candidates.write(mesh, listing)
+    else:
+        stored_candidates.remove(mesh)
+
+
+def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
+    """The candidates of a result that a user may choose from, the one in use always among them.
+
+    These are the most probable one, others above `LEAST_CERTAINTY`, mirror images, and for each of the probable ones
+    the candidate that swaps its sides, whatever its probability.
+    """
+    outlines = [result.outline(number) for number in range(len(result.candidates))]
+    vertices = outlines[0][0]
+    around = pair.source.vertices
+    box = np.array([np.nanmin(around, axis=0), np.nanmax(around, axis=0)])
+    colors = [np.rint(255 * place_colors(around[images], box)).astype(np.uint8) for _, images in outlines]
+    numbers = sorted({*_selectable(result.candidates, colors), result.chosen})
+    return CandidateList(
+        hash_of("", vertices, *(colors[number] for number in numbers)),
+        numbers.index(result.chosen),
+        vertices,
+        pair.target.vertices[vertices],
+        np.nan_to_num(np.ptp(around[np.isfinite(around).all(axis=1)], axis=0)),
+        tuple(
+            ListedCandidate(
+                number,
+                result.candidates[number].certainty * result.placed,
+                result.candidates[number].reverses_orientation,
+                colors[number],
+            )
+            for number in numbers
+        ),
+    )
+
+
+def cache_result(key: str, result: zo.MatchResult) -> None:
+    """Cache a result in memory, with those of other candidates of the same list."""
+    _cache.setdefault(key, {})[result.chosen] = result
+    _cache.move_to_end(key)
+    while len(_cache) > MOST_CACHED:
+        _cache.popitem(last=False)
+
+
+def clear_cache() -> None:
+    """Remove all results from memory."""
+    _cache.clear()
+    stored_candidates.parse.cache_clear()
+
+
+def is_cached(listing: CandidateList) -> bool:
+    """Whether the results of a list's candidates are available without matching anew."""
+    return listing.key in _cache
+
+
+def result_steps(listing: CandidateList, place: int) -> Steps[zo.MatchResult]:
+    """The full result of the candidate at an index of a list that `is_cached`."""
+    number, cached = listing.candidates[place].number, _cache[listing.key]
+    if number not in cached:
+        result = yield from next(iter(cached.values())).use_steps(number)
+        cache_result(listing.key, result)
+    return _cache[listing.key][number]
+
+
+def side_swapped(listing: CandidateList) -> int | None:
+    """Index of the candidate that most nearly swaps the sides of the one in use, or None if none does."""
+    return _side_swapped(listing.chosen, [candidate.colors for candidate in listing.candidates])
+
+
+def most_similar(place: int, listing: CandidateList, found: CandidateList) -> int:
+    """Index in a new list of the candidate that is most similar to one of an old list of the same objects."""
+    wanted = listing.candidates[place].colors.astype(float)
+    nearest = np.linalg.norm(found.points[:, None] - listing.points[None], axis=2).argmin(axis=1)
+    return int(np.argmin([np.abs(wanted[nearest] - other.colors).mean() for other in found.candidates]))
+
+
+def _selectable(found: Sequence[Candidate], colors: Sequence[Integers]) -> set[int]:
+    """Numbers of the candidates to list beside the one in use, from all candidates and their colours."""
+    order = range(len(found))
+    direct = [number for number in order if not found[number].reverses_orientation]
+    likely = [one for one in direct if one == direct[0] or found[one].certainty >= LEAST_CERTAINTY][:MOST_DIRECT]
+    mirrored = [number for number in order if found[number].reverses_orientation][:MOST_MIRRORED]
+    swapped = (_side_swapped(number, colors) for number in likely)
+    return {*likely, *mirrored, *(number for number in swapped if number is not None)}
+
+
+def _side_swapped(chosen: int, colors: Sequence[Integers]) -> int | None:
+    """Number of the map, given by its position colours, that most nearly swaps the sides of the chosen one.
+
+    One of the three mid-planes of the source's bounding box separates the sides: the map is nearer to the chosen one's
+    reflection in one of these than to the chosen one itself.
+    """
+    here = colors[chosen].astype(float)
+    best, least = None, np.inf
+    for number, other in enumerate(colors):
+        unswapped = np.abs(other - here).mean()
+        for axis in range(3):
+            reflected = here.copy()
+            reflected[:, axis] = _reflected(here[:, axis])
+            difference = np.abs(other - reflected).mean()
+            if number != chosen and difference < min(least, unswapped):
+                best, least = number, difference
+    return best
+
+
+def _reflected(color: Floats) -> Floats:
+    return 255 * (DARK + LIGHT) - color

@@ -1,0 +1,185 @@
+"""What previews show: the colours of a match, of a symmetry or of an asymmetry, kept up to date with what is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.transfer import map_target, transfer_steps
+
+from ..colors import asymmetry_colors, blended_colors, confidence_colors, pair_colors, place_colors, side_colors
+from ..mesh_data import (
+    MATCH_ATTRIBUTES,
+    ObjectPair,
+    content_hash,
+    read_joined_active_uv_map,
+    read_layer,
+    read_positions,
+)
+from ..mesh_data.arrays import hash_of
+from ..scene.pair import find_mesh, source_pieces
+from ..scene.stored_pair import read_stored_match_steps
+from ..storage import stored_symmetry
+from ..storage.stored_candidates import CandidateList
+from ..storage.stored_match import Match
+from ..viewport import overlay, preview
+from ..viewport.overlay import Coat
+from ..viewport.preview import ASYMMETRY, CONFIDENCE, OF_MATCH, OF_SYMMETRY, PAIRS, PLACES, SIDES, Preview
+
+
+def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> Steps[Preview]:
+    """A match by colours on the target, and on the source where it is coloured as well.
+
+    Raises:
+        MeshError: for a checker, the source has no UV map.
+    """
+    yield Progress(0.0, "Coloring")
+    on_source: Floats | None = None
+    if kind == CONFIDENCE:
+        on_target = confidence_colors(match.confidence)
+    elif kind == PLACES:
+        on_source = place_colors(pair.source.vertices, pair.source.vertices)
+        on_target = match.surface_map.interpolate(on_source)
+    else:
+        with source_pieces(context, pair) as pieces:
+            uv = read_joined_active_uv_map(pieces)
+        carrying = transfer_steps(uv, map_target(match, pair.source, pair.target))
+        on_source, on_target = uv.values, (yield from spread(carrying, 0.1, 1, "Laying the checker")).values
+    target = find_mesh(context, pair.target_name)
+    coats = [Coat(target.session_uid, on_target, pair.target_fingerprint.content)]
+    if on_source is not None:
+        coats.extend(_coats_of_sources(context, pair, on_source))
+    kept = hash_of("", match.surface_map.triangle.astype(np.int32))
+    return Preview(kind, target.session_uid, OF_MATCH[kind].legend, tuple(coats), kept)
+
+
+@contextmanager
+def foreseen(obj: Object, listing: CandidateList, place: int) -> Iterator[None]:
+    """Where places are shown of a match, those that another candidate leads to, approximately, until it is computed.
+
+    If it comes to nothing, what was shown before is shown again.
+
+    Args:
+        obj: the target.
+        listing: the candidates of its match.
+        place: of the candidate among them.
+    """
+    before = preview.shown(obj)
+    if before is None or before.kind != PLACES:
+        yield
+        return
+    colors = blended_colors(read_positions(obj.data), listing.vertices, listing.candidates[place].colors / 255)
+    preview.show(before.with_colors(colors))
+    try:
+        yield
+    except BaseException:
+        preview.show(before)
+        raise
+
+
+def _coats_of_sources(context: Context, pair: ObjectPair, values: Floats) -> list[Coat]:
+    """Colours (n, 3) of vertices, or UVs (c, 2) of corners, of all sources of a match, for each of them."""
+    elements = "vertices" if values.shape[1] == 3 else "corner_vertex"
+    ends = np.cumsum([len(getattr(source, elements)) for source in pair.sources])[:-1]
+    return [
+        Coat(find_mesh(context, source.name).session_uid, own, source.content)
+        for source, own in zip(pair.source_fingerprints, np.split(values, ends), strict=True)
+    ]
+
+
+def following_steps(context: Context, pair: ObjectPair, match: Match) -> Steps[Preview | None]:
+    """The preview that is shown of a target, for a new match of it; None where none is."""
+    before = preview.shown(find_mesh(context, pair.target_name))
+    if before is None or before.kind not in OF_MATCH:
+        return None
+    return (yield from match_steps(context, pair, match, before.kind))
+
+
+def follow_match(context: Context, obj: Object) -> None:
+    """Bring up to date what is shown of an object's match, after its mesh got more vertices and kept its match."""
+    before = preview.shown(obj)
+    if before is not None and before.kind in OF_MATCH:
+        preview.show(drain(_again_steps(context, obj, before.kind)))
+
+
+def symmetry_steps(context: Context, name: str, kind: str) -> Steps[Preview]:
+    """The symmetry that is kept on an object's mesh by colours.
+
+    Raises:
+        MeshError: there is none, or none any more, or for sides, it has none.
+    """
+    obj = find_mesh(context, name)
+    symmetry, order, bare = stored_symmetry.read(obj), stored_symmetry.order(obj.data), _of_mesh(obj, kind)
+    width = context.scene.zoomout.symmetry.middle_width * np.sqrt(symmetry.surface.area)
+    if kind == SIDES and not symmetry.has_sides:
+        raise zo.MeshError("This symmetry has no left and right side: choose a reflection.")
+    yield Progress(0.0, "Coloring")
+
+    def colors() -> Floats:
+        return side_colors(symmetry.sides(width)) if kind == SIDES else pair_colors(symmetry, order)
+
+    return bare.with_colors((yield from spread(in_background(colors), 0, 1, "Coloring")))
+
+
+def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
+    """How far both sides of an object's mesh differ by colours, from values (n,) of which `most` and more is red."""
+    return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
+
+
+def follow_symmetry(context: Context, obj: Object) -> None:
+    """Bring up to date what is shown of an object's symmetry, after another one was kept or chosen."""
+    before = preview.shown(obj)
+    if before is None or before.kind in OF_MATCH:
+        return
+    if before.kind == ASYMMETRY:
+        preview.outdate(before)
+        return
+    sided = stored_symmetry.has_sides(obj.data)
+    try:
+        preview.show(drain(symmetry_steps(context, obj.name, before.kind if sided else PAIRS)))
+    except zo.MeshError:  # the mesh was reshaped since
+        preview.clear()
+
+
+def follow_undo(context: Context) -> None:
+    """Show what is kept now, after something was undone or done again."""
+    before = preview.current()
+    if before is None:
+        return
+    obj = overlay.find(before.object_uid)
+    if obj is None:  # it was removed, and may come back
+        return
+    if before.kind == ASYMMETRY:
+        preview.outdate(before)
+    elif _kept(obj.data, before.kind) != before.kept:
+        try:
+            preview.show(drain(_again_steps(context, obj, before.kind)))
+        except zo.MeshError:  # nothing is kept any more
+            preview.clear()
+
+
+def _again_steps(context: Context, obj: Object, kind: str) -> Steps[Preview]:
+    if kind in OF_SYMMETRY:
+        return (yield from symmetry_steps(context, obj.name, kind))
+    pair, match = yield from read_stored_match_steps(context, obj.name)
+    return (yield from match_steps(context, pair, match, kind))
+
+
+def _of_mesh(obj: Object, kind: str) -> Preview:
+    """A preview of an object's own mesh, as it is now, without any colours yet."""
+    coat = Coat(obj.session_uid, np.empty((0, 3)), content_hash(obj.data))
+    return Preview(kind, obj.session_uid, OF_SYMMETRY[kind].legend, (coat,), _kept(obj.data, kind))
+
+
+def _kept(mesh: Mesh, kind: str) -> str:
+    """What tells the match or the symmetry that is kept on a mesh from others."""
+    names = MATCH_ATTRIBUTES[:1] if kind in OF_MATCH else stored_symmetry.attributes_of_chosen(mesh)
+    return hash_of("", *(read_layer(mesh, name).attribute.values for name in names if name in mesh.attributes))

@@ -1,0 +1,97 @@
+"""The ranked candidates of a match, stored with it on the target's mesh as a custom property.
+
+Of each candidate are stored its probability, and the position colours of the source points that some target vertices
+map to. From these a thumbnail is drawn, and the same candidate is found again after matching anew.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+
+import numpy as np
+from bpy.types import Mesh
+
+from zoomout_core.arrays import Floats, Integers
+
+from ..mesh_data.arrays import from_text, to_text
+
+PROPERTY = "zoomout_candidates"
+
+
+@dataclass(frozen=True, eq=False)
+class ListedCandidate:
+    """A candidate; the field names are the keys of the stored JSON.
+
+    Attributes:
+        number: index of the candidate in the `MatchResult`.
+        certainty: probability that it is correct, in [0, 1].
+        mirrored: whether it reverses orientation.
+        colors: (s, 3) position colours of the source points that the sampled vertices map to, 0 to 255.
+    """
+
+    number: int
+    certainty: float
+    mirrored: bool
+    colors: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateList:
+    """The candidates of a match; the field names are the keys of the stored JSON.
+
+    Attributes:
+        key: hash that identifies the list.
+        chosen: index in the list of the candidate in use.
+        vertices: (s,) sampled vertices of the target.
+        points: (s, 3) their positions in world space, for a thumbnail.
+        box: (3,) edge lengths of the source's bounding box, which position colours refer to.
+        candidates: by decreasing probability.
+    """
+
+    key: str
+    chosen: int
+    vertices: Integers
+    points: Floats
+    box: Floats
+    candidates: tuple[ListedCandidate, ...]
+
+
+def write(mesh: Mesh, listing: CandidateList) -> None:
+    """Store a list on the target's mesh, in place of an earlier one."""
+    content = asdict(listing) | {
+        "vertices": to_text(listing.vertices, np.int32),
+        "points": to_text(listing.points, np.float32),
+        "box": listing.box.tolist(),
+        "candidates": [asdict(one) | {"colors": to_text(one.colors, np.uint8)} for one in listing.candidates],
+    }
+    mesh[PROPERTY] = json.dumps(content)
+
+
+def read(mesh: Mesh) -> CandidateList | None:
+    """The list that is stored on a mesh, or None if there is none."""
+    text = mesh.get(PROPERTY)
+    return None if text is None else parse(text)
+
+
+def remove(mesh: Mesh) -> None:
+    """Remove the list from a mesh, if it has one."""
+    if PROPERTY in mesh:
+        del mesh[PROPERTY]
+
+
+@lru_cache(maxsize=8)
+def parse(text: str) -> CandidateList:
+    """The list that a JSON text describes; cached, since panels read it at each redraw."""
+    stored = json.loads(text)
+    return CandidateList(
+        stored["key"],
+        stored["chosen"],
+        from_text(stored["vertices"], np.int32),
+        from_text(stored["points"], np.float32, 3),
+        np.array(stored["box"]),
+        tuple(
+            ListedCandidate(**one | {"colors": from_text(one["colors"], np.uint8, 3)}) for one in stored["candidates"]
+        ),
+    )

@@ -1,0 +1,69 @@
+"""The rooms of the add-on import each other in one direction only, as ARCHITECTURE.md says."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import blender_addon
+
+ADDON = Path(blender_addon.__file__).parent
+# Each may import those that stand before it.
+ROOMS = (
+    "translations",
+    "colors",
+    "mesh_data",
+    "storage",
+    "adapters",
+    "properties",
+    "scene",
+    "viewport",
+    "services",
+    "operators",
+    "presets",
+    "ui",
+    "cli",
+)
+# What starts the add-on, or uses it as a script does: none of the rooms imports these.
+OUTSIDE = ("__init__", "api", "watch", "demo")
+
+
+def room(path: Path) -> str:
+    """The room that a module belongs to."""
+    return path.relative_to(ADDON).with_suffix("").parts[0]
+
+
+def imported_rooms(path: Path) -> Iterator[str]:
+    """The rooms, "" for the package itself, that a module imports from."""
+    package = path.relative_to(ADDON).parent.parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            module = node.module.split(".") if node.module else []
+            start = [*package[: len(package) + 1 - node.level], *module]
+            yield from start[:1] or (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "blender_addon":
+            yield ""
+        elif isinstance(node, ast.Import):
+            yield from ("" for name in node.names if name.name.split(".")[0] == "blender_addon")
+
+
+def test_each_module_stands_in_a_room() -> None:
+    assert {room(path) for path in ADDON.rglob("*.py")} == {*ROOMS, *OUTSIDE}
+
+
+def test_rooms_import_those_before_them_only() -> None:
+    wrong = [
+        f"{path.relative_to(ADDON)} imports {other or 'blender_addon by its absolute name'}"
+        for path in ADDON.rglob("*.py")
+        if room(path) in ROOMS
+        for other in imported_rooms(path)
+        if other not in ROOMS[: ROOMS.index(room(path)) + 1]
+    ]
+    assert not wrong
+
+
+def test_the_order_is_that_of_the_document() -> None:
+    text = (ADDON.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    places = [text.index(f"| `blender_addon/{name}") for name in ROOMS]
+    assert places == sorted(places)
