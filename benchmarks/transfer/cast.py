@@ -22,7 +22,7 @@ from blender_addon.demo.truth import Truth, find_truth
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_normals
-from zoomout_core.transfer.uv import uv_seams
+from zoomout_core.transfer.uv.chart import uv_seams
 
 # Of the folders of many shapes, every so many is used.
 EVERY = 7

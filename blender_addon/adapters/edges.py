@@ -8,7 +8,7 @@ from bpy.types import Object
 
 from zoomout_core.runtime.stepping import Progress, Steps
 from zoomout_core.transfer import Attribute, Domain, Kind
-from zoomout_core.transfer.uv import uv_seams
+from zoomout_core.transfer.uv.chart import uv_seams
 
 from .. import mesh_data
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest

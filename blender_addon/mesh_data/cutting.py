@@ -9,7 +9,7 @@ import numpy as np
 from bmesh.types import BMesh, BMFace, BMVert
 from bpy.types import Mesh
 
-from zoomout_core.transfer.seam_cut import SeamCut
+from zoomout_core.transfer.uv.seam_cut import SeamCut
 
 from .surfaces import read_positions
 

@@ -12,7 +12,7 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import map_target
-from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
+from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
 from ..mesh_data import ObjectPair, divided_steps, read_joined_active_uv_map, write_divided
 from ..scene.pair import check_unedited, find_mesh, fingerprint_target, source_pieces

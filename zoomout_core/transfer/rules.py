@@ -21,7 +21,7 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rotations import mix_matrices, mix_quaternions
 from zoomout_core.transfer.shape_keys import carry_offsets, conformed
-from zoomout_core.transfer.uv import transfer_uv
+from zoomout_core.transfer.uv.transfer_uv import transfer_uv
 from zoomout_core.transfer.weights import mix_weights
 
 

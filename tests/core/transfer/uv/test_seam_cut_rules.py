@@ -10,7 +10,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.seam_cut import SeamCut, seam_cut
+from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
 SOURCE = plate(20, 20)
 

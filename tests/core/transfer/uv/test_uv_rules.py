@@ -11,7 +11,7 @@ from transfer_meshes import identity, nearest_map, plate
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.uv import uv_seams
+from zoomout_core.transfer.uv.chart import uv_seams
 
 
 def transferred(uv: np.ndarray, surface_map: SurfaceMap, source: Surface, target: Surface) -> Attribute:

@@ -13,7 +13,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import face_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.seam_cut import SNAP, SeamCut, seam_cut
+from zoomout_core.transfer.uv.seam_cut import SNAP, SeamCut, seam_cut
 
 LAYOUTS = {"islands": (6, 4), "rings that border themselves": (5, 1)}
 # What counts as on a seam, in parts of an island: chords of the source leave its circles by less.

@@ -1,0 +1,96 @@
+"""A UV map as charts: the surface cut open at its seams, and the islands that this leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, CutSurface, adjacent_edges, cut_open
+
+# Beyond a border UVs run on at most this many times as fast as their island's do on average.
+MOST_STEEP = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A UV map of the source, cut at its seams.
+
+    Attributes:
+        cut: the source, cut open.
+        uv: (c, 2) values at its corners.
+        density: (islands,) mean UV length for a unit of length.
+        lower: (islands, 2) and
+        upper: (islands, 2) the UDIM tile that an island lies in, each way; infinite where in several.
+    """
+
+    cut: CutSurface
+    uv: Floats
+    density: Floats
+    lower: Floats
+    upper: Floats
+
+    def at(self, triangle: Integers, barycentric: Floats) -> Floats:
+        """(q, 2) UVs at points of the source."""
+        return np.einsum("qc,qcx->qx", barycentric, self.uv[self.cut.surface.triangle_corners[triangle]])
+
+    def beyond(self, triangle: Integers, barycentric: Floats, points: Floats) -> Floats:
+        """(q, 2) UVs at points (q, 3) beyond an island, continued from the triangle closest to each."""
+        surface = self.cut.surface
+        a, b, c = (surface.vertices[surface.triangles[triangle, i]] for i in range(3))
+        uv_a, uv_b, uv_c = (self.uv[surface.triangle_corners[triangle, i]] for i in range(3))
+        ab, ac = b - a, c - a
+        offset = points - np.einsum("qc,qcx->qx", barycentric, np.stack([a, b, c], axis=1))
+        bb, bc, cc = (np.einsum("qx,qx->q", x, y) for x, y in ((ab, ab), (ab, ac), (ac, ac)))
+        ob, oc = np.einsum("qx,qx->q", offset, ab), np.einsum("qx,qx->q", offset, ac)
+        determinant = bb * cc - bc * bc
+        proper = determinant > 1e-12 * bb * cc
+        scale = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=proper)
+        step = (scale * (cc * ob - bc * oc))[:, None] * (uv_b - uv_a) + (scale * (bb * oc - bc * ob))[:, None] * (
+            uv_c - uv_a
+        )
+        island = self.cut.triangle_island[triangle]
+        longest = MOST_STEEP * self.density[island] * np.linalg.norm(offset, axis=1)
+        length = np.linalg.norm(step, axis=1)
+        step *= np.minimum(1, np.divide(longest, length, out=np.ones_like(length), where=length > 0))[:, None]
+        return np.clip(self.at(triangle, barycentric) + step, self.lower[island], self.upper[island])
+
+
+def chart_of(source: Surface, uv: Floats) -> Chart:
+    """Cut the source (its corners have UVs (c, 2)) at its real seams, and measure its islands."""
+    cut = cut_open(source, uv)
+    count = int(cut.island.max()) + 1
+    area = np.bincount(cut.triangle_island, triangle_areas(source.vertices, source.triangles), minlength=count)
+    covered = np.bincount(cut.triangle_island, np.abs(signed_areas(uv[source.triangle_corners])), minlength=count)
+    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    np.minimum.at(low, cut.island[source.corner_face], uv)
+    np.maximum.at(high, cut.island[source.corner_face], uv)
+    tile = np.floor(low + CUT_TOLERANCE)
+    inside = high <= tile + 1 + CUT_TOLERANCE
+    return Chart(
+        cut=cut,
+        uv=uv,
+        density=np.sqrt(np.divide(covered, area, out=np.zeros(count), where=area > 0)),
+        lower=np.where(inside, np.minimum(tile, low), -np.inf),
+        upper=np.where(inside, np.maximum(tile + 1, high), np.inf),
+    )
+
+
+def uv_seams(surface: Surface, uv: Floats) -> Booleans:
+    """(e,) which of a surface's edges its atlas (c, 2) is cut open at; its own borders are none."""
+    first, second = adjacent_edges(surface)
+    tolerance = CUT_TOLERANCE * float(np.ptp(uv, axis=0).max(initial=0))
+    apart = (np.abs(uv[first] - uv[second]) > tolerance).any(axis=(1, 2))
+    ends = np.sort(surface.corner_vertex[np.concatenate([first[apart], second[apart]])], axis=1)
+    low, high = np.sort(surface.edges, axis=1).T
+    n = len(surface.vertices)
+    return np.isin(low * n + high, ends[:, 0] * n + ends[:, 1])
+
+
+def signed_areas(uv: Floats) -> Floats:
+    """(m,) areas of UV triangles (m, 3, 2), negative where wound clockwise."""
+    ab, ac = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return np.asarray(0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]), dtype=np.float64)

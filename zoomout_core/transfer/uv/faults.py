@@ -1,0 +1,88 @@
+"""What of transferred UVs a user should look at: faces that are flipped, degenerate or stretched."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.transfer.cut_mesh import edge_lengths, face_edges
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.uv.chart import Chart, signed_areas
+
+# Faces are reported when their UVs are this many times as long, or as short, as the source's are there,
+STRETCHED = 4.0
+# or cover less than this part of what the source's would.
+DEGENERATE = 1e-3
+
+
+def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
+    """What the user should look at, a sentence each."""
+    flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, mapped, seed, uv))
+    faces, islands = len(seed), len(chart.density)
+    missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
+    sentences = (
+        (flipped, f"{flipped} of {faces} faces have flipped UVs."),
+        (degenerate, f"{degenerate} of {faces} faces have UVs without an area."),
+        (stretched, f"{stretched} of {faces} faces have strongly stretched UVs."),
+        (missing, f"{missing} of {islands} UV islands of the source received no face."),
+    )
+    return tuple(f"{name}: {sentence}" for count, sentence in sentences if count)
+
+
+def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
+    """Which faces have UVs that are flipped against the source's, without an area, or strongly stretched.
+
+    Args:
+        chart: the source's UV map.
+        mapped: the target on the source.
+        seed: (f,) a triangle of the source where each face lies.
+        uv: (c, 2) the target's.
+    """
+    source, target = mapped.source, mapped.target
+    island = chart.cut.triangle_island[seed]
+    signed = signed_areas(uv[target.triangle_corners])
+    covered = np.bincount(target.triangle_face, signed)
+    area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
+    expected = chart.density[island] ** 2 * area * source.area / target.area
+    degenerate = np.abs(covered) < DEGENERATE * expected
+    flipped = _flipped(chart, mapped, seed, signed) & ~degenerate
+
+    around_face, around_seed = face_edges(target), source.triangle_corners[seed][:, [[0, 1], [1, 2], [2, 0]]]
+    in_space = edge_lengths(source.vertices[source.corner_vertex], around_seed).sum(axis=1)
+    in_uv = edge_lengths(chart.uv, around_seed).sum(axis=1)
+    local = np.divide(in_uv, in_space, out=np.zeros(len(seed)), where=in_space > 0)
+    length = mapped.circumference * np.sqrt(source.area / target.area)
+    found = np.bincount(target.corner_face, edge_lengths(uv, around_face))
+    long = found > STRETCHED * length * np.maximum(local, chart.density[island])
+    short = found * STRETCHED < length * np.minimum(local, chart.density[island])
+    return flipped, degenerate, (long | short) & ~degenerate
+
+
+def _flipped(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
+    """(f,) which faces of the target, whose triangles cover UV areas (m,), are turned against the source at the seeds.
+
+    Where the source's UVs fold without a seam, a seed may lie over the fold; then the middle of the face decides,
+    or rather of the triangle that covers most.
+    """
+    source, target = mapped.source, mapped.target
+    outwards = np.bincount(target.triangle_face, signed * _outward(target))
+    on_source = signed_areas(chart.uv[source.triangle_corners]) * _outward(source)
+    flipped = outwards * on_source[seed] < 0
+    order = np.argsort(np.abs(signed), kind="stable")
+    largest = np.empty(len(flipped), dtype=np.int64)
+    largest[target.triangle_face[order]] = order
+    suspects = np.flatnonzero(flipped)
+    middle, _ = mapped.locate(largest[suspects], np.full((len(suspects), 3), 1 / 3))
+    island = chart.cut.triangle_island
+    over_fold = (island[middle] == island[seed[suspects]]) & (outwards[suspects] * on_source[middle] > 0)
+    flipped[suspects[over_fold]] = False
+    return flipped
+
+
+def _outward(surface: Surface) -> Floats:
+    """(m,) 1 for triangles that are wound outwards, -1 for the others, 0 for those without an extent."""
+    winding = np.zeros(len(surface.triangles))
+    winding[surface.working.triangle_of] = np.where(surface.working.flipped, -1.0, 1.0)
+    return winding

@@ -1,0 +1,122 @@
+"""The sheets that each face of the target might take its UVs from.
+
+A sheet is a part of the source around a face that is joined without a seam, so the two sides of a seam are two sheets
+even where they are of one island. A face that might lie across a seam is sampled, and its samples vote for sheets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer.cut_mesh import CutSurface, ragged
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.potts import Candidates
+from zoomout_core.transfer.uv.chart import Chart
+
+# More parts than these do not meet in one face, unless it is larger than islands.
+MOST_SHEETS = 4
+# A corner picks its triangle this far towards the middle of its face, so that it stays on the face's side.
+INWARD = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Sheets:
+    """The sheets that each face of the target might lie on, and its corners there.
+
+    Attributes:
+        candidates: k of them.
+        seed: (k,) a triangle of the source on each.
+        row: (k,) where the corners of each start in the rows.
+        uv: (rows, 2) of each corner of each candidate's face.
+        gap: (rows,) how far the corner lies beyond the sheet's border, in space.
+    """
+
+    candidates: Candidates
+    seed: Integers
+    row: Integers
+    uv: Floats
+    gap: Floats
+
+    @cached_property
+    def size(self) -> Floats:
+        """(k,) the larger extent of each candidate's face in the atlas."""
+        extent = [np.maximum.reduceat(axis, self.row) - np.minimum.reduceat(axis, self.row) for axis in self.uv.T]
+        return np.maximum(*extent)
+
+    def rows(self, candidate: Integers, corner: Integers, target: Surface) -> Integers:
+        """The row of a corner for a candidate of its face."""
+        return self.row[candidate] + corner - target.face_start[self.candidates.face[candidate]]
+
+
+def sheets_of(chart: Chart, mapped: MappedTarget) -> Sheets:
+    """One sheet for faces that lie within a border, and for others those that their samples fall onto."""
+    target, cut = mapped.target, chart.cut
+    near = mapped.near_border(cut)
+    safe = np.flatnonzero(~near)
+    face, seed, middle, share = _sampled_sheets(cut, mapped, np.flatnonzero(near))
+    face, share = np.concatenate([safe, face]), np.concatenate([np.ones(len(safe)), share])
+    order = np.argsort(face, kind="stable")
+    first_vertex = target.corner_vertex[target.face_start[safe]]
+    seed = np.concatenate([mapped.surface_map.triangle[first_vertex], seed])[order]
+    middle = np.concatenate([mapped.points[first_vertex], middle])[order]
+    return _read(chart, mapped, near, Candidates(face[order], share[order]), seed, middle)
+
+
+def _read(
+    chart: Chart, mapped: MappedTarget, near: Booleans, candidates: Candidates, seed: Integers, middle: Floats
+) -> Sheets:
+    """The corners of each candidate's face on its sheet: looked for where the face is near a border, else known."""
+    target, cut, face = mapped.target, chart.cut, candidates.face
+    start, end = target.face_start[face], target.face_start[face + 1]
+    candidate, corner = ragged(np.arange(len(face)), start, end, np.arange(len(target.corner_vertex)))
+    vertex = target.corner_vertex[corner]
+    triangle, barycentric = mapped.surface_map.triangle[vertex], mapped.surface_map.barycentric[vertex]
+    gap = np.zeros(len(vertex))
+    walked = near[face[candidate]]
+    points = mapped.points[vertex[walked]]
+    inside = points + INWARD * (middle[candidate[walked]] - points)
+    entered, _, _ = cut.walk(seed[candidate[walked]], inside)
+    triangle[walked], barycentric[walked], gap[walked] = cut.walk(entered, points)
+    uv = chart.at(triangle, barycentric)
+    over = np.flatnonzero(gap > 0)
+    uv[over] = chart.beyond(triangle[over], barycentric[over], mapped.points[vertex[over]])
+    return Sheets(candidates, seed, np.cumsum(end - start) - (end - start), uv, gap)
+
+
+def _sampled_sheets(
+    cut: CutSurface, mapped: MappedTarget, faces: Integers
+) -> tuple[Integers, Integers, Floats, Floats]:
+    """The sheets that samples of some faces of the target fall onto.
+
+    Returns:
+        For each sheet its face, a triangle and a point on it, the sample nearest to the face's middle,
+        and its share of the face's votes.
+    """
+    samples = mapped.samples(faces)
+    points = np.einsum(
+        "qc,qcx->qx", samples.barycentric, mapped.source.vertices[mapped.source.triangles[samples.triangle]]
+    )
+    count = np.bincount(samples.face, minlength=len(mapped.target.face_start) - 1)
+    middle = np.stack([np.bincount(samples.face, axis, minlength=len(count)) for axis in points.T], axis=1)
+    off_middle = np.linalg.norm(points - middle[samples.face] / count[samples.face, None], axis=1)
+    order = np.lexsort((off_middle, samples.face))
+    seed_of = np.full(len(order), -1)
+    for _ in range(MOST_SHEETS):
+        unclaimed = order[seed_of[order] < 0]
+        if len(unclaimed) == 0:
+            break
+        begin = np.flatnonzero(np.diff(samples.face[unclaimed], prepend=-1))
+        seed = np.repeat(unclaimed[begin], np.diff(begin, append=len(unclaimed)))
+        _, _, left = cut.walk(samples.triangle[seed], points[unclaimed])
+        reached = (left == 0) | (seed == unclaimed)
+        seed_of[unclaimed[reached]] = seed[reached]
+    claimed = np.flatnonzero(seed_of >= 0)
+    seed, sheet = np.unique(seed_of[claimed], return_inverse=True)
+    total = np.bincount(samples.face, samples.weight, minlength=len(count))
+    share = np.bincount(sheet, samples.weight[claimed]) / total[samples.face[seed]]
+    return samples.face[seed], samples.triangle[seed], points[seed], share

@@ -1,0 +1,103 @@
+"""UV maps: every face of the target lies within one island of the source, on one side of each of its seams.
+
+A face that might lie across a seam is sampled. Its samples fall onto one or several sheets: parts of the
+source that are joined around the face without a seam between them, be they of different islands or the two
+sides of a seam within one. The face takes one sheet by vote, and all its corners are read there; corners
+beyond the sheet's border continue it linearly. Faces that agree about a corner share it, so the target has
+seams only where the source has one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, edge_lengths, joined_groups
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.potts import LOYALTY, elect
+from zoomout_core.transfer.uv.chart import Chart, chart_of
+from zoomout_core.transfer.uv.faults import fault_notes
+from zoomout_core.transfer.uv.sheets import Sheets, sheets_of
+
+# Faces whose UVs at a common edge differ by less than this part of their size run on into each other.
+AGREEMENT = 0.25
+# Corners of joined faces that differ by less than this part of the UVs' range differ by rounding.
+SAME_CORNER = 1e-9
+
+
+def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
+    """UVs (c, 2) at face corners."""
+    target = mapped.target
+    chart = chart_of(mapped.source, np.asarray(attribute.values, dtype=np.float64))
+    sheets = sheets_of(chart, mapped)
+    first, second = mapped.adjacent
+    chosen = _elected(sheets, chart, mapped)
+    corner = np.arange(len(target.corner_vertex))
+    row = sheets.rows(chosen[target.corner_face], corner, target)
+    agree = _agree(
+        sheets,
+        chart,
+        target,
+        chosen[target.corner_face[first[:, 0]]],
+        chosen[target.corner_face[second[:, 0]]],
+        first,
+        second,
+    )
+    uv = _shared(sheets.uv[row], sheets.gap[row], first[agree], second[agree])
+    notes = fault_notes(attribute.name, chart, mapped, sheets.seed[chosen], uv)
+    return replace(attribute, values=uv.astype(np.asarray(attribute.values).dtype), notes=attribute.notes + notes)
+
+
+def _elected(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
+    """(f,) the candidate that each face takes, so that the seams on the target are short."""
+    target = mapped.target
+    first, second = sheets.candidates.contested(*mapped.adjacent, target.corner_face)
+    edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
+    return elect(
+        sheets.candidates,
+        LOYALTY * mapped.circumference,
+        one,
+        other,
+        edge_lengths(target.vertices[target.corner_vertex], first)[edge],
+        _agree(sheets, chart, target, one, other, first[edge], second[edge]),
+    )
+
+
+def _agree(
+    sheets: Sheets,
+    chart: Chart,
+    target: Surface,
+    one: Integers,
+    other: Integers,
+    first: Integers,
+    second: Integers,
+) -> Booleans:
+    """(e,) whether two candidates run on into each other over their common edge."""
+    size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
+    tolerance = AGREEMENT * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
+    agree = island[one] == island[other]
+    for mine, theirs in zip(first.T, second.T, strict=True):
+        apart = sheets.uv[sheets.rows(one, mine, target)] - sheets.uv[sheets.rows(other, theirs, target)]
+        for axis in apart.T:
+            agree &= np.abs(axis) <= tolerance
+    return agree
+
+
+def _shared(uv: Floats, gap: Floats, first: Integers, second: Integers) -> Floats:
+    """(c, 2) UVs, where joined corners that are one, or lie beyond a border, have what the nearest of them has."""
+    group = joined_groups(len(uv), first.ravel(), second.ravel())
+    nearest = np.empty(group.max() + 1, dtype=np.int64)
+    nearest[group[::-1]] = np.arange(len(group))[::-1]  # the first of each, which is the nearest if it has no gap
+    others = np.flatnonzero(gap[nearest[group]] > 0)
+    others = others[np.lexsort((gap[others], group[others]))]
+    others = others[np.flatnonzero(np.diff(group[others], prepend=-1))]
+    nearest[group[others]] = others
+    of_nearest = uv[nearest[group]]
+    rounding = SAME_CORNER * float(np.ptp(uv, axis=0).max())
+    off = np.abs(uv - of_nearest)
+    taken = (gap > 0) | (np.maximum(off[:, 0], off[:, 1]) <= rounding)
+    return np.where(taken[:, None], of_nearest, uv)
