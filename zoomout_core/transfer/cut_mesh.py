@@ -21,6 +21,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import for_each, threads
+from zoomout_core.tuning import Tuning, tuned
 
 # Corner values closer than this part of their range are equal: a tenth of a texel of an 8k texture.
 CUT_TOLERANCE = 2.0**-16
@@ -28,12 +29,25 @@ CUT_TOLERANCE = 2.0**-16
 ON_SURFACE = 1e-9
 # A foot with a smaller barycentric coordinate is on the rim of its triangle.
 RIM = 1e-9
-# Cosine of the angle to its vertex's normal from which on a triangle hides others from points above it.
-UPRIGHT = 0.5
 # Faces that share one edge and are compared with one another; more happen only on broken meshes.
 MOST_FACES_AT_EDGE = 8
 # Points that walk together: what is worked on stays in a processor's cache.
 BLOCK = 1 << 14
+
+
+@dataclass(frozen=True)
+class WalkTuning(Tuning, set_by="judgement"):
+    """Where walks look around, though they stand at a closest point.
+
+    Attributes:
+        least_cosine: of the angle between a triangle's normal and that of its vertex; a steeper triangle, or one that
+            folds over, hides others from the points above it.
+    """
+
+    least_cosine: float = tuned(0.5, "1", 0, 1)
+
+
+WALKS = WalkTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +89,7 @@ class CutSurface:
         vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
         sums = np.stack([np.bincount(vertex, axis) for axis in normal.T], axis=1)
-        lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= UPRIGHT * np.linalg.norm(sums, axis=1)[vertex]
+        lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= WALKS.least_cosine * np.linalg.norm(sums, axis=1)[vertex]
         folded = np.zeros(len(sums), dtype=bool)
         folded[vertex[~lying]] = True
         return np.asarray(folded[self._vertices].any(axis=1))

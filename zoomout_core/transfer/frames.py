@@ -21,20 +21,44 @@ from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import Tuning, tuned
 
-# How wide neighbourhoods are, over the square root of the area: about a wrist. Half as wide or twice as wide, keys
-# err by a fifth to a quarter more on posed characters, as noise remains or bones are mixed.
-SMOOTHING_LENGTH = 0.02
-# A confidence from which on the map is followed; below it is the less, the lower, and never not at all, so that
-# parts without any confidence have a place as well.
-TRUSTED, LEAST_TRUST = 0.5, 1e-6
-# What edges count for that are not trusted: enough to fill in what is there, too little to pull at what is around.
-DOUBTED = 1e-3
-# Growth is a mean over twice as wide neighbourhoods, by so many rounds: a bend stretches the skin on one side and
-# presses it on the other, and flesh grows by neither.
-GROWTH_ROUNDS = 4
-# Most that a target grows or shrinks, at any place, against the whole: beyond is noise.
-MOST_GROWTH = 4.0
+
+@dataclass(frozen=True)
+class FrameTuning(Tuning, set_by="transfer"):
+    """How wide the neighbourhoods are over which the differential of a map is averaged.
+
+    Attributes:
+        smoothing_length: of the neighbourhoods, about a wrist. Half as wide or twice as wide, keys err by a fifth to a
+            quarter more on posed characters, as noise remains or bones are mixed.
+        growth_rounds: of averaging for the growth, which is so a mean over twice as wide neighbourhoods: a bend
+            stretches the skin on one side and compresses it on the other, and flesh grows by neither.
+    """
+
+    smoothing_length: float = tuned(0.02, "at unit area", 1e-6, 1)
+    growth_rounds: int = tuned(4, "rounds", 0, 100)
+
+
+@dataclass(frozen=True)
+class TrustTuning(Tuning, set_by="judgement"):
+    """How far a map is followed.
+
+    Attributes:
+        full: the confidence from which on a map is followed; below it the less, the lower.
+        least: what remains of the trust without any confidence, so that such parts have a place as well.
+        remainder: what edges count for as far as they are not trusted: enough to fill in what is there, too little to
+            pull at what is around.
+        most_growth: of a target against the whole, at any place, and most shrinking; beyond is noise.
+    """
+
+    full: float = tuned(0.5, "confidence", 1e-6, 1)
+    least: float = tuned(1e-6, "1", 1e-12, 1)
+    remainder: float = tuned(1e-3, "1", 1e-12, 1)
+    most_growth: float = tuned(4.0, "1", 1, 1000)
+
+
+FRAMES = FrameTuning()
+TRUST = TrustTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +84,7 @@ class Frames:
     @cached_property
     def trust(self) -> Floats:
         """(n,) how far to follow the map, above zero."""
-        return np.clip(self.confidence / TRUSTED, LEAST_TRUST, 1)
+        return np.clip(self.confidence / TRUST.full, TRUST.least, 1)
 
     @cached_property
     def trusted_stiffness(self) -> csc_array:
@@ -71,7 +95,7 @@ class Frames:
     @cached_property
     def doubted_stiffness(self) -> csc_array:
         """(n, n) the stiffness of edges as far as they are not trusted, for filling in."""
-        return DOUBTED * (self.stiffness - self.trusted_stiffness)
+        return TRUST.remainder * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
     def rotations(self) -> Floats:
@@ -90,12 +114,12 @@ class Frames:
         whole = np.einsum("nxx->n", _products_of_gradients(self.trusted_stiffness, vertices, vertices))
         shrinking = np.einsum("nts,nts->n", self.rotations, self._differential)
         sums = np.stack([shrinking, whole], axis=1)
-        for _ in range(GROWTH_ROUNDS):
+        for _ in range(FRAMES.growth_rounds):
             sums = (self.trust * self.areas)[:, None] * self.smooth(sums)
         shrinking, whole = sums.T
-        shrinking = np.maximum(shrinking, whole / MOST_GROWTH)
+        shrinking = np.maximum(shrinking, whole / TRUST.most_growth)
         growth = np.divide(whole, shrinking, out=np.ones_like(whole), where=shrinking > 0)
-        growth = np.maximum(growth, 1 / MOST_GROWTH)
+        growth = np.maximum(growth, 1 / TRUST.most_growth)
         return (working.scale / np.sqrt(self.mapped.source.area) * growth)[:, None, None] * self.rotations
 
     @cached_property
@@ -146,7 +170,7 @@ class Frames:
     @cached_property
     def _factors(self) -> SuperLU:
         stiffness = self.trusted_stiffness + self.doubted_stiffness
-        matrix = csc_array(diags_array(self.trust * self.areas) + SMOOTHING_LENGTH**2 * stiffness)
+        matrix = csc_array(diags_array(self.trust * self.areas) + FRAMES.smoothing_length**2 * stiffness)
         # Supernodes of a dozen columns: solves take four fifths of the time.
         return splu(
             matrix,

@@ -20,19 +20,34 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.tuning import Tuning, tuned
 
 # Columns that are solved for together: bounds the memory.
 BLOCK = 16
-# Areas below this part of the mean one make the system as ill-conditioned as they are small, and nothing smoother.
-SMALLEST_AREA = 1e-3
-# The factors of more doubtful vertices than this take gigabytes; those of the first term alone a fifth of that.
-MOST_SMOOTH = 150_000
-# Edges from the doubtful vertices over which the Laplacian is worked out: two count, and it looks a little around.
-SURROUNDINGS = 4
-# A loose part of less than this part of the area is a button or an eye, and moves as a whole.
-SMALL_PART = 0.02
-# Weights below this move nothing that can be seen, but count towards limits.
-CLIP = 1e-4
+
+
+@dataclass(frozen=True)
+class InpaintingTuning(Tuning, set_by="judgement"):
+    """How vertices are filled in, and which parts are not but follow others.
+
+    Attributes:
+        least_area: of a vertex, over the mean one; smaller ones make the system as ill-conditioned as they are small,
+            and nothing smoother.
+        most_smooth: the number of doubtful vertices for which both terms are taken. The factors of more take gigabytes;
+            those of the first term alone a fifth of that.
+        surroundings: how far from the doubtful vertices the Laplacian is assembled; it is needed over two edges.
+        small_part: the area of a loose part, over all, below which it is a button or an eye, and moves as a whole.
+        least_weight: smaller ones move nothing that can be seen, but count towards limits.
+    """
+
+    least_area: float = tuned(1e-3, "1", 1e-12, 1)
+    most_smooth: int = tuned(150_000, "vertices", 0, 10**9)
+    surroundings: int = tuned(4, "edges", 2, 1000)
+    small_part: float = tuned(0.02, "1", 0, 1)
+    least_weight: float = tuned(1e-4, "1", 0, 1)
+
+
+INPAINTING = InpaintingTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +107,7 @@ class Filling:
         for first in range(0, len(occurring), BLOCK):
             columns = pull[:, occurring[first : first + BLOCK]].toarray()
             solved = np.clip(self._solved(-columns), 0, max(1, weights.max()))
-            blocks.append(csr_array(np.where(solved < CLIP, 0, solved)))
+            blocks.append(csr_array(np.where(solved < INPAINTING.least_weight, 0, solved)))
         narrow = hstack(blocks, format="csr")
         found = csr_array((narrow.data, occurring[narrow.indices], narrow.indptr), shape=(narrow.shape[0], groups))
         origin = np.arange(n)
@@ -155,14 +170,14 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     if not unknown.any():
         return csr_array((0, int(known.sum()))), None
     near = unknown.copy()
-    for _ in range(SURROUNDINGS):
+    for _ in range(INPAINTING.surroundings):
         near[working.triangles[near[working.triangles].any(axis=1)]] = True
     triangles = (np.cumsum(near) - 1)[working.triangles[near[working.triangles].all(axis=1)]]
     stiffness, shares = mesh_laplacian(working.vertices[near], triangles)
     areas = shares * triangle_areas(working.vertices[near], triangles).sum()
     rows = csr_array(stiffness)[unknown[near]]
-    if unknown.sum() <= MOST_SMOOTH:
-        rows = rows + rows @ diags_array(1 / np.maximum(areas, SMALLEST_AREA * areas.mean())) @ stiffness
+    if unknown.sum() <= INPAINTING.most_smooth:
+        rows = rows + rows @ diags_array(1 / np.maximum(areas, INPAINTING.least_area * areas.mean())) @ stiffness
     columns = csc_array(rows)
     factor = splu(
         columns[:, np.flatnonzero(unknown[near])],
@@ -180,7 +195,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
 def _small_parts(working: WorkingMesh) -> Booleans:
     """Which connected components are as small as buttons, by their numbers."""
     areas = triangle_areas(working.vertices, working.triangles)
-    return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
+    return np.bincount(working.component[working.triangles[:, 0]], areas) < INPAINTING.small_part * areas.sum()
 
 
 def _followers(

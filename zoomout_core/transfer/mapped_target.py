@@ -21,14 +21,28 @@ from zoomout_core.transfer.cut_mesh import (
     ragged,
 )
 from zoomout_core.transfer.inpaint import Filling, filling
+from zoomout_core.tuning import Tuning, tuned
 
-# A corner's side of an edge of the source is asked for this far into the face.
-NUDGE = 0.25
 # The middles of the four parts that the midpoints of its edges divide a triangle into.
 SAMPLES = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-# What a sample without confidence counts for, and one without area (of the mean area of triangles).
-LEAST_CONFIDENCE = 1e-3
+# Added to the area of samples, over the mean area of triangles: those without an area have a vote as well.
 LEAST_AREA = 1e-9
+
+
+@dataclass(frozen=True)
+class SamplingTuning(Tuning, set_by="judgement"):
+    """Where faces and corners of the target are read on the source.
+
+    Attributes:
+        nudge: how far a corner is moved towards the middle of its triangle to find its side of an edge of the source.
+        least_confidence: added to the confidence that samples weigh by, so that those without any have a vote as well.
+    """
+
+    nudge: float = tuned(0.25, "1", 0, 1)
+    least_confidence: float = tuned(1e-3, "1", 1e-12, 1)
+
+
+SAMPLING = SamplingTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +149,9 @@ class MappedTarget:
         face, triangle, area = (np.repeat(array, len(SAMPLES)) for array in (face, triangle, area))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
-        return FaceSamples(face, *self.locate(triangle, barycentric), area, area * (confidence + LEAST_CONFIDENCE))
+        return FaceSamples(
+            face, *self.locate(triangle, barycentric), area, area * (confidence + SAMPLING.least_confidence)
+        )
 
     def nudged(self, corners: Integers) -> tuple[Integers, Floats]:
         """Where corners (q,) of the target lie on the source if they are moved into their faces a little."""
@@ -145,7 +161,7 @@ class MappedTarget:
         in_triangle[target.triangle_corners[largest].ravel()] = np.repeat(largest, 3)
         triangle = in_triangle[corners]
         here = target.triangle_corners[triangle] == corners[:, None]
-        return self.locate(triangle, np.where(here, 1 - NUDGE, 0) + NUDGE / 3)
+        return self.locate(triangle, np.where(here, 1 - SAMPLING.nudge, 0) + SAMPLING.nudge / 3)
 
     def near_border(self, cut: CutSurface) -> Booleans:
         """(f_t,) whether a face of the target might lie across a cut of the source."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,9 +13,21 @@ from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.frames import rotations
 from zoomout_core.transfer.interpolate import MIX
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import Tuning, tuned
 
-# Sine of the angle above the surface that a normal is lifted to where only the transfer pushed it below.
-LIFTED = 0.05
+
+@dataclass(frozen=True)
+class NormalTuning(Tuning, set_by="judgement"):
+    """Normals that the transfer alone pushed below the surface.
+
+    Attributes:
+        lifted: sine of the angle above the surface that they are lifted to.
+    """
+
+    lifted: float = tuned(0.05, "1", 0, 1)
+
+
+NORMALS = NormalTuning()
 
 
 def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -40,7 +52,7 @@ def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     normals[inside_out] -= 2 * (found[:, None] * outward)[inside_out]
     found[inside_out] *= -1
     pushed = (height > 0) & (found < 0)
-    normals[pushed] += (LIFTED - found[pushed])[:, None] * outward[pushed]
+    normals[pushed] += (NORMALS.lifted - found[pushed])[:, None] * outward[pushed]
     return replace(turned, values=unit_vectors(normals).astype(attribute.values.dtype))
 
 

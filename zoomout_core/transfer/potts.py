@@ -13,10 +13,21 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.cut_mesh import ragged
+from zoomout_core.tuning import Tuning, tuned
 
-# A face goes with its neighbours against its own samples, when its part of the border weighs more than
-# this many times its circumference times the share of samples that it overrules.
-LOYALTY = 1.0
+
+@dataclass(frozen=True)
+class VoteTuning(Tuning, set_by="judgement"):
+    """When a face agrees with its neighbours against its own samples.
+
+    Attributes:
+        loyalty: the length of border that outweighs all samples of a face, over the face's circumference.
+    """
+
+    loyalty: float = tuned(1.0, "1", 0, 1e12)
+
+
+VOTES = VoteTuning()
 
 
 @dataclass(frozen=True, eq=False)

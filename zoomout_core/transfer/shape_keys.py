@@ -3,12 +3,12 @@
 Deformation transfer for triangle meshes (Sumner and Popović 2004) carries the gradients of a motion over, and solves
 for the motion that has them. Held at anchors alone it drifts where the target's pose turns within the region that
 moves, so the motion is drawn to the turned offsets as well: these hold over distances longer than
-`frames.SMOOTHING_LENGTH`, and gradients below, where errors of frames and maps would show as dents.
+`FRAMES.smoothing_length`, and gradients below, where errors of frames and maps would show as dents.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import bsr_array, csc_array
@@ -17,13 +17,28 @@ from zoomout_core.arrays import Floats
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.frames import SMOOTHING_LENGTH, TRUSTED, Frames, frames_of, frames_on, on_working_mesh
+from zoomout_core.transfer.frames import FRAMES, TRUST, Frames, frames_of, frames_on, on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import Tuning, tuned
 
-# Offsets shorter than these parts of a key's longest one, and of the surface's size, are noise.
-SMALLEST_OF_KEY, SMALLEST_OF_SURFACE = 1e-4, 1e-7
 # Keys that are worked on together: bounds the memory, and solves take longer with more columns at once.
 KEYS_AT_ONCE = 5
+
+
+@dataclass(frozen=True)
+class KeyTuning(Tuning, set_by="judgement"):
+    """Which offsets are noise.
+
+    Attributes:
+        least_of_key: length of an offset, over that of the key's longest one.
+        least_length: of an offset.
+    """
+
+    least_of_key: float = tuned(1e-4, "1", 0, 1)
+    least_length: float = tuned(1e-7, "at unit area", 0, 1)
+
+
+KEYS = KeyTuning()
 
 
 def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
@@ -39,7 +54,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """
     offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2))) > 0
-    doubtful = mapped.confidence < TRUSTED
+    doubtful = mapped.confidence < TRUST.full
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
     if not moved.any():
         return replace(attribute, values=carried)
@@ -65,7 +80,9 @@ def conformed(mapped: MappedTarget) -> Floats:
     own = on_working_mesh(target.working, target.vertices)
     gradients = _turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
-    laid = frames.smooth((frames.trust * frames.areas)[:, None] * frames.points + SMOOTHING_LENGTH**2 * gradients)
+    laid = frames.smooth(
+        (frames.trust * frames.areas)[:, None] * frames.points + FRAMES.smoothing_length**2 * gradients
+    )
     number = target.working.vertex_of
     return np.where((number >= 0)[:, None], laid[number], mapped.points)
 
@@ -73,7 +90,7 @@ def conformed(mapped: MappedTarget) -> Floats:
 def _without_noise(offsets: Floats, area: float) -> Floats:
     """Offsets (n, keys, 3) on a surface of an area; those that are too short to be seen are set to zero."""
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
-    least = np.maximum(SMALLEST_OF_KEY * length.max(axis=0), SMALLEST_OF_SURFACE * np.sqrt(area))
+    least = np.maximum(KEYS.least_of_key * length.max(axis=0), KEYS.least_length * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
 
 
@@ -100,7 +117,7 @@ def _loading(frames: Frames) -> bsr_array:
     """(3n, 3n) what makes the right-hand sides of `Frames.smooth` of offsets, which it turns: (n, 3), as one column."""
     own = (frames.trust * frames.areas)[:, None, None] * frames.turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
-    return bsr_array(blocks + SMOOTHING_LENGTH**2 * _turned_gradients(frames.trusted_stiffness, frames.turns))
+    return bsr_array(blocks + FRAMES.smoothing_length**2 * _turned_gradients(frames.trusted_stiffness, frames.turns))
 
 
 def _turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:

@@ -23,13 +23,26 @@ from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CutSurface, cut_open, ragged
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import Tuning, tuned
 
-# A crossing nearer to an edge's end than this part of the edge is at that end: no slivers.
-SNAP = 0.1
-# A point in a face is none where seams meet, if an edge and the point span less than this part of the face.
-LEAST_SHARE = 0.02
-# An edge is halved so many times to find where it crosses a seam.
-HALVINGS = 14
+
+@dataclass(frozen=True)
+class SeamCutTuning(Tuning, set_by="judgement"):
+    """Where new vertices are placed on edges and in faces.
+
+    Attributes:
+        snap: a crossing that is nearer to an end of its edge is at that end, as slivers would result else.
+        least_share: of a face's area, which each of its edges spans with a point where seams meet; the point is not
+            taken where one spans less.
+        halvings: of an edge, to find where it crosses a seam.
+    """
+
+    snap: float = tuned(0.1, "edges", 0, 0.5)
+    least_share: float = tuned(0.02, "1", 0, 1)
+    halvings: int = tuned(14, "rounds", 1, 60)
+
+
+SEAM_CUTS = SeamCutTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +128,7 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
 
     # A vertex next to a seam counts as on it, and so do all crossings of the edges around it.
     nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
-    snapped = np.flatnonzero(np.minimum(fraction, 1 - fraction) < SNAP)
+    snapped = np.flatnonzero(np.minimum(fraction, 1 - fraction) < SEAM_CUTS.snap)
     snapped = snapped[np.argsort(-np.minimum(fraction, 1 - fraction)[snapped], kind="stable")]  # the nearest come last
     on_seam = np.zeros(n, dtype=bool)
     on_seam[nearer[snapped]] = True
@@ -178,7 +191,7 @@ def _leaves_sheet(
 def _crossings(cut: CutSurface, mapped: MappedTarget, edge: Integers) -> tuple[Floats, SurfaceMap]:
     """(e,) where edges whose ends lie on two sheets cross from one to the other, and these places on the source."""
     low, high = np.zeros(len(edge)), np.ones(len(edge))
-    for _ in range(HALVINGS):
+    for _ in range(SEAM_CUTS.halvings):
         middle = (low + high) / 2
         beyond, _ = _leaves_sheet(cut, mapped, edge, middle)
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
@@ -316,4 +329,4 @@ def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     normal = np.cross(here, there)
     sums = np.stack([np.bincount(owner, axis) for axis in normal.T], axis=1)
     share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]
-    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > LEAST_SHARE)
+    return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > SEAM_CUTS.least_share)

@@ -16,12 +16,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.cut_mesh import CutSurface, ragged
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.potts import Candidates
-from zoomout_core.transfer.uv.chart import Chart
-
-# More parts than these do not meet in one face, unless it is larger than islands.
-MOST_SHEETS = 4
-# A corner picks its triangle this far towards the middle of its face, so that it stays on the face's side.
-INWARD = 0.01
+from zoomout_core.transfer.uv.chart import UVS, Chart
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +74,7 @@ def _read(
     gap = np.zeros(len(vertex))
     walked = near[face[candidate]]
     points = mapped.points[vertex[walked]]
-    inside = points + INWARD * (middle[candidate[walked]] - points)
+    inside = points + UVS.inward * (middle[candidate[walked]] - points)
     entered, _, _ = cut.walk(seed[candidate[walked]], inside)
     triangle[walked], barycentric[walked], gap[walked] = cut.walk(entered, points)
     uv = chart.at(triangle, barycentric)
@@ -106,7 +101,7 @@ def _sampled_sheets(
     off_middle = np.linalg.norm(points - middle[samples.face] / count[samples.face, None], axis=1)
     order = np.lexsort((off_middle, samples.face))
     seed_of = np.full(len(order), -1)
-    for _ in range(MOST_SHEETS):
+    for _ in range(UVS.most_sheets):
         unclaimed = order[seed_of[order] < 0]
         if len(unclaimed) == 0:
             break

@@ -18,13 +18,11 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, edge_lengths, joined_groups
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.potts import LOYALTY, elect
-from zoomout_core.transfer.uv.chart import Chart, chart_of
+from zoomout_core.transfer.potts import VOTES, elect
+from zoomout_core.transfer.uv.chart import UVS, Chart, chart_of
 from zoomout_core.transfer.uv.faults import fault_notes
 from zoomout_core.transfer.uv.sheets import Sheets, sheets_of
 
-# Faces whose UVs at a common edge differ by less than this part of their size run on into each other.
-AGREEMENT = 0.25
 # Corners of joined faces that differ by less than this part of the UVs' range differ by rounding.
 SAME_CORNER = 1e-9
 
@@ -59,7 +57,7 @@ def _elected(sheets: Sheets, chart: Chart, mapped: MappedTarget) -> Integers:
     edge, one, other = sheets.candidates.pairs(target.corner_face[first[:, 0]], target.corner_face[second[:, 0]])
     return elect(
         sheets.candidates,
-        LOYALTY * mapped.circumference,
+        VOTES.loyalty * mapped.circumference,
         one,
         other,
         edge_lengths(target.vertices[target.corner_vertex], first)[edge],
@@ -78,7 +76,7 @@ def _agree(
 ) -> Booleans:
     """(e,) whether two candidates run on into each other over their common edge."""
     size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
-    tolerance = AGREEMENT * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
+    tolerance = UVS.agreement * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
     agree = island[one] == island[other]
     for mine, theirs in zip(first.T, second.T, strict=True):
         apart = sheets.uv[sheets.rows(one, mine, target)] - sheets.uv[sheets.rows(other, theirs, target)]
