@@ -126,25 +126,24 @@ def test_of_several_wholes_a_piece_lies_on_the_nearest() -> None:
     assert _pieces(piece, None, wholes[:1], set(), free[:1] | True) == []
 
 
-def folded(flip: bool) -> Surface:
+def folded() -> Surface:
     """Two layers, 0.02 apart, that hang together along an edge: a pocket, open on three sides."""
     low, count = sheet(0.2), 81
     edge = np.flatnonzero(low.vertices[:, 0] > 0.0999)
     strip = np.column_stack([edge[:-1], edge[1:], count + edge[1:], count + edge[:-1]])
     high = low.triangles[:, ::-1] + count
     corners = np.vstack([low.triangles, high, strip[:, [0, 2, 1]], strip[:, [0, 3, 2]]])
-    return Surface(
-        np.vstack([low.vertices, low.vertices + np.array([0, 0, 0.02])]), corners[:, ::-1] if flip else corners
-    )
+    return Surface(np.vstack([low.vertices, low.vertices + np.array([0, 0, 0.02])]), corners)
 
 
 @pytest.mark.parametrize("flip", [False, True])
 def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> None:
-    source = side_of(folded(flip))
-    piece, part = source.parts(source.points)[0], part_of(folded(False))
+    source = side_of(folded())
+    piece, part = source.parts(source.points)[0], part_of(folded())
     # Carried by so much that the other layer is nearer.
     points = part.points + np.array([0, 0, 0.012])
-    image, residual = _onto(part, points, part.mesh.vertex_normals, [piece], source, 1.0)
+    normals = part.mesh.vertex_normals * (-1 if flip else 1)
+    image, residual = _onto(part, points, normals, [piece], source, 1.0)
     on = np.einsum("nc,ncx->nx", image.barycentric, source.points[source.mesh.triangles[image.triangle]])
     inner = part.points[:, 0] < 0.08
     np.testing.assert_allclose(on[inner, 2], part.points[inner, 2], atol=1e-9)
@@ -183,7 +182,7 @@ def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends
 
 def test_trust_falls_with_the_square_of_the_distance() -> None:
     left = 0.8 / _trust(0.8, np.array([0.0, 0.01, 0.02, 0.04])) - 1
-    assert left[0] == 0
+    assert left[0] == 0 < left[1]
     np.testing.assert_allclose(left[2:] / left[1:-1], 4)
     assert _trust(0.8, np.array([0.03, 0.06]))[0] > 0.4 > _trust(0.8, np.array([0.03, 0.06]))[1]
 

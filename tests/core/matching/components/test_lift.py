@@ -1,0 +1,152 @@
+"""The map of whole surfaces: where each vertex lies, how sure that is, and what a user is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from loose_parts import BODY, RADIUS, ball, identity, pair_around_body, shape_of, sheet
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.components import lift
+from zoomout_core.matching.components.lift import LiftedMap, _from_shells, _is_smaller, lifted
+from zoomout_core.matching.components.shells import LaidShells
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.mesh.surface import Surface
+
+EYES = [ball(0.04, (0.35, 0, 0)), ball(0.04, (-0.35, 0, 0))]
+HAT = ball(0.1, (0, 0, 0.8))
+
+
+def lifted_around_body(pair: Pair) -> LiftedMap:
+    shape = pair.target_shape
+    n = len(shape.mesh.vertices)
+    return lifted(pair, Fit.unfitted(identity(shape)), np.linspace(0.2, 0.7, n))
+
+
+def images(found: LiftedMap, pair: Pair) -> np.ndarray:
+    return np.asarray(found.surface_map.interpolate(pair.source.vertices))
+
+
+def test_body_and_parts_lie_on_themselves() -> None:
+    pair = pair_around_body(EYES, EYES)
+    found = lifted_around_body(pair)
+    np.testing.assert_allclose(images(found, pair), pair.target.vertices, atol=1e-6)
+    assert found.placed == pytest.approx(1)
+    on_body = len(BODY.vertices)
+    np.testing.assert_allclose(found.confidence[:on_body], np.linspace(0.2, 0.7, on_body))
+    assert found.confidence[on_body:].min() > 0.7
+
+
+def test_a_part_without_a_partner_takes_the_nearest_place_of_the_body_and_no_confidence() -> None:
+    pair = pair_around_body(EYES, [*EYES, HAT])
+    found = lifted_around_body(pair)
+    hat = np.arange(len(pair.target.vertices)) >= len(pair.source.vertices)
+    np.testing.assert_array_equal(found.confidence[hat], 0)
+    np.testing.assert_allclose(np.linalg.norm(images(found, pair)[hat], axis=1), RADIUS, rtol=0.03)
+    assert images(found, pair)[hat, 2].min() > 0.9 * RADIUS
+    assert found.placed == pytest.approx(1 - HAT.area / pair.target.area, rel=1e-6)
+
+
+def test_points_that_no_face_uses_lie_near_and_such_that_are_nowhere_are_let_be() -> None:
+    pair = pair_around_body(EYES, EYES)
+    loose = np.array([[0, 0, 0.5], [np.nan, 0, 0]])
+    target = Surface(np.vstack([loose, pair.target.vertices]), pair.target.triangles + 2)
+    found = lifted_around_body(replace(pair, target=target, target_shape=shape_of(target)))
+    np.testing.assert_allclose(images(found, pair)[0], [0, 0, RADIUS], atol=0.03)
+    np.testing.assert_array_equal(found.confidence[:2], 0)
+    np.testing.assert_allclose(images(found, pair)[2:], pair.target.vertices, atol=1e-6)
+
+
+# --- notes --------------------------------------------------------------------------------------------------------
+
+
+def test_notes_say_what_became_of_parts() -> None:
+    def notes(source: list[Surface], target: list[Surface]) -> tuple[str, ...]:
+        return lifted_around_body(pair_around_body(source, target)).notes
+
+    assert notes([], []) == ()
+    assert notes(EYES, EYES) == ("2 loose parts paired with parts of the source by place, size and shape.",)
+    assert notes(EYES[:1], [EYES[0], HAT])[1:] == (
+        "1 loose part of the target without a partner: the nearest place of the body, with no confidence.",
+    )
+    assert notes([HAT], []) == ("1 loose part of the source without a partner: nothing was matched to them.",)
+
+
+def test_notes_on_a_surface_and_itself_speak_of_one_surface() -> None:
+    pair = pair_around_body(EYES, EYES)
+    own = replace(pair, target=pair.source, target_shape=pair.source_shape)
+    (note,) = lifted_around_body(own).notes
+    assert note == "2 loose parts mapped to their like, or to themselves, by place, size and shape."
+
+
+def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
+    cloak = sheet(2.0, (0, 0, -2))
+    surface = Surface.joined([BODY, cloak])
+    for number, smaller in ((0, False), (1, True)):
+        assert _is_smaller(surface, shape_of(surface, number)) is smaller
+    pair = pair_around_body([cloak], [cloak], number=1)
+    first = "The main part of the {} is not its largest, but the one that is more like the other surface's."
+    assert lifted_around_body(pair).notes[:2] == (first.format("source"), first.format("target"))
+    own = replace(pair, target=pair.source, target_shape=pair.source_shape)
+    assert lifted_around_body(own).notes[0] == "The main part, whose symmetry decides, is not the largest."
+
+
+# --- shells -------------------------------------------------------------------------------------------------------
+
+
+def laid(pair: Any, **of: Any) -> LaidShells:
+    """Shells that lie on themselves."""
+    mesh = pair.target.working
+    corner = np.zeros(len(mesh.vertices), dtype=np.int64)
+    corner[mesh.triangles.ravel()] = np.arange(mesh.triangles.size)
+    surface_map = SurfaceMap(corner // 3, np.eye(3)[corner % 3], mesh.triangles)
+    found = LaidShells(surface_map, np.linspace(0.1, 1, len(mesh.vertices)), 0, 0.0, False)
+    return replace(found, **of)
+
+
+def shells(loose: int = 1) -> Any:
+    """Two balls, and points beside them that no face uses."""
+    both = Surface.joined(EYES)
+    points = np.vstack([both.vertices, np.tile([0.35, 0, 0.05], (loose, 1)), [[np.nan] * 3]])
+    surface = Surface(np.roll(points, loose + 1, axis=0), both.triangles + loose + 1)
+    return SimpleNamespace(source=surface, target=surface)
+
+
+def test_shells_take_their_images_and_lone_points_those_of_the_nearest() -> None:
+    pair = shells()
+    found = _from_shells(pair, laid(pair))
+    on = found.surface_map.interpolate(np.nan_to_num(pair.source.vertices))
+    np.testing.assert_allclose(on[2:], pair.target.vertices[2:], atol=1e-9)
+    assert np.linalg.norm(on[0] - pair.target.vertices[0]) < 0.02
+    np.testing.assert_array_equal(found.confidence[:2], 0)
+    np.testing.assert_allclose(np.sort(found.confidence[2:]), np.linspace(0.1, 1, len(on) - 2))
+    assert found.confidence[2:].min() > 0
+
+
+def test_notes_say_what_became_of_shells() -> None:
+    pair = shells()
+
+    def notes(**of: Any) -> tuple[str, ...]:
+        return _from_shells(pair, laid(pair, **of)).notes
+
+    assert notes() == ()
+    assert notes(paired=2) == ("2 of 2 parts laid on their like by place, size and shape.",)
+    assert notes(paired=1)[0].endswith("; the others lie on what is nearest.")
+    assert notes(alone=0.01) == ()
+    assert notes(alone=0.2)[0].startswith("About 20% of the target lies where the source has nothing")
+    assert notes(in_place=True)[0].startswith("The two lie over each other as they stand")
+    assert _from_shells(pair, laid(pair, alone=0.2)).placed == pytest.approx(0.8)
+
+
+def test_skins_are_mapped_by_their_shells(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = shells()
+    skin = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(is_skin=True)))
+    found = laid(pair, paired=2)
+    monkeypatch.setattr(lift, "map_shells", lambda *_: found)
+    both: Any = SimpleNamespace(source=pair.source, target=pair.target, target_shape=skin)
+    assert lifted(both, None, None).notes == _from_shells(pair, found).notes  # type: ignore[arg-type]

@@ -1,0 +1,85 @@
+"""Which part is the body: by size, by spectrum where that tells more, and rather a closed one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from loose_parts import ball, sheet
+
+from zoomout_core.matching.components.main_parts import _comparable, _spectrum, main_part_steps
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.stepping import drain
+
+EGG, PLUM = ball(1.0, radii=(2, 1, 1), count=200), ball(0.9, (5, 0, 0), radii=(1.5, 1.2, 1), count=200)
+
+
+def bodies(source: Surface, target: Surface) -> tuple[float, float]:
+    """The square roots of the bodies' areas."""
+    one, other = drain(main_part_steps(source, target, 0))
+    return one.scale, other.scale
+
+
+def size(surface: Surface) -> float:
+    return float(np.sqrt(surface.area))
+
+
+def test_the_largest_part_is_the_body_where_the_rest_is_small() -> None:
+    both = Surface.joined([EGG, ball(0.5, (5, 0, 0))])
+    assert bodies(both, EGG) == pytest.approx((size(EGG), size(EGG)))
+    assert bodies(both, both) == pytest.approx((size(EGG), size(EGG)))
+
+
+def test_of_parts_of_like_size_the_one_whose_spectrum_is_the_others_is_the_body() -> None:
+    both = Surface.joined([EGG, PLUM])
+    assert size(EGG) > size(PLUM)
+    for alone in (EGG, PLUM):
+        other = alone.with_vertices(3 * alone.vertices[:, [1, 2, 0]])
+        assert bodies(both, other) == pytest.approx((size(alone), 3 * size(alone)))
+        assert bodies(other, both) == pytest.approx((3 * size(alone), size(alone)))
+
+
+def test_of_parts_that_are_as_like_the_largest_are_the_bodies() -> None:
+    twins = Surface.joined([EGG, ball(0.9, (5, 0, 0), radii=(2, 1, 1), count=180)])
+    assert bodies(twins, twins) == pytest.approx((size(EGG), size(EGG)))
+
+
+def test_of_parts_that_are_as_like_closed_ones_are_the_bodies() -> None:
+    cloth = Surface.joined([EGG, sheet(6.5, (0, 0, 3))])
+    assert size(cloth) ** 2 > 2 * size(EGG) ** 2
+    assert bodies(cloth, cloth) == pytest.approx((size(EGG), size(EGG)))
+
+
+def test_parts_of_less_than_a_third_are_not_the_body_and_of_half_may_be() -> None:
+    for factor, count in ((0.5, 1), (0.72, 2)):
+        small = EGG.with_vertices(factor * EGG.vertices + np.array([9, 0, 0]))
+        assert len(_comparable(Surface.joined([EGG, small]), "source")) == count
+
+
+def test_a_spectrum_is_the_logarithm_of_the_eigenvalues_of_unit_area_but_the_first() -> None:
+    for radius in (1.0, 20.0):
+        found = _spectrum(ball(radius, count=400).working.part(0)[0], 9, 0)
+        # Those of a sphere: l (l + 1) / r^2, each 2 l + 1 times.
+        np.testing.assert_allclose(found[:3], np.log(8 * np.pi), atol=0.02)
+        np.testing.assert_allclose(found[3:8], np.log(24 * np.pi), atol=0.06)
+        assert len(found) == 8
+
+
+def test_a_surface_whose_largest_part_is_too_coarse_is_refused_by_name() -> None:
+    coarse = ball(1.0, count=11)
+    for source, target, name in ((coarse, EGG, "source"), (EGG, coarse, "target"), (coarse, coarse, "mesh")):
+        with pytest.raises(MeshError, match=f"largest part of the {name} has 11 vertices.*subdivide it to 12 or more"):
+            drain(main_part_steps(source, target, 0))
+
+
+def test_parts_of_as_few_vertices_as_may_be_are_compared() -> None:
+    both = Surface.joined([ball(1.0, count=12), ball(0.9, (5, 0, 0), count=12)])
+    one, other = drain(main_part_steps(both, both, 0))
+    assert len(one.vertices) == len(other.vertices) == 12
+
+
+def test_progress_never_falls_and_ends_in_time() -> None:
+    both = Surface.joined([EGG, PLUM])
+    fractions = list(main_part_steps(both, EGG, 0))
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] < fractions[-1] <= 1
+    assert len({round(fraction, 6) for fraction in fractions}) > 3
