@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
+import pytest
 from creatures import directions
+from scipy.ndimage import label
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.mesh.voxel_remesh import surface_nets, voxel_remesh
+from zoomout_core.mesh.voxel_remesh import _bridged, _filled, _rasterised, _walls_around, surface_nets, voxel_remesh
 
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -113,3 +118,98 @@ def test_the_same_voxels_are_filled_however_many_points_are_looked_at_once(monke
     monkeypatch.setattr("zoomout_core.mesh.voxel_remesh.POINTS", 100)
     for ours, theirs in zip(voxel_remesh(*ball((0, 0, 0), 1.0), 16), whole, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+# --- by voxels ------------------------------------------------------------------------------------------------------
+
+
+def block(shape: tuple[int, int, int], *boxes: tuple[tuple[int, int, int], tuple[int, int, int]]) -> np.ndarray:
+    """A grid in which some boxes, from a voxel to another one, are solid."""
+    grid = np.zeros(shape, dtype=bool)
+    for low, high in boxes:
+        grid[tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))] = True
+    return grid
+
+
+def walls_of_a_box() -> np.ndarray:
+    """A hollow box of 9 voxels a side, one voxel thick, in a grid of 17."""
+    box = block((17, 17, 17), ((4, 4, 4), (12, 12, 12)))
+    box[5:12, 5:12, 5:12] = False
+    return box
+
+
+def test_triangles_of_all_sizes_are_rasterised_without_gaps() -> None:
+    corners = np.array([[2, 2, 3], [14, 2, 3], [2, 14, 3], [15, 15, 9], [15.2, 15, 9], [15, 15.2, 9.0]])
+    found = _rasterised(corners, np.array([[0, 1, 2], [3, 4, 5]]), np.array([18, 18, 12]))
+    i, j = np.indices((18, 18))
+    expected = np.zeros((18, 18, 12), dtype=bool)
+    expected[:, :, 3] = (i >= 2) & (j >= 2) & (i + j <= 16)
+    expected[15, 15, 9] = True
+    sure = np.ones_like(expected)
+    sure[:, :, 3] = i + j != 17  # which the hypotenuse passes through at a corner
+    np.testing.assert_array_equal(found[sure], expected[sure])
+
+
+def test_walls_are_met_in_the_directions_in_which_they_stand() -> None:
+    count = _walls_around(walls_of_a_box())
+    assert count[8, 8, 8] == 26
+    plane = np.zeros((9, 9, 9), dtype=bool)
+    plane[:, :, 2] = True
+    assert _walls_around(plane)[4, 4, 4] == 9
+    # A row of voxels: itself, at most.
+    assert set(np.unique(_walls_around(block((9, 9, 9), ((4, 4, 4), (4, 4, 4)))))) == {0, 1}
+
+
+@pytest.mark.parametrize(("holes", "filled"), [(0, True), (2, True), (6, False), (9, False)])
+def test_a_box_is_filled_unless_its_holes_let_too_many_directions_out(holes: int, filled: bool) -> None:
+    box = walls_of_a_box()
+    # Where the lid is met in the nine directions upwards from the middle.
+    for i, j in list(product((8, 4, 12), repeat=2))[:holes]:
+        box[i, j, 12] = False
+    assert _filled(box)[8, 8, 8] == filled
+    assert _filled(box)[8, 8, 4]
+    assert not _filled(box)[8, 8, 14]
+
+
+def test_what_is_closed_is_filled_to_the_last_voxel_however_it_is_turned() -> None:
+    corners = np.vstack([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])
+    for turn in Rotation.random(6, random_state=2):
+        points = turn.apply(BOX * [24, 16, 12])
+        points = points - points.min(axis=0) + 4
+        walls = _rasterised(points, corners, np.ceil(points.max(axis=0)).astype(int) + 5)
+        assert label(~_filled(walls))[1] == 1
+
+
+def test_pieces_that_are_near_are_joined_where_they_are_nearest() -> None:
+    near = ((2, 2, 2), (6, 6, 6)), ((10, 4, 4), (14, 8, 8))
+    for boxes in (near, near[::-1]):
+        joined = _bridged(block((20, 12, 12), *boxes), 5.0)
+        assert label(joined)[1] == 1
+        assert joined[8, 4:7, 4:7].any()
+        assert not joined[8, :4].any()
+        assert joined.sum() < 2 * 125 + 60
+
+
+@pytest.mark.parametrize(("widest", "joined"), [(3.5, True), (2.5, False)])
+def test_gaps_are_bridged_up_to_a_width(widest: float, joined: bool) -> None:
+    # Three empty voxels.
+    found = _bridged(block((20, 12, 12), ((2, 2, 2), (7, 6, 6)), ((11, 2, 2), (14, 6, 6))), widest)
+    assert found[13, 4, 4] == joined
+    assert found[4, 4, 4]
+
+
+def test_many_pieces_are_joined_along_their_shortest_gaps_alone() -> None:
+    row = [((3 * i + 2, 2, 2), (3 * i + 3, 6, 6)) for i in range(4)]
+    found = _bridged(block((20, 12, 12), *row, ((2, 10, 2), (12, 10, 6))), 5.0)
+    assert label(found)[1] == 1
+    tubes = found.sum() - 4 * 50 - 55
+    assert 0 < tubes < 4 * 20
+
+
+def test_a_single_piece_stays_and_of_several_the_largest() -> None:
+    one = block((12, 12, 12), ((2, 2, 2), (5, 5, 5)))
+    np.testing.assert_array_equal(_bridged(one, 3.0), one)
+    touching = one | block((12, 12, 12), ((6, 6, 6), (7, 7, 7)))  # at a corner
+    np.testing.assert_array_equal(_bridged(touching, 3.0), touching)
+    for large in ((8, 8, 8), (9, 9, 9)), ((8, 8, 8), (8, 8, 8)):
+        np.testing.assert_array_equal(_bridged(one | block((12, 12, 12), large), 1.5), one)

@@ -15,7 +15,7 @@ from zoomout_core.matching.analysis import analysis_steps
 from zoomout_core.matching.components import bodies
 from zoomout_core.matching.components.bodies import bodies_steps
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
-from zoomout_core.matching.components.skins import _principal_axes, covered_by_main_part, turned_outwards
+from zoomout_core.matching.components.skins import _principal_axes, covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.stepping import drain
@@ -72,6 +72,22 @@ def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() 
     inwards = replace(skin, flipped=~skin.flipped)
     mesh = Surface.joined([ball(0.9), ball(0.2, (0.6, 0, 0))]).working
     np.testing.assert_array_equal(turned_outwards(mesh, inwards).flipped, mesh.flipped)
+
+
+def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() -> None:
+    # A needle, of which a grid is small, and a point that no face uses.
+    needle = ball(1.0, count=600)
+    surface = Surface(np.vstack([needle.vertices * [1, 0.05, 0.05], [[0, 0, 3]]]), needle.triangles)
+    for tight, voxel, least, most in ((False, 2 / 128, -0.8, -0.2), (True, 2 / 192, -0.2, 0.5)):
+        skin = skin_of(surface, tight)
+        found = skin.to_surface(skin.vertices)
+        middle = np.abs(found[:, 0]) < 0.5
+        below = 0.05 * np.sqrt(1 - found[middle, 0] ** 2) - np.linalg.norm(found[middle, 1:], axis=1)
+        assert least < np.median(below) / voxel < most
+        assert skin.is_skin
+        assert skin.vertex_of[-1] == -1
+        near = np.linalg.norm(found[skin.vertex_of[:-1]] - surface.vertices[:-1], axis=1)
+        assert near.max() < 3 * voxel
 
 
 @pytest.mark.parametrize("sense", [[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1], [-1, -1, -1]])
@@ -135,6 +151,22 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
     for pair in (surfaces, surfaces[::-1]):
         tried = drain(bodies_steps(pair[0], pair[1], 0))
         assert [one.coverage for one in tried] == [1.0, 0.6]
+
+
+def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
+    surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
+
+    def main_part_steps(*_: object):
+        yield from (0.0, 1.0)
+        return "main", "main"
+
+    monkeypatch.setattr(bodies, "skin_of", lambda *_: "skin")
+    monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: 0.95)
+    monkeypatch.setattr(bodies, "main_part_steps", main_part_steps)
+    fractions = list(bodies_steps(surface, surface, 0))
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1
+    assert 0.3 < fractions[-2] == fractions[-3] < 0.9
 
 
 # --- surfaces that lie over each other ----------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from loose_parts import ball, sheet
 
+from zoomout_core.matching.components import main_parts
 from zoomout_core.matching.components.main_parts import _comparable, _spectrum, main_part_steps
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.stepping import drain
@@ -69,6 +70,17 @@ def test_a_surface_whose_largest_part_is_too_coarse_is_refused_by_name() -> None
     for source, target, name in ((coarse, EGG, "source"), (EGG, coarse, "target"), (coarse, coarse, "mesh")):
         with pytest.raises(MeshError, match=f"largest part of the {name} has 11 vertices.*subdivide it to 12 or more"):
             drain(main_part_steps(source, target, 0))
+
+
+def test_the_vertices_of_the_largest_part_are_told_where_all_are_too_coarse() -> None:
+    both = Surface.joined([ball(0.9, (5, 0, 0), count=10), ball(1.0, count=11)])
+    with pytest.raises(MeshError, match="has 11 vertices"):
+        drain(main_part_steps(both, EGG, 0))
+
+
+def test_parts_that_have_no_rivals_are_taken_unseen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(main_parts, "_spectrum", lambda *_: pytest.fail("a spectrum was computed"))
+    assert bodies(EGG, PLUM) == pytest.approx((size(EGG), size(PLUM)))
 
 
 def test_parts_of_as_few_vertices_as_may_be_are_compared() -> None:
