@@ -1,10 +1,31 @@
-"""What an array holds, for the reader."""
+"""What an array holds, and in which precision, for mypy; and sums over segments."""
 
 from typing import Any, TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
-# numpy's own types differ too much from version to version to be checked.
-Floats: TypeAlias = NDArray[Any]
-Integers: TypeAlias = NDArray[Any]
-Booleans: TypeAlias = NDArray[Any]
+Floats: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
+Booleans: TypeAlias = NDArray[np.bool_]
+Bytes: TypeAlias = NDArray[np.uint8]
+# A functional map of real numbers, or a pointwise one of whole numbers: its shape tells which.
+RealsOrIntegers: TypeAlias = NDArray[Any]
+# In single precision, or in either: products with many rows take half of the time and memory.
+SingleFloats: TypeAlias = NDArray[np.float32]
+AnyFloats: TypeAlias = NDArray[np.floating[Any]]
+# Of 4 or 8 bytes, as scipy's sparse matrices and Blender have them.
+Indices: TypeAlias = NDArray[np.signedinteger[Any]]
+
+
+def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:
+    """(s,) or (s, d) sums of the values (n,) or (n, d) that are of the same segment.
+
+    Args:
+        values: numbers of any type.
+        segment: (n,) number of each value's segment.
+        count: of segments, where the last ones may be empty.
+    """
+    if values.ndim == 1:
+        return np.asarray(np.bincount(segment, values, count), dtype=np.float64)
+    return np.stack([np.bincount(segment, column, count) for column in values.T], axis=1)

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap, turned_over
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
 
 # Distances are sought from at most this many places at once: bounds the memory.
 BLOCK = 256
@@ -135,8 +135,7 @@ def offset_errors(offsets: Floats, truth: Floats, surface: Surface) -> Floats:
         truth: (n, keys, 3) what they should be; each key moves something.
         surface: the surface that they move.
     """
-    area = triangle_areas(surface.vertices, surface.triangles)
-    weight = np.bincount(surface.triangles.ravel(), np.repeat(area, 3), minlength=len(surface.vertices))
+    weight = vertex_areas(surface.vertices, surface.triangles)
     missed, whole = (np.einsum("n,nkx,nkx->k", weight, moved, moved) for moved in (offsets - truth, truth))
     return np.sqrt(missed / whole)
 

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_normals
+from zoomout_core.mesh.triangles import edge_graph, vertex_areas, vertex_normals
 
 from .folder import Pair, class_of, spread, write_set
 
@@ -146,7 +146,7 @@ def with_tail(whole: Whole, random: np.random.Generator) -> Changed:
     """A limb that the source lacks has grown out of the trunk, from the middle if there is one."""
     places = whole.places if whole.mirrored is None else whole.places[_in_middle(whole)]
     remoteness = _remoteness(whole, random)[places]
-    centre = random.choice(places[remoteness <= np.quantile(remoteness, 0.1)])
+    centre = int(random.choice(places[remoteness <= np.quantile(remoteness, 0.1)]))
     length = TAIL_LENGTH * whole.unit
     return _grown(_unchanged(whole.surface), centre, TAIL_RADIUS * whole.unit, length, random)
 
@@ -154,14 +154,14 @@ def with_tail(whole: Whole, random: np.random.Generator) -> Changed:
 def with_horns(whole: Whole, random: np.random.Generator) -> Changed:
     """Two horns have grown out of the head, or out of anywhere on what has no left and right."""
     if whole.mirrored is None:
-        first = random.choice(whole.places)
+        first = int(random.choice(whole.places))
         amiss = np.abs(_distances(whole.surface, [first])[0] - APART * whole.unit)
         centres = np.array([first, np.argmin(amiss)])
     else:
         ends = _ends_in_middle(whole, random)
         on_head = _distances(whole.surface, ends)[:, whole.places].min(axis=0) < ON_HEAD * whole.unit
         amiss = np.where(on_head, np.abs(_apart(whole) - APART * whole.unit), np.inf)
-        best = np.argmin(amiss)
+        best = int(np.argmin(amiss))
         centres = np.array([whole.places[best], whole.mirrored[best]])
     changed = _unchanged(whole.surface)
     for centre in centres:
@@ -190,7 +190,7 @@ def _severed(
     distance = _distances(surface, tips[:1])[0]
     half = distance[tips[1:]].min() / 2
     slices = half * np.arange(*reach, SLICE)
-    area = np.bincount(surface.triangles.ravel(), np.repeat(triangle_areas(surface.vertices, surface.triangles), 3))
+    area = vertex_areas(surface.vertices, surface.triangles)
     lost = distance < slices[1 + choose(np.histogram(distance, slices, weights=area)[0])]
     body, loose = np.isfinite(distance), np.isinf(distance)
     # What hangs on the limb alone, such as a feather, is lost with it.

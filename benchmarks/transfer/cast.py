@@ -187,7 +187,7 @@ def _triangulated(obj: bpy.types.Object) -> tuple[Floats, Integers]:
     mesh.calc_loop_triangles()
     triangles = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles)
-    return mesh_data.read_positions(mesh).astype(float), triangles.reshape(-1, 3)
+    return mesh_data.read_positions(mesh).astype(np.float64), triangles.reshape(-1, 3).astype(np.int64)
 
 
 def _strengths(vertices: Floats, triangles: Integers) -> Floats:

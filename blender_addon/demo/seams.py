@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers
 from zoomout_core.mesh.triangles import vertex_normals
 
 from . import shape
@@ -20,7 +20,7 @@ SMALLEST_PANEL = 0.006
 FRONT, BACK, SOLE = 0, 1, 2
 
 
-def seam_edges(vertices: Floats, faces: Integers, edges: Integers, face_edges: Integers) -> Booleans:
+def seam_edges(vertices: Floats, faces: Integers, edges: Indices, face_edges: Indices) -> Booleans:
     """(e,) which edges of the character are seams.
 
     Args:

@@ -40,7 +40,7 @@ class Limb:
         if len(stations) > 2:
             curve = PchipInterpolator(np.arange(len(stations)), stations)
             stations = curve(np.linspace(0, len(stations) - 1, 3 * len(stations) - 2))
-        return np.min([_cone(points, a, b) for a, b in pairwise(stations)], axis=0)
+        return np.stack([_cone(points, a, b) for a, b in pairwise(stations)]).min(axis=0)
 
     def mirrored(self) -> Limb:
         """The same limb on the character's other side."""
@@ -228,7 +228,7 @@ def _settled(vertices: Floats, faces: Integers, solids: Sequence[Solid], rounds:
     n = len(vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     adjacent = coo_array((np.ones(len(start)), (start, end)), shape=(n, n)).tocsr()
-    count: Floats = adjacent.sum(axis=1)[:, None]
+    count = np.asarray(adjacent.sum(axis=1), dtype=np.float64)[:, None]
     for _ in range(rounds):
         vertices = _on_surface(adjacent @ vertices / count, solids)
     return _on_surface(vertices, solids)

@@ -15,7 +15,7 @@ import numpy as np
 from bpy.types import Mesh, Object, VertexGroup
 from scipy.sparse import csc_array, csr_array
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Indices, SingleFloats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A weight of a vertex in a group, as it is read.
@@ -103,13 +103,13 @@ def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
             _add(group, is_in[changed], has[changed])
 
 
-def _members(columns: csc_array, column: int) -> tuple[Integers, Floats]:
+def _members(columns: csc_array, column: int) -> tuple[Indices, SingleFloats]:
     """The vertices in a group, and the weight of each, in single precision, as Blender has it."""
     entries = slice(*columns.indptr[column : column + 2])
     return columns.indices[entries], columns.data[entries].astype(np.float32)
 
 
-def _add(group: VertexGroup, vertices: Integers, weight: Floats) -> None:
+def _add(group: VertexGroup, vertices: Indices, weight: SingleFloats) -> None:
     group.add(vertices[weight == 1].tolist(), 1, "REPLACE")
     for vertex, part in zip(vertices[weight != 1].tolist(), weight[weight != 1].tolist(), strict=True):
         group.add((vertex,), part, "REPLACE")

@@ -10,7 +10,7 @@ import numpy as np
 from bpy.types import Mesh
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.runtime.stepping import Steps
 from zoomout_core.symmetry.detect import LEAST_CERTAINTY
@@ -118,7 +118,7 @@ def most_similar(place: int, listing: CandidateList, found: CandidateList) -> in
     return int(np.argmin([np.abs(wanted[nearest] - other.colors).mean() for other in found.candidates]))
 
 
-def _selectable(found: Sequence[Candidate], colors: Sequence[Integers]) -> set[int]:
+def _selectable(found: Sequence[Candidate], colors: Sequence[Bytes]) -> set[int]:
     """Numbers of the candidates to list beside the one in use, from all candidates and their colours."""
     order = range(len(found))
     direct = [number for number in order if not found[number].reverses_orientation]
@@ -128,7 +128,7 @@ def _selectable(found: Sequence[Candidate], colors: Sequence[Integers]) -> set[i
     return {*likely, *mirrored, *(number for number in swapped if number is not None)}
 
 
-def _side_swapped(chosen: int, colors: Sequence[Integers]) -> int | None:
+def _side_swapped(chosen: int, colors: Sequence[Bytes]) -> int | None:
     """Number of the map, given by its position colours, that most nearly swaps the sides of the chosen one.
 
     One of the three mid-planes of the source's bounding box separates the sides: the map is nearer to the chosen one's

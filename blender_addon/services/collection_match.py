@@ -17,7 +17,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
 from zoomout_core.runtime.threads import for_each
 
@@ -248,13 +248,12 @@ def _own(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) ->
     """Where the vertices of one of the targets lie."""
     own = slice(*targets.first_vertex[number : number + 2])
     whole, surface = result.surface_map, targets.surfaces[number]
-    weight = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
     return _Own(
         zo.SurfaceMap(whole.triangle[own], whole.barycentric[own], whole.source_triangles),
         result.confidence[own],
         np.searchsorted(sources.first_triangle, whole.triangle[own], side="right") - 1,
         targets.joined.components[own],
-        np.bincount(surface.triangles.ravel(), weight, minlength=len(surface.vertices)) / surface.area / 3,
+        vertex_areas(surface.vertices, surface.triangles) / surface.area,
     )
 
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from bpy.types import Mesh
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Bytes, Floats, Integers
 
 from ..mesh_data.arrays import from_text, to_text
 
@@ -34,7 +34,7 @@ class ListedCandidate:
     number: int
     certainty: float
     mirrored: bool
-    colors: Integers
+    colors: Bytes
 
 
 @dataclass(frozen=True, eq=False)

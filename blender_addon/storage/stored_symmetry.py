@@ -15,7 +15,7 @@ import numpy as np
 from bpy.types import Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -139,7 +139,7 @@ def is_outdated(mesh: Mesh, kept: dict[str, Any]) -> bool:
     return (kept["vertices"], kept["faces"]) != (len(mesh.vertices), len(mesh.polygons))
 
 
-def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Integers]]:
+def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
     """For each candidate of a `description` the name of its picture, points (s, 3), and their colours, 0 to 255."""
     if "pictures" not in kept:
         return []
@@ -218,7 +218,7 @@ def forget(mesh: Mesh) -> None:
         del mesh[PROPERTY]
 
 
-def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[Integers]]:
+def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[Bytes]]:
     """Points (s, 3) of the object's mesh in world space, and their colours by each of its symmetries."""
     surface = found[0].surface
     used = np.unique(surface.triangles)

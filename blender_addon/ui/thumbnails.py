@@ -6,7 +6,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Bytes, Floats
 
 from ..storage.stored_candidates import CandidateList
 
@@ -32,7 +32,7 @@ def icon_of_source(listing: CandidateList) -> int:
     return _icon(f"{listing.key} source", colors / 255 * listing.box, colors)
 
 
-def icon_of_symmetry(name: str, points: Floats, colors: Integers) -> int:
+def icon_of_symmetry(name: str, points: Floats, colors: Bytes) -> int:
     """Blender's number of the picture of a mesh as one of its symmetries colours it, see `stored_symmetry.pictured`."""
     return _icon(name, points, colors)
 
@@ -74,7 +74,7 @@ def _seen(points: Floats) -> Floats:
     return points @ (tilt @ turn).T
 
 
-def _icon(name: str, points: Floats, colors: Integers) -> int:
+def _icon(name: str, points: Floats, colors: Bytes) -> int:
     global _previews
     if _previews is None:
         _previews = bpy.utils.previews.new()

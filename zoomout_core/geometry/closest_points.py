@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers
 from zoomout_core.runtime.threads import threads
 
 # Pairs of a point and a triangle that are looked at together: bounds the memory.
@@ -116,7 +116,7 @@ def _query(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]
     return np.asarray(distance), np.asarray(number)
 
 
-def _triangles_at(triangles: Integers, n: int) -> tuple[Integers, Integers]:
+def _triangles_at(triangles: Integers, n: int) -> tuple[Indices, Indices]:
     """(n + 1,) where each vertex's entries begin, and (3m,) the triangles at the vertices, one after the other."""
     m = len(triangles)
     ones = np.ones(3 * m, dtype=np.int8)
@@ -250,7 +250,7 @@ class EmbeddedSurface:
 
     def __init__(self, embedding: Floats, neighbourhoods: Neighbourhoods) -> None:
         dtype: type = np.float32 if embedding.shape[1] >= SINGLE_PRECISION_DIMENSION else np.float64
-        self._embedding: Floats = embedding.astype(dtype)
+        self._embedding: AnyFloats = embedding.astype(dtype)
         self._neighbourhoods = neighbourhoods
         a, b, c = (self._embedding[corner] for corner in neighbourhoods.triangles.T)
         ab, ac = b - a, c - a
@@ -292,7 +292,7 @@ class EmbeddedSurface:
         return triangle, barycentric
 
 
-def _lists(first: Integers, entries: Integers, chosen: Integers) -> tuple[Integers, Integers, Integers]:
+def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers, Indices, Integers]:
     """The lists of some owners, of those that are kept one after the other, again one after the other.
 
     Args:

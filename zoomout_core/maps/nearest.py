@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import AnyFloats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
 from zoomout_core.tuning import Tuning, tuned
 
@@ -37,7 +37,7 @@ class NearestTuning(Tuning, set_by="judgement"):
 NEAREST = NearestTuning()
 
 
-def nearest(queries: Floats, points: Floats) -> Integers:
+def nearest(queries: AnyFloats, points: AnyFloats) -> Integers:
     """(..., q) the row of `points` (..., n, k) nearest to each row of `queries` (q, k); of few points for a stack."""
     k = queries.shape[1]
     if points.ndim == 2 and k <= NEAREST.tree_dimension and len(points) > NEAREST.tree_points:
@@ -55,7 +55,7 @@ def nearest(queries: Floats, points: Floats) -> Integers:
     return found
 
 
-def nearest_among(queries: Floats, points: Floats, candidates: Integers) -> Integers:
+def nearest_among(queries: AnyFloats, points: AnyFloats, candidates: Integers) -> Integers:
     """(q,) for each row of `queries` (q, k) the nearest of a few rows of `points`, given by number (q, c)."""
     points = points.astype(np.float32)
     half_norm = np.einsum("nk,nk->n", points, points) / 2
@@ -69,18 +69,18 @@ def nearest_among(queries: Floats, points: Floats, candidates: Integers) -> Inte
     return found
 
 
-def _table(points: Floats) -> Floats:
+def _table(points: AnyFloats) -> AnyFloats:
     """(..., k + 1, n) of points: |x - y|^2 is least where x.y - |y|^2 / 2 is most; the table holds both terms."""
     half_norm = np.einsum("...nk,...nk->...n", points, points) / 2
     return np.concatenate([np.swapaxes(points, -1, -2), -half_norm[..., None, :]], axis=-2)
 
 
-def _extended(queries: Floats) -> Floats:
+def _extended(queries: AnyFloats) -> AnyFloats:
     """(q, k + 1) of queries, to be multiplied with a table."""
     return np.column_stack([queries, np.ones(len(queries), dtype=queries.dtype)])
 
 
-def _nearest_by_clusters(queries: Floats, points: Floats) -> Integers:
+def _nearest_by_clusters(queries: SingleFloats, points: SingleFloats) -> Integers:
     """The same, without products with points of clusters that are too far off to hold the nearest.
 
     Queries that share their nearest centre are looked at together. Whatever they find in its cluster bounds the
@@ -115,7 +115,7 @@ def _nearest_by_clusters(queries: Floats, points: Floats) -> Integers:
     return found
 
 
-def _nearest_centre(points: Floats, centres: Floats) -> tuple[Integers, Floats]:
+def _nearest_centre(points: SingleFloats, centres: SingleFloats) -> tuple[Integers, SingleFloats]:
     """(n,) the centre nearest to each point, and (n,) its distance."""
     table = _table(centres)
     half_norm = np.einsum("nk,nk->n", points, points) / 2
@@ -128,6 +128,6 @@ def _nearest_centre(points: Floats, centres: Floats) -> tuple[Integers, Floats]:
     return found, distance
 
 
-def _distance(score: Floats, half_norm: Floats) -> Floats:
+def _distance(score: AnyFloats, half_norm: SingleFloats) -> AnyFloats:
     """Distances from products with a table."""
     return np.asarray(np.sqrt(np.maximum(2 * (half_norm - score), 0)))

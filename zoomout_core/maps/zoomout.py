@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, RealsOrIntegers
 from zoomout_core.maps.anchors import Anchors, beside
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import nearest
@@ -203,7 +203,7 @@ def _check_sizes(available: int, shape: tuple[int, ...], k_final: int, step: int
         raise ValueError(f"The initial functional map is {shape}, larger than k_final = {k_final}.")
 
 
-def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> Floats | Integers:
+def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIntegers:
     """A map to begin with, as the user gave it: (k_t, k_s) functional map, or (n_t,) source vertices.
 
     Raises:

@@ -91,8 +91,8 @@ class Constraints:
                 disagreements["axes"] = 1 - agreement
             if members:
                 overlaps = [
-                    (target.weights @ (of_target[here] * of_source[there]))
-                    / max(target.weights @ np.maximum(of_target[here], of_source[there]), 1e-300)
+                    float(target.weights @ (of_target[here] * of_source[there]))
+                    / max(float(target.weights @ np.maximum(of_target[here], of_source[there])), 1e-300)
                     for of_source, of_target in members
                 ]
                 disagreements["regions"] = float(1 - np.mean(overlaps))

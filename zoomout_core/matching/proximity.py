@@ -11,11 +11,11 @@ from functools import partial
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import triangle_areas, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import unique_edges, unit_vectors, vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 
@@ -112,9 +112,8 @@ def _cosines(surface_map: SurfaceMap, source: Surface, target: Surface, near: Bo
     cosine = np.einsum("nx,nx->n", there, _normals(target))
     working, used = target.working, target.working.vertex_of >= 0
     component = working.component[working.vertex_of]  # of no meaning where no face uses the vertex
-    areas = triangle_areas(working.vertices, working.triangles)
-    at_vertex = np.bincount(working.triangles.ravel(), np.repeat(areas, 3), minlength=len(working.vertices))
-    agreement = np.bincount(component, (cosine * at_vertex[working.vertex_of]) * (used & near))
+    areas = vertex_areas(working.vertices, working.triangles)[working.vertex_of]
+    agreement = segment_sum(cosine * areas * (used & near), component)
     edges, edge_of = unique_edges(working.triangles)
     border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
     is_open = np.zeros(len(agreement), dtype=bool)

@@ -7,12 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Indices, Integers, segment_sum
 
 
 def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
     """(m,) areas of the triangles (m, 3) on the points (n, 3)."""
     return 0.5 * np.linalg.norm(area_normals(vertices, triangles), axis=1)
+
+
+def vertex_areas(vertices: Floats, triangles: Integers) -> Floats:
+    """(n,) a third of the area of the triangles (m, 3) around each of the points (n, 3)."""
+    return segment_sum(np.repeat(triangle_areas(vertices, triangles) / 3, 3), triangles.ravel(), len(vertices))
 
 
 def triangle_normals(vertices: Floats, triangles: Integers) -> Floats:
@@ -22,12 +27,8 @@ def triangle_normals(vertices: Floats, triangles: Integers) -> Floats:
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     """(n, 3) unit normals of the vertices, the triangles' averaged by area; zero where there are none."""
-    weighted = area_normals(vertices, triangles)
-    normals = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(weighted[:, axis], 3), minlength=len(vertices)) for axis in range(3)],
-        axis=1,
-    )
-    return unit_vectors(normals)
+    weighted = np.repeat(area_normals(vertices, triangles), 3, axis=0)
+    return unit_vectors(segment_sum(weighted, triangles.ravel(), len(vertices)))
 
 
 def unit_vectors(vectors: Floats) -> Floats:
@@ -64,7 +65,7 @@ class Sides(NamedTuple):
         first: (e + 1,) where each edge's sides begin among them.
     """
 
-    side: Integers
+    side: Indices
     first: Integers
 
 

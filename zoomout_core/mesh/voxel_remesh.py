@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers
 
 # Voxels along the longest extent of the mesh.
 RESOLUTION = 128
@@ -84,7 +84,7 @@ def _filled(wall: Booleans) -> Booleans:
     return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= LEAST_DIRECTIONS))
 
 
-def _walls_around(wall: Booleans) -> Integers:
+def _walls_around(wall: Booleans) -> Indices:
     """In how many of the 26 directions to the neighbours of each voxel there is a wall."""
     count = np.zeros(wall.shape, dtype=np.int8)
     for direction in product((-1, 0, 1), repeat=3):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
 from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
 
 # Borders closer than this part of the bounding box are the same border: exporters split vertices at UV seams.
@@ -192,6 +192,7 @@ def _flipped(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
     forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     agree = forward[left] != forward[right]
     left, right = left // 3, right // 3
+    patch: Indices
     if agree.all():
         turned = np.zeros(m, dtype=bool)
         _, patch = connected_components(coo_array((agree, (left, right)), shape=(m, m)), directed=False)
@@ -206,7 +207,7 @@ def _flipped(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
     return turned ^ inward[patch]
 
 
-def _agreeing(m: int, left: Integers, right: Integers, agree: Booleans) -> tuple[Booleans, Integers]:
+def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
     """Which of m triangles to turn so that neighbours wind alike.
 
     The orientation double cover: each triangle stands there twice, kept and turned; neighbours that agree
@@ -235,7 +236,7 @@ def _agreeing(m: int, left: Integers, right: Integers, agree: Booleans) -> tuple
     return turned, np.minimum(sheet[:m], sheet[m:])
 
 
-def _area_and_volume(corners: Floats, patch: Integers) -> tuple[Floats, Floats]:
+def _area_and_volume(corners: Floats, patch: Indices) -> tuple[Floats, Floats]:
     """The area (p,) of patches of triangles (m, 3, 3), and the signed volume between them and their centroids.
 
     Args:
@@ -246,10 +247,10 @@ def _area_and_volume(corners: Floats, patch: Integers) -> tuple[Floats, Floats]:
     area_normal = cross(b - a, c - a)
     centre = (a + b + c) / 3
     size = np.sqrt(np.einsum("mx,mx->m", area_normal, area_normal)) / 2
-    area = np.bincount(patch, size)
-    middle = np.stack([np.bincount(patch, size * centre[:, i]) for i in range(3)], axis=1)
+    area = segment_sum(size, patch)
+    middle = segment_sum(size[:, None] * centre, patch)
     middle = middle / np.where(area > 0, area, 1)[:, None]
-    volume = np.bincount(patch, np.einsum("ij,ij->i", centre - middle[patch], area_normal) / 6)
+    volume = segment_sum(np.einsum("ij,ij->i", centre - middle[patch], area_normal) / 6, patch)
     return area, volume
 
 

@@ -17,7 +17,7 @@ from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, SingleFloats
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -231,9 +231,8 @@ def _block_lanczos(
         two = _TwoHalves(pool, n)
         for j in range(limit):
             e = (j + 1) * b
-            Y: Floats = root * two.solved(factor, Q[e - b : e] * root)
+            Y = (root * two.solved(factor, Q[e - b : e] * root)).astype(np.float32)
             yield min(0.9, e / (2.8 * wanted))
-            Y = Y.astype(np.float32)
             for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
                 H[first:e, e - b : e] += two.orthogonalised(Y, Q[first:e]).T
             R = np.eye(b)
@@ -300,7 +299,7 @@ class _TwoHalves:
         parts = self._map(lambda part: factor.solve(part.T).T, np.array_split(rows, self._count))
         return np.concatenate(list(parts))
 
-    def orthogonalised(self, rows: Floats, basis: Floats) -> Floats:
+    def orthogonalised(self, rows: SingleFloats, basis: SingleFloats) -> SingleFloats:
         """Take from vectors (b, n), in place, what lies in the span of a basis (e, n); (b, e) its coefficients."""
         products = sum(self._map(lambda half: rows[:, half] @ basis[:, half].T, self._halves))
 

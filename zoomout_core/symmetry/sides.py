@@ -16,7 +16,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.triangles import vertex_areas
 
 # Sides are decided by places within about this distance, at unit area; the result is smoothed over a diffusion length,
 # so that the line between them does not follow the noise of the map.
@@ -132,7 +132,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
     A shell that goes to others, and lies on one side for the most part, lies there as a whole.
     """
     distance = (around - surface_map.interpolate(around)) / 2
-    component, mass = surface.components, _vertex_areas(surface)
+    component, mass = surface.components, vertex_areas(surface.vertices, surface.triangles)
     used = component >= 0
     elsewhere = component[surface_map.vertex] != component
     area, gone, lean = (
@@ -153,21 +153,11 @@ def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: 
         surface: the surface.
         left: (3,) unit vector.
     """
-    mass = _vertex_areas(surface)
+    mass = vertex_areas(surface.vertices, surface.triangles)
     used = mass > 0
     offset = (surface.vertices - surface_map.interpolate(surface.vertices))[used]
     share = mass[used] * np.sign(distance[used])
-    return float(share @ (offset @ left) / max(mass[used] @ np.linalg.norm(offset, axis=1), 1e-300))
-
-
-def _vertex_areas(surface: Surface) -> Floats:
-    """(n,) three times the part of the area that each vertex stands for."""
-    triangles = surface.triangles
-    return np.bincount(
-        triangles.ravel(),
-        np.repeat(triangle_areas(surface.vertices, triangles), 3),
-        minlength=len(surface.vertices),
-    )
+    return float(share @ (offset @ left)) / max(float(mass[used] @ np.linalg.norm(offset, axis=1)), 1e-300)
 
 
 def zero_line(values: Floats, surface: Surface) -> Line:

@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.sparse import coo_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
@@ -81,11 +81,10 @@ def _at_own_places(before: Floats, laid: Floats, losing: Booleans, surface: Surf
 def _fitted(start: Floats, end: Floats, group: Integers, weight: Floats) -> tuple[Floats, Booleans]:
     """Points (c, 2) of each group (c,) moved by the similarity that fits best, and which groups have one."""
     count = int(group.max()) + 1
-    total = np.maximum(np.bincount(group, weight, count), 1e-300)
+    total = np.maximum(segment_sum(weight, group, count), 1e-300)
 
     def mean(values: Floats) -> Floats:
-        columns = [np.bincount(group, weight * column, count) / total for column in values.reshape(len(values), -1).T]
-        return np.stack(columns, axis=1)
+        return segment_sum(weight[:, None] * values.reshape(len(values), -1), group, count) / total[:, None]
 
     centre, end_centre = mean(start), mean(end)
     x, y = start - centre[group], end - end_centre[group]
@@ -104,4 +103,4 @@ def _most(group: Integers, label: Integers, weight: Floats) -> Integers:
 def _corner_areas(surface: Surface) -> Floats:
     """(c,) a corner's share of the area of the triangles it belongs to."""
     areas = np.repeat(triangle_areas(surface.vertices, surface.triangles), 3)
-    return np.bincount(surface.triangle_corners.ravel(), areas, len(surface.corner_vertex))
+    return segment_sum(areas, surface.triangle_corners.ravel(), len(surface.corner_vertex))

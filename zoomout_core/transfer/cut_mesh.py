@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import barycentric_of_closest
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
@@ -88,7 +88,7 @@ class CutSurface:
         """(m,) whether triangles around a triangle stand up or fold over, as slivers do, seen from its corners."""
         vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
-        sums = np.stack([np.bincount(vertex, axis) for axis in normal.T], axis=1)
+        sums = segment_sum(normal, vertex)
         lying = np.einsum("qx,qx->q", normal, sums[vertex]) >= WALKS.least_cosine * np.linalg.norm(sums, axis=1)[vertex]
         folded = np.zeros(len(sums), dtype=bool)
         folded[vertex[~lying]] = True

@@ -264,7 +264,8 @@ def _anchors(first: Integers, last: Integers, samples: PolylineSamples, place: L
 
 def _paths(pieces: _Pieces, samples: PolylineSamples, place: LocatedPoints, mapped_graph: MappedGraph) -> _Steps:
     """The steps of the paths of all pieces, traced in blocks; those without a path again with more room."""
-    parts = [_Steps(*(np.zeros(0, dtype=t) for t in (np.int64, np.int64, np.int64, np.float64)))]
+    none = np.zeros(0, dtype=np.int64)
+    parts = [_Steps(none, none, none, np.zeros(0))]
     left = np.arange(len(pieces.first))
     for rings in LINES.rings:
         block_of = np.cumsum((pieces.last - pieces.first + 1)[left]) // BLOCK

@@ -14,7 +14,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
@@ -142,8 +142,7 @@ class Frames:
         trust[self.number] = self.trust
         a, b, c = (self.points[triangles[:, i]] for i in range(3))
         weighted = np.repeat(trust[triangles].min(axis=1, keepdims=True) / 6 * np.cross(b - a, c - a), 3, axis=0)
-        sums = [np.bincount(triangles.ravel(), axis, minlength=count) for axis in weighted.T]
-        return np.stack(sums, axis=1)[self.number]
+        return segment_sum(weighted, triangles.ravel(), count)[self.number]
 
     @cached_property
     def _handed(self) -> Floats:

@@ -146,7 +146,8 @@ class MappedTarget:
         face, triangle = ragged(faces, start, end, of_face)
         area = triangle_areas(target.vertices, target.triangles[triangle]) / len(SAMPLES)
         area += LEAST_AREA * target.area / len(target.triangles)
-        face, triangle, area = (np.repeat(array, len(SAMPLES)) for array in (face, triangle, area))
+        face, triangle = np.repeat(face, len(SAMPLES)), np.repeat(triangle, len(SAMPLES))
+        area = np.repeat(area, len(SAMPLES))
         barycentric = np.tile(SAMPLES, (len(face) // len(SAMPLES), 1))
         confidence = np.einsum("qc,qc->q", barycentric, self.confidence[target.triangles[triangle]])
         return FaceSamples(

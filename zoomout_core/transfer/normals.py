@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, triangle_normals, unit_vectors, vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain
@@ -81,6 +81,4 @@ def _outward(surface: Surface, domain: Domain) -> Floats:
         return normals if domain is Domain.POINT else normals[surface.corner_vertex]
     weighted = triangle_normals(vertices, triangles) * triangle_areas(vertices, triangles)[:, None]
     count = len(surface.face_start) - 1
-    return unit_vectors(
-        np.stack([np.bincount(surface.triangle_face, axis, minlength=count) for axis in weighted.T], axis=1)
-    )
+    return unit_vectors(segment_sum(weighted, surface.triangle_face, count))

@@ -53,7 +53,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         mapped: the target on the source.
     """
     offsets = _without_noise(np.asarray(attribute.values), mapped.source.area)
-    moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2))) > 0
+    moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
     doubtful = mapped.confidence < TRUST.full
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
     if not moved.any():

@@ -14,6 +14,7 @@ from zoomout_core.mesh.triangles import (
     triangle_areas,
     triangle_normals,
     unique_edges,
+    vertex_areas,
     vertex_normals,
 )
 from zoomout_core.mesh.triangulation import triangulate
@@ -44,6 +45,7 @@ def test_the_graph_of_edges_has_their_lengths_both_ways() -> None:
 def test_areas_and_normals_of_a_corner() -> None:
     np.testing.assert_allclose(triangle_areas(CORNER, TETRAHEDRON), [1, 1.5, 3.5, 3])
     np.testing.assert_allclose(triangle_normals(CORNER, TETRAHEDRON[[0, 1, 3]]), [[0, 0, -1], [0, -1, 0], [-1, 0, 0]])
+    np.testing.assert_allclose(vertex_areas(CORNER, TETRAHEDRON), np.array([5.5, 6, 7.5, 8]) / 3)
     # Each face counts by its area.
     np.testing.assert_allclose(vertex_normals(CORNER, TETRAHEDRON)[0], -np.array([3, 1.5, 1]) / 3.5)
     flat = np.array([[0, 1, 1]])

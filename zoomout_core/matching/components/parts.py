@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.matching.components.skins import turned_outwards
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph, triangle_areas
+from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.sampling import farthest_points
 
@@ -126,8 +126,7 @@ class Side:
     def of(cls, surface: Surface, body: WorkingMesh) -> Side:
         """A surface and its body: one of its parts, or the skin around it, whose frame is taken then."""
         mesh = surface.working
-        area = triangle_areas(mesh.vertices, mesh.triangles)
-        areas = np.bincount(mesh.triangles.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
+        areas = vertex_areas(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-9 * areas.mean())
         if body.is_skin:
             points = body.from_surface(mesh.to_surface(mesh.vertices))

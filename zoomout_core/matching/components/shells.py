@@ -295,7 +295,8 @@ def _partners(
     table[i, j] = np.minimum(cost, 10 * SHELLS.most_cost)
     number = np.zeros(table.shape, dtype=np.int64)
     number[i, j] = np.arange(len(i))
-    chosen = [(a, b) for a, b in zip(*linear_sum_assignment(table), strict=True) if table[a, b] <= SHELLS.most_cost]
+    assigned = np.column_stack(linear_sum_assignment(table)).tolist()
+    chosen = [(a, b) for a, b in assigned if table[a, b] <= SHELLS.most_cost]
     return chosen, [laid[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, segment_sum
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas
@@ -70,7 +70,7 @@ def turned_outwards(mesh: WorkingMesh, skin: WorkingMesh) -> WorkingMesh:
     near = cKDTree(skin.vertices).query(skin.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
     normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]
     agreement = np.bincount(component, np.einsum("mx,mx->m", normals, skin.vertex_normals[near]))
-    mean = np.stack([np.bincount(component, normals[:, axis]) for axis in range(3)], axis=1)
+    mean = segment_sum(normals, component)
     area = np.bincount(component, np.linalg.norm(normals, axis=1))
     inward = (np.linalg.norm(mean, axis=1) > CLOSED * area) & (agreement < 0)
     return replace(mesh, flipped=mesh.flipped ^ inward[component])

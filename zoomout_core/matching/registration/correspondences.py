@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import EmbeddedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -40,8 +40,8 @@ class QueryPoints:
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
         """As many as tell how so many nodes should move."""
         samples = shape.sampled.samples[: min(POINTS_PER_NODE * nodes, MOST_POINTS)]
-        _, owner = cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)
-        return cls(samples, np.bincount(owner, shape.basis.areas, minlength=len(samples)))
+        owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
+        return cls(samples, segment_sum(shape.basis.areas, owner, len(samples)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import bsr_array
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.matching.analysis import ShapeAnalysis
 
@@ -100,7 +100,7 @@ class DeformationGraph:
         weight = (areas[:, None] * nodes.weight).ravel()
         owner = nodes.near.ravel()
         values = np.hstack([rest, images, (images[:, :, None] * rest[:, None]).reshape(-1, 9), np.ones((len(rest), 1))])
-        sums = np.stack([np.bincount(owner, weight * np.repeat(v, c), minlength=count) for v in values.T], axis=1)
+        sums = segment_sum(weight[:, None] * np.repeat(values, c, axis=0), owner, count)
         # Neighbours have a say, since a few places do not tell a turn.
         pooled = np.array(sums)
         np.add.at(pooled, nodes.first, nodes.bond[:, None] * sums[nodes.second])

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import barycentric_of_closest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
@@ -327,6 +327,6 @@ def _sees_all(point: Floats, face: Integers, mapped: MappedTarget) -> Booleans:
     here = target.vertices[target.corner_vertex[corner]] - point[owner]
     there = target.vertices[target.corner_vertex[_next_corner(corner, mapped)]] - point[owner]
     normal = np.cross(here, there)
-    sums = np.stack([np.bincount(owner, axis) for axis in normal.T], axis=1)
+    sums = segment_sum(normal, owner)
     share = np.einsum("qx,qx->q", normal, sums[owner]) / np.einsum("hx,hx->h", sums, sums)[owner]
     return np.asarray(np.minimum.reduceat(share, np.cumsum(end - start) - (end - start)) > SEAM_CUTS.least_share)
