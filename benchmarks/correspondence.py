@@ -22,7 +22,7 @@ from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
 from benchmarks.pictures import Picture, draw
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.match import SURE
+from zoomout_core.matching.match import NOTES
 
 Record: TypeAlias = dict[str, Any]
 
@@ -34,7 +34,7 @@ ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
 # A vertex of this confidence is trusted, and rightly so if its error times 1000 is below the other.
 TRUSTED, CLOSE = 0.5, 50
 # Classes of certainty in the table of calibration.
-CERTAINTIES = (0.0, 0.5, 0.8, SURE, 1.0)
+CERTAINTIES = (0.0, 0.5, 0.8, NOTES.sure, 1.0)
 WORST = 10
 
 

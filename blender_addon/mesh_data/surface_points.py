@@ -15,7 +15,7 @@ from mathutils.geometry import tessellate_polygon
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.pair import OFF_SURFACE
+from zoomout_core.matching.pair import PLACEMENT
 
 from .surfaces import evaluated_mesh
 
@@ -93,7 +93,7 @@ def surface_point_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> S
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
         keeps = len(mesh.vertices) == len(obj.data.vertices)
         point = (mesh if keeps else obj.data).vertices[vertex].co.copy()
-        most = OFF_SURFACE * extent(mesh)
+        most = PLACEMENT.off_surface * extent(mesh)
     place = nearest_surface_point(obj, point, most, depsgraph)
     if place is None:
         raise zo.MeshError(

@@ -14,7 +14,7 @@ from mathutils import Vector
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.pair import OFF_SURFACE
+from zoomout_core.matching.pair import PLACEMENT
 
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point
 from ..mesh_data.arrays import hash_of
@@ -110,7 +110,7 @@ def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Dep
         return {}
     found: dict[int, Floats | None] = {}
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        most = OFF_SURFACE * extent(mesh)
+        most = PLACEMENT.off_surface * extent(mesh)
         here = {number: place.on(mesh) for number, place in places.items()}
     for number, position in here.items():
         if position is None:

@@ -7,7 +7,7 @@ from bpy.types import Context, Object
 from mathutils import Vector
 
 import zoomout_core as zo
-from zoomout_core.matching.pair import OFF_SURFACE
+from zoomout_core.matching.pair import PLACEMENT
 
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, read_positions, read_weights
 from ..scene.landmarks import set_landmark
@@ -83,7 +83,7 @@ def points_of_empties(context: Context, obj: Object, objects: list[Object]) -> d
     places = {}
     for empty in context.scene.objects:
         if empty.type == "EMPTY" and (empty.parent is None or empty.parent not in objects or empty.parent == obj):
-            reach = size if empty.parent == obj else OFF_SURFACE * size
+            reach = size if empty.parent == obj else PLACEMENT.off_surface * size
             place = nearest_surface_point(obj, inverse @ empty.matrix_world.translation, reach, depsgraph)
             if place is not None:
                 places[COPY.sub("", empty.name)] = place

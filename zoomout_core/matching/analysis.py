@@ -23,25 +23,50 @@ from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_sign
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
+from zoomout_core.tuning import Tuning, tuned
 
-# The search for the right map runs on this many samples; distances are known from the first of them.
-SEARCH_SAMPLES = 400
-DISTANCE_SAMPLES = 200
-# Distances to so many vertices, from all samples together, are worked out at once.
+# Distances, pairs of a sample and a vertex, that are computed between two steps: bounds their time.
 VISITS = 100_000
-# Two samples of a limb turn alike when they are nearer than this, at unit area; so many of them are neighbours.
-NEIGHBOURHOOD, NEIGHBOURS = 0.2, 8
-# Mean curvature is looked at on these scales (diffusion times at unit area), after cutting off its spikes.
-CURVATURE_TIMES = (5e-3, 2e-3, 8e-4, 3e-4)
-CURVATURE_LIMIT = 60.0
-# The curvature of a sphere whose radius is a hundred times the square root of the area: single precision makes as
-# much of a plane.
+# Mean curvature, at unit area, that is rounding: in single precision a plane has as much. A sphere has it whose radius
+# is a hundred times the square root of the area.
 FLAT_CURVATURE = 0.01
-# Signatures are made of so many eigenfunctions: few where shapes are compared, which need not be isometric, more
-# where a map is fitted to them.
-COARSE_FUNCTIONS, FINE_FUNCTIONS = 61, 101
-SIGNATURE_BANDS = 12
-PSEUDO_SCALAR_TIME = 3e-4
+
+
+@dataclass(frozen=True)
+class AnalysisTuning(Tuning, set_by="correspondence"):
+    """What shapes are compared by.
+
+    Attributes:
+        fewest_functions: eigenfunctions that the ranking of candidates needs, however small the final map.
+        search_samples: farthest-point samples that the search for the right map runs on.
+        distance_samples: the first of them, from which geodesic distances are known.
+        neighbourhood: width w of the Gaussian exp(-(d / w)^2) that weighs a sample's surroundings by their distance d:
+            samples of a limb that are nearer than this rotate alike.
+        neighbours: nearest samples that are a sample's neighbours.
+        biharmonic_functions: eigenfunctions, the constant one included, of the biharmonic coordinates.
+        curvature_times: diffusion times that mean curvature is smoothed by.
+        curvature_limit: to which mean curvature is clipped before, so that spikes do not spread.
+        coarse_functions: eigenfunctions of the signatures that shapes are compared by, which need not be isometric.
+        fine_functions: of those that a functional map is fitted to.
+        signature_bands: energies of the signatures.
+        pseudo_scalar_time: diffusion time that pseudo-scalars are smoothed by.
+    """
+
+    fewest_functions: int = tuned(120, "eigenfunctions", 2, 1000)
+    search_samples: int = tuned(400, "samples", 1, 10_000)
+    distance_samples: int = tuned(200, "samples", 1, 10_000)
+    neighbourhood: float = tuned(0.2, "at unit area", 1e-3, 2)
+    neighbours: int = tuned(8, "samples", 1, 100)
+    biharmonic_functions: int = tuned(20, "eigenfunctions", 2, 1000)
+    curvature_times: tuple[float, ...] = tuned((5e-3, 2e-3, 8e-4, 3e-4), "area, at unit area", 0, 1)
+    curvature_limit: float = tuned(60.0, "1 / length, at unit area", 1, 10_000)
+    coarse_functions: int = tuned(61, "eigenfunctions", 3, 1000)
+    fine_functions: int = tuned(101, "eigenfunctions", 3, 1000)
+    signature_bands: int = tuned(12, "bands", 3, 100)
+    pseudo_scalar_time: float = tuned(3e-4, "area, at unit area", 0, 1)
+
+
+ANALYSIS = AnalysisTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +95,7 @@ class ShapeAnalysis:
     @cached_property
     def search(self) -> SampledBasis:
         """The basis at the first samples only, for trying many hypotheses."""
-        return SampledBasis.of(self.basis, self.sampled.samples[:SEARCH_SAMPLES])
+        return SampledBasis.of(self.basis, self.sampled.samples[: ANALYSIS.search_samples])
 
     @cached_property
     def neighbourhoods(self) -> Neighbourhoods:
@@ -79,8 +104,9 @@ class ShapeAnalysis:
 
     @cached_property
     def coordinates(self) -> Floats:
-        """(s, 19) biharmonic coordinates of the search samples: maps with like images are the same map."""
-        return np.asarray(self.search.rows[:, 1:20] / self.basis.eigenvalues[1:20])
+        """(s, d) biharmonic coordinates of the search samples: maps with like images are the same map."""
+        used = slice(1, ANALYSIS.biharmonic_functions)
+        return np.asarray(self.search.rows[:, used] / self.basis.eigenvalues[used])
 
     @cached_property
     def weights(self) -> Floats:
@@ -104,9 +130,10 @@ class ShapeAnalysis:
         Weights sum to one in each row; nearness is mutual.
         """
         between = self.distances_between[:, : len(self.distances)]
-        weights = np.exp(-((between / NEIGHBOURHOOD) ** 2))
+        weights = np.exp(-((between / ANALYSIS.neighbourhood) ** 2))
         near = np.zeros(between.shape, dtype=bool)
-        np.put_along_axis(near, np.argsort(between, axis=1)[:, 1 : NEIGHBOURS + 1], True, axis=1)
+        nearest = np.argsort(between, axis=1)[:, 1 : ANALYSIS.neighbours + 1]
+        np.put_along_axis(near, nearest, True, axis=1)
         return weights / weights.sum(axis=1, keepdims=True), near | near.T
 
     @cached_property
@@ -126,29 +153,30 @@ class ShapeAnalysis:
 
     @cached_property
     def curvature(self) -> Floats:
-        """(s, 4) mean curvature at the search samples on several scales, squashed, of mean zero; 0 on a plane."""
-        raw = np.clip(mean_curvature(self.mesh, self.stiffness, self.basis.areas), -CURVATURE_LIMIT, CURVATURE_LIMIT)
-        smooth = np.column_stack([self.basis.smoothed(raw[:, None], time) for time in CURVATURE_TIMES])
+        """(s, t) mean curvature at the search samples on several scales, in (-1, 1), of mean zero; 0 on a plane."""
+        limit, times = ANALYSIS.curvature_limit, ANALYSIS.curvature_times
+        raw = np.clip(mean_curvature(self.mesh, self.stiffness, self.basis.areas), -limit, limit)
+        smooth = np.column_stack([self.basis.smoothed(raw[:, None], time) for time in times])
         size = np.abs(smooth)
         if size.max() < FLAT_CURVATURE:
-            return np.zeros((len(self.search.samples), len(CURVATURE_TIMES)))
+            return np.zeros((len(self.search.samples), len(times)))
         squashed = smooth / (size + np.maximum(np.median(size, axis=0), FLAT_CURVATURE))
         centred = squashed - self.basis.areas @ squashed
         return np.asarray(centred[self.search.samples])
 
     @cached_property
     def pseudo_scalars(self) -> Floats:
-        """(s, 55) pseudo-scalars of pairs of signature bands at the search samples: they tell left from right."""
-        bands = signature_bands(self.basis, SIGNATURE_BANDS, COARSE_FUNCTIONS)
+        """(s, p) pseudo-scalars of pairs of signature bands at the search samples: they tell left from right."""
+        bands = signature_bands(self.basis, ANALYSIS.signature_bands, ANALYSIS.coarse_functions)
         pairs = pseudo_scalar_signatures(self.mesh, self.basis.areas, bands)
-        return np.asarray(self.basis.smoothed(pairs, PSEUDO_SCALAR_TIME)[self.search.samples])
+        return np.asarray(self.basis.smoothed(pairs, ANALYSIS.pseudo_scalar_time)[self.search.samples])
 
     @cached_property
     def descriptors(self) -> tuple[Floats, Floats]:
-        """(k, 12) coefficients of signature bands, and (k, 55) of their pseudo-scalars, smoothed, of unit norm."""
-        bands = signature_bands(self.basis, SIGNATURE_BANDS, FINE_FUNCTIONS)
+        """(k, b) coefficients of signature bands, and (k, p) of their pseudo-scalars, smoothed, of unit norm."""
+        bands = signature_bands(self.basis, ANALYSIS.signature_bands, ANALYSIS.fine_functions)
         pairs = self.basis.coefficients(pseudo_scalar_signatures(self.mesh, self.basis.areas, bands))
-        pairs *= np.exp(-PSEUDO_SCALAR_TIME * self.basis.eigenvalues)[:, None]
+        pairs *= np.exp(-ANALYSIS.pseudo_scalar_time * self.basis.eigenvalues)[:, None]
         return self.basis.coefficients(bands), unit_columns(pairs, np.linalg.norm(pairs, axis=0))
 
 
@@ -165,7 +193,7 @@ def analysis_steps(
         proxy_vertices: decimate the part to about this many vertices first; None to keep them all.
 
     Raises:
-        MeshError: there is not enough memory for so many vertices.
+        MeshError: there is not enough memory for its number of vertices.
     """
     yield 0.0
     proxy = yield from scaled(proxy_steps(part, proxy_vertices), 0.0, 0.3)
@@ -175,7 +203,7 @@ def analysis_steps(
     k = min(k, len(areas) - 1)
     chosen = farthest_points(mesh.vertices, max(samples, k))
     eigenpairs = eigenpairs_steps(stiffness, areas, k, seed)
-    both = side_by_side(eigenpairs, _distance_steps(mesh, chosen[:DISTANCE_SAMPLES]))
+    both = side_by_side(eigenpairs, _distance_steps(mesh, chosen[: ANALYSIS.distance_samples]))
     try:
         pairs, distances = yield from scaled(both, 0.3, 0.95)
     except MemoryError:
@@ -191,7 +219,7 @@ def _distance_steps(mesh: WorkingMesh, samples: Integers) -> Generator[float, No
     """(d, n) geodesic distances from samples to all vertices, yielding the fraction done."""
     graph = edge_graph(mesh.vertices, mesh.triangles)
     found: list[Floats] = []
-    # dijkstra keeps the interpreter to itself, so not for long at a time.
+    # dijkstra holds the interpreter lock: it runs in pieces that are short.
     pieces = min(len(samples), 8 + len(samples) * len(mesh.vertices) // VISITS)
     for few in np.array_split(samples, pieces):
         yield len(found) / pieces

@@ -11,12 +11,28 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
+from zoomout_core.tuning import Tuning, tuned
 
-# The maps of two bodies are one where most places go to places nearer than this, at unit area of the source.
-SAME_PLACE, MOSTLY = 0.15, 0.75
-# A later attempt, such as that by a tight skin, which loses what is thin, has to be of more worth by this factor to be
-# taken (`benchmarks characters`: the character in a roll).
-CLEARLY_SURER = 1.1
+
+@dataclass(frozen=True)
+class AttemptTuning(Tuning, set_by="characters"):
+    """When another body is tried, and which one is taken.
+
+    Attributes:
+        sure: certainty of the map of a body from which on no other body is tried.
+        same_place: distance below which two images are the same place,
+        same_share: where more of the places than this part have the same images, the maps of two bodies are one.
+        clearly_better: factor by which the worth of a later attempt, such as that by a tight skin, which loses what is
+            thin, has to exceed an earlier one's (of the table: the character in a roll).
+    """
+
+    sure: float = tuned(0.8, "probability", 0, 1)
+    same_place: float = tuned(0.15, "at unit area", 0, 2)
+    same_share: float = tuned(0.75, "1", 0, 1)
+    clearly_better: float = tuned(1.1, "1", 1, 10)
+
+
+ATTEMPTS = AttemptTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +84,7 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
 def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
     """The first attempt that none is clearly better than."""
     most = max(attempt.worth for attempt in attempts)
-    return next(attempt for attempt in attempts if CLEARLY_SURER * attempt.worth >= most)
+    return next(attempt for attempt in attempts if ATTEMPTS.clearly_better * attempt.worth >= most)
 
 
 def _agree(one: Attempt, other: Attempt) -> bool:
@@ -76,4 +92,4 @@ def _agree(one: Attempt, other: Attempt) -> bool:
     (places, images), (their_places, their_images) = one.outline(), other.outline()
     near = cKDTree(places).query(their_places)[1]
     apart = np.linalg.norm(images[near] - their_images, axis=1) / one.pair.source_shape.proxy.full.scale
-    return bool(np.mean(apart < SAME_PLACE) > MOSTLY)
+    return bool(np.mean(apart < ATTEMPTS.same_place) > ATTEMPTS.same_share)

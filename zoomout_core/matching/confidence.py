@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from zoomout_core.arrays import Floats
@@ -9,14 +11,27 @@ from zoomout_core.maps.surface_map import SurfaceMap, turned_over
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
+from zoomout_core.tuning import Tuning, tuned
 
-# Expected error, at unit area, at which confidence halves: there half of the vertices are off by more than 0.025 and a
-# fifth by more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
-HALF_CONFIDENCE = 0.022
-# Diffusion length, at unit area, over which evidence is pooled: an error is rarely a single vertex's.
-POOLING = 0.05
-# What going there and back misses by more than this, at unit area, has no partner: gorillas and men miss by less.
-WITHOUT_PARTNER = 0.07
+
+@dataclass(frozen=True)
+class ConfidenceTuning(Tuning, set_by="correspondence"):
+    """From the misses of a map to its confidence.
+
+    Attributes:
+        half_confidence: expected error at which confidence halves: there half of the vertices are off by more than
+            0.025 and a fifth by more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
+        pooling: diffusion length over which errors are averaged: an error is rarely a single vertex's.
+        without_partner: where going there and back misses by more than this, there is no partner: gorillas and men
+            miss by less.
+    """
+
+    half_confidence: float = tuned(0.022, "at unit area", 1e-6, 1)
+    pooling: float = tuned(0.05, "at unit area", 0, 1)
+    without_partner: float = tuned(0.07, "at unit area", 0, 2)
+
+
+CONFIDENCE = ConfidenceTuning()
 
 
 def confidence_of(
@@ -27,11 +42,11 @@ def confidence_of(
     target: ShapeAnalysis,
     mirrored: bool,
 ) -> tuple[Floats, float]:
-    """Confidence from the error that two witnesses agree on, and from triangles that the map turns over.
+    """Confidence from the error that two indicators agree on, and from triangles that the map turns over.
 
-    The witnesses are the distance by which going there and back misses the start, and the disagreement of the
-    eigenfunctions at the two ends. Either alone is fooled: by a map that is wrong both ways alike, and by places
-    that look alike to the spectrum. Their geometric mean orders errors better than both.
+    The indicators are the distance by which going there and back misses the start, and the disagreement of the
+    eigenfunctions at the two ends. Either alone fails: the first with a map that is wrong both ways alike, the
+    second at places where the eigenfunctions are alike. Their geometric mean orders errors better than both.
 
     Args:
         there: from the target's mesh to the source's.
@@ -45,8 +60,8 @@ def confidence_of(
         (n_t,) in [0, 1], and the part of the target's area, in [0, 1], that the map turns over.
     """
     cycle = cycle_error(there, back, target.mesh.vertices)
-    witnesses = np.column_stack([cycle, _spectral_error(there, functional_map, source, target)])
-    pooled = np.maximum(target.basis.smoothed(witnesses, POOLING**2), 0)
+    errors = np.column_stack([cycle, _spectral_error(there, functional_map, source, target)])
+    pooled = np.maximum(target.basis.smoothed(errors, CONFIDENCE.pooling**2), 0)
     expected = np.sqrt(pooled[:, 0] * pooled[:, 1])
     triangles = target.mesh.oriented_triangles
     normals = there.interpolate(source.mesh.vertex_normals) * (-1 if mirrored else 1)
@@ -54,7 +69,7 @@ def confidence_of(
     area = triangle_areas(target.mesh.vertices, triangles)
     shares = sum_at_vertices(triangles, np.column_stack([area * ~over, area]), len(expected))
     upright = shares[:, 0] / np.maximum(shares[:, 1], 1e-300)
-    return upright / (1 + (expected / HALF_CONFIDENCE) ** 2), float(area[over].sum() / area.sum())
+    return upright / (1 + (expected / CONFIDENCE.half_confidence) ** 2), float(area[over].sum() / area.sum())
 
 
 def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: ShapeAnalysis) -> float:
@@ -68,7 +83,7 @@ def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: ShapeAnal
         target: the shape that is asked about.
     """
     cycle = cycle_error(there, back, target.mesh.vertices)[:, None]
-    lost = target.basis.smoothed(cycle, POOLING**2)[:, 0] > WITHOUT_PARTNER
+    lost = target.basis.smoothed(cycle, CONFIDENCE.pooling**2)[:, 0] > CONFIDENCE.without_partner
     return float(target.basis.areas[lost].sum())
 
 

@@ -1,6 +1,6 @@
 """What a user knows beforehand: landmarks, common axes, regions of the same name, an earlier map.
 
-Constraints never decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
+None of it decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by
 anchors where it names places.
 """
 
@@ -24,14 +24,31 @@ from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_pa
 from zoomout_core.matching.scores import IN_SPACE, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.tuning import Tuning, tuned
 
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
 
-# Diffusion length, at unit area, that makes a function of a region, and the factor that brings it to unit scale.
-REGION_WIDTH, REGION_SCALE = 0.05, 2.0
-# How far, at unit area, a landmark that is held exactly takes its surroundings along.
-PINNING = 0.1
+
+@dataclass(frozen=True)
+class ConstraintTuning(Tuning, set_by="judgement"):
+    """How what is known holds a map in place.
+
+    Attributes:
+        region_width: diffusion length that the indicator of a region is smoothed by.
+        region_scale: factor that brings it to unit scale.
+        landmarks_over_guesses: weight of a landmark's functions beside those of guessed pairs, which may contradict it.
+        pinning_width: width w of the Gaussian exp(-(d / w)^2), of the distance d to a landmark that is held exactly, by
+            which its displacement fades.
+    """
+
+    region_width: float = tuned(0.05, "at unit area", 0, 1)
+    region_scale: float = tuned(2.0, "1", 0, 100)
+    landmarks_over_guesses: float = tuned(2.0, "1", 0, 100)
+    pinning_width: float = tuned(0.1, "at unit area", 1e-6, 2)
+
+
+CONSTRAINTS = ConstraintTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +73,10 @@ class Constraints:
     def anchors(self, pair: Pair) -> Anchors | None:
         """Functions of the regions that hold a map in place."""
         sides = [
-            REGION_SCALE
-            * np.column_stack([shape.basis.smoothed(member[:, None], REGION_WIDTH**2) for member in members])
+            CONSTRAINTS.region_scale
+            * np.column_stack(
+                [shape.basis.smoothed(member[:, None], CONSTRAINTS.region_width**2) for member in members]
+            )
             for shape, members in zip((pair.source_shape, pair.target_shape), self._members(pair), strict=True)
             if members
         ]
@@ -156,7 +175,7 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     images = between.interpolate(source.mesh.vertices)
     graph = edge_graph(target.mesh.vertices, target.mesh.triangles)
     distance = np.atleast_2d(dijkstra(graph, indices=target_ids))
-    kernel = np.exp(-((distance / PINNING) ** 2))
+    kernel = np.exp(-((distance / CONSTRAINTS.pinning_width) ** 2))
     missed = source.mesh.vertices[source_ids] - images[target_ids]
     bent = images + kernel.T @ np.linalg.lstsq(kernel[:, target_ids], missed, rcond=None)[0]
     triangles = source.mesh.triangles

@@ -25,6 +25,7 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
 FORMAT = 2
+# Bytes that the files take at most, unless the user says otherwise.
 MOST_BYTES = 1 << 30
 # Seconds after which a file that was begun and not finished is one that a process left behind.
 ABANDONED = 3600
@@ -56,7 +57,7 @@ class ShapeFolder:
             os.utime(path)  # used just now
         except FileNotFoundError:
             return None
-        except Exception as error:  # what numpy and zip raise on a broken file depends on where they stumble
+        except Exception as error:  # what numpy and zip raise on a broken file depends on the fault
             _log.warning("A stored shape cannot be read and is prepared anew: %s (%s)", path, error)
             with suppress(OSError):  # another process may have removed it, or read it just now
                 path.unlink()

@@ -11,14 +11,31 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.spectral.descriptors import pseudo_scalars
+from zoomout_core.tuning import Tuning, tuned
 
-# Spread of a distance over a shape, as a part of its mean: brings distances to unit scale.
-DISTANCE_SPREAD = 0.3
-DISTANCE_TIME = 5e-4
-TURN_WEIGHT = 0.3
-TURN_TIME = 1e-3
-# So many places tell left from right; more would only outweigh the distances, and fill the memory.
-TURNING = 7
+
+@dataclass(frozen=True)
+class LandmarkTuning(Tuning, set_by="correspondence"):
+    """The functions of landmarks.
+
+    Attributes:
+        distance_spread: standard deviation of a distance over a shape, as a part of its mean, by which distances are
+            brought to unit scale.
+        distance_time: diffusion time that distances are smoothed by.
+        turn_weight: of pseudo-scalars of unit deviation, beside distances of unit scale.
+        turn_time: diffusion time that pseudo-scalars are smoothed by.
+        turning: landmarks whose pseudo-scalars are used. These tell left from right; those of more would outweigh the
+            distances, and their memory grows with the square.
+    """
+
+    distance_spread: float = tuned(0.3, "1", 0.01, 10)
+    distance_time: float = tuned(5e-4, "area, at unit area", 0, 1)
+    turn_weight: float = tuned(0.3, "1", 0, 10)
+    turn_time: float = tuned(1e-3, "area, at unit area", 0, 1)
+    turning: int = tuned(7, "landmarks", 0, 30)
+
+
+LANDMARKS = LandmarkTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +64,19 @@ class LandmarkFeatures:
             chosen: numbers of places, in an order.
             side: 1 as seen from outside, -1 as seen from inside; 0 leaves the turns out.
         """
-        i, j = np.triu_indices(min(len(chosen), TURNING), k=1)
-        distances = self.distances[:, chosen] / (DISTANCE_SPREAD * self.distances[:, chosen].mean(axis=0))
-        return np.hstack([distances, side * TURN_WEIGHT * self.turns[:, chosen[i], chosen[j]]])
+        i, j = np.triu_indices(min(len(chosen), LANDMARKS.turning), k=1)
+        distances = self.distances[:, chosen] / (LANDMARKS.distance_spread * self.distances[:, chosen].mean(axis=0))
+        return np.hstack([distances, side * LANDMARKS.turn_weight * self.turns[:, chosen[i], chosen[j]]])
 
 
 def landmark_features(shape: ShapeAnalysis, vertices: Integers) -> LandmarkFeatures:
     """The functions of the given vertices (m,) of the shape's mesh."""
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
     distances = np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1).T
-    distances = shape.basis.smoothed(distances, DISTANCE_TIME)
+    distances = shape.basis.smoothed(distances, LANDMARKS.distance_time)
     i, j = np.triu_indices(len(vertices), k=1)
     upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
-    upper = shape.basis.smoothed(upper, TURN_TIME)
+    upper = shape.basis.smoothed(upper, LANDMARKS.turn_time)
     upper /= np.maximum(upper.std(axis=0), 1e-12)
     turns = np.zeros((len(distances), len(vertices), len(vertices)))
     turns[:, i, j], turns[:, j, i] = upper, -upper

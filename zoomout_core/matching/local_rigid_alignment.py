@@ -1,8 +1,8 @@
-"""The target laid over the source in space, so that no limb is reflected and nothing folds without need.
+"""The target aligned with the source in space, so that no limb is reflected and nothing folds without need.
 
 The Laplacian cannot tell an arm from the same arm mirrored along its own axis, and ZoomOut settles for either by
-chance: distances stay small, but the arm's inside lands outside. Space can tell. A limb that is carried over
-turned, not mirrored, onto the smoothed place that its map gives it keeps its sense; the closest points of the
+chance: distances stay small, but the arm's inside lands outside. Positions in space tell: a limb that is moved to
+the smoothed images of its map by rotations, without reflection, keeps its orientation; the closest points of the
 source to it, with normals that agree, start the next round. In the spirit of Smooth Shells (Eisenberger, Laehner
 and Cremers 2020), which aligns smoothed shapes and spectra in turns.
 """
@@ -19,36 +19,53 @@ from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.tuning import Tuning, tuned
 
-# Eigenfunctions that images are smoothed by.
-IMAGE_FUNCTIONS = 100
-# What a sample's surroundings say of its turn, against what its neighbours' turns say: limbs say nothing of the
-# turn about their own axis, and take it from the body.
-COHERENCE = 0.3
-# Blended so many times, matrices have only the length of rotations; then they are made rotations, and so forth.
-BLENDINGS, RELAXATIONS = 3, 3
-# Diffusion length, at unit area, that makes one field of the samples' turns.
-BLEND = 0.05
-# A blend whose determinant is a larger part of its cubed norm becomes a rotation in so many steps, to single precision.
-CLEAR_BLEND, NEWTON_STEPS = 0.05, 5
-# A normal that is off by a right angle weighs as much as a place that is off by this, at unit area.
-NORMAL_WEIGHT = 0.1
+# Newton's method takes this number of steps to single precision for a blend of rotations whose determinant is larger
+# than this part of its cubed norm.
+NEWTON_STEPS, CLEAR_BLEND = 5, 0.05
+
+
+@dataclass(frozen=True)
+class RigidAlignmentTuning(Tuning, set_by="correspondence"):
+    """How rotations are found, and how positions in space are weighed.
+
+    Attributes:
+        image_functions: eigenfunctions that images are smoothed by.
+        coherence: weight of the neighbours' rotations, against the surroundings' own of a sample: a limb does not
+            determine the rotation about its axis, and takes it from the body.
+        averagings: of each sample with its neighbours, as matrices, before these are made rotations again.
+        relaxations: rounds of this.
+        blend_width: diffusion length by which the samples' rotations are made a field on the surface.
+        normal_weight: of normals beside positions: one that is off by an angle a counts as a distance of 2 sin(a / 2)
+            times this.
+    """
+
+    image_functions: int = tuned(100, "eigenfunctions", 4, 1000)
+    coherence: float = tuned(0.3, "1", 0, 10)
+    averagings: int = tuned(3, "rounds", 0, 100)
+    relaxations: int = tuned(3, "rounds", 0, 100)
+    blend_width: float = tuned(0.05, "at unit area", 0, 1)
+    normal_weight: float = tuned(0.1, "at unit area", 0, 1)
+
+
+RIGID_ALIGNMENT = RigidAlignmentTuning()
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A target laid over its source, in the source's frame, at unit area.
+    """A target aligned with its source, in the source's frame, at unit area.
 
     Attributes:
         positions: (n_t, 3) of the target's vertices.
-        normals: (n_t, 3) their outward normals, turned along.
+        normals: (n_t, 3) their outward normals, rotated with them.
     """
 
     positions: Floats
     normals: Floats
 
     def facing(self, normals: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Alignment:
-        """The same with its normals turned to the side of those at the images (n, 3), where sides are not known."""
+        """The same with normals on the side of those at the images (n, 3), where sides are not known."""
         if sides_are_known(source, target) or np.einsum("nx,nx->", self.normals, normals) >= 0:
             return self
         return Alignment(self.positions, -self.normals)
@@ -60,15 +77,15 @@ def sides_are_known(source: ShapeAnalysis, target: ShapeAnalysis) -> bool:
 
 
 def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, at: Integers | None = None) -> Alignment:
-    """Carry the target over to smoothed images, each of its places turned rigidly.
+    """Move the target to smoothed images, its surroundings of each vertex by a rotation.
 
     Args:
         images: (k, 3) coefficients, in the target's basis, of the images of its vertices.
         target: the shape that the map starts from.
-        width: diffusion length, at unit area, over which images are smoothed; what is thinner than it takes its
-            position across from the target itself.
-        mirrored: lay the target's mirror image, for maps that reverse the orientation.
-        at: (n,) lay these vertices only.
+        width: diffusion length, at unit area, over which images are smoothed; the cross-section of what is thinner
+            is the target's own.
+        mirrored: align the target's mirror image, for maps that reverse the orientation.
+        at: (n,) align these vertices only.
     """
     rows: Integers | slice = slice(None) if at is None else at
     eigenvectors, eigenvalues, k = target.basis.eigenvectors, target.basis.eigenvalues, len(images)
@@ -79,7 +96,7 @@ def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, a
     here, there = np.hsplit(eigenvectors[samples, :k] @ both, 2)
     turns = _turns(here, there, target)
     centres, image_centres = np.hsplit(eigenvectors[rows, :k] @ both, 2)
-    blending = np.exp(-(BLEND**2) * eigenvalues[:, None])
+    blending = np.exp(-(RIGID_ALIGNMENT.blend_width**2) * eigenvalues[:, None])
     field = eigenvectors[rows] @ (blending * (target.cell_coefficients @ turns.reshape(-1, 9)))
     rotations = _rotations_of_blends(field.reshape(-1, 3, 3))
     vertices, normals = target.mesh.vertices[rows] * sense, target.mesh.vertex_normals[rows] * sense
@@ -99,7 +116,7 @@ def align_and_match(
     among: Integers | slice = slice(None),
     weight: float = 1.0,
 ) -> tuple[Integers, Alignment]:
-    """One round on samples: lay the target by a map, and find the nearest vertices in spectrum and space.
+    """One round on samples: align the target by a map, and find the nearest vertices in spectrum and space.
 
     Args:
         vertex: (s,) the source vertex of each of the target's samples.
@@ -108,44 +125,44 @@ def align_and_match(
         sampled: the target's basis at the samples.
         anchors: at the source's vertices and the target's samples.
         k: size of the functional map.
-        width: see `lay`.
-        mirrored: see `lay`.
+        width: see `align`.
+        mirrored: see `align`.
         among: the source vertices to choose from.
-        weight: of places in space, beside eigenfunctions.
+        weight: of positions in space, beside eigenfunctions.
 
     Returns:
-        (s,) the next source vertices, and the laid samples.
+        (s,) the next source vertices, and the aligned samples.
     """
-    count = min(IMAGE_FUNCTIONS, sampled.rows.shape[1])
-    laid = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
-    laid = laid.facing(source.mesh.vertex_normals[vertex], source, target)
+    count = min(RIGID_ALIGNMENT.image_functions, sampled.rows.shape[1])
+    aligned = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
+    aligned = aligned.facing(source.mesh.vertex_normals[vertex], source, target)
     functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
     anchors = None if anchors is None else Anchors(anchors.source[among], anchors.target)
     pair = coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, anchors)
-    found = nearest(*beside_places(*pair, laid, source, k, weight, among))
-    return np.arange(len(source.mesh.vertices))[among][found], laid
+    found = nearest(*beside_places(*pair, aligned, source, k, weight, among))
+    return np.arange(len(source.mesh.vertices))[among][found], aligned
 
 
 def beside_places(
     queries: Floats,
     embedded: Floats,
-    laid: Alignment,
+    aligned: Alignment,
     source: ShapeAnalysis,
     k: int,
     weight: float,
     at: Integers | slice = slice(None),
 ) -> tuple[Floats, Floats]:
-    """Spectral coordinates (n_t, d) and (n_s, d) with the places and normals in space appended, in their scale.
+    """Spectral coordinates (n_t, d) and (n_s, d) with positions and normals in space appended, in their scale.
 
     Those of the source are of its vertices `at`.
 
-    An error in place changes the first k eigenfunctions, at unit area, by their eigenvalues' sum / 2 times its
+    An error of position changes the first k eigenfunctions, at unit area, by their eigenvalues' sum / 2 times its
     square: that makes the two comparable.
     """
     scale = np.sqrt(weight * source.basis.eigenvalues[:k].sum() / 2)
-    normal_scale = scale * NORMAL_WEIGHT
+    normal_scale = scale * RIGID_ALIGNMENT.normal_weight
     return (
-        np.hstack([queries, scale * laid.positions, normal_scale * laid.normals]),
+        np.hstack([queries, scale * aligned.positions, normal_scale * aligned.normals]),
         np.hstack([embedded, scale * source.mesh.vertices[at], normal_scale * source.mesh.vertex_normals[at]]),
     )
 
@@ -154,7 +171,7 @@ def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
     """(d, 3, 3) rotations of the surroundings of the target's distance samples, from smoothed places to images.
 
     The surroundings' best rotation onto their images (Kabsch) where these have extent in all directions; along
-    limbs, which have extent along their axis only, that and the turn of the neighbours nearer to the body.
+    limbs, which have extent along their axis only, that and the rotation of the neighbours nearer to the body.
     """
     weights, near = target.surroundings
     moments: Floats = (weights @ _products(there, here)).reshape(-1, 3, 3)
@@ -163,10 +180,10 @@ def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
     moments /= np.maximum(extent[:, 0], 1e-300)[:, None, None]
     turns = _spread_from_body(moments, extent[:, 1] / np.maximum(extent[:, 0], 1e-300), near)
     mean = near / near.sum(axis=1, keepdims=True)
-    for _ in range(RELAXATIONS):
+    for _ in range(RIGID_ALIGNMENT.relaxations):
         blended = turns.reshape(-1, 9)
-        for _ in range(BLENDINGS):
-            blended = moments.reshape(-1, 9) + COHERENCE * mean @ blended
+        for _ in range(RIGID_ALIGNMENT.averagings):
+            blended = moments.reshape(-1, 9) + RIGID_ALIGNMENT.coherence * mean @ blended
             blended *= np.sqrt(3) / np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-300)
         turns = nearest_rotations(blended.reshape(-1, 3, 3))
     return turns
@@ -188,14 +205,15 @@ def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floa
         if not len(reached):
             return turns
         parent = np.argmax(np.where(near[reached] & done, reliable, -1), axis=1)
-        turns[reached] = nearest_rotations(moments[reached] + COHERENCE * turns[parent])
+        turns[reached] = nearest_rotations(moments[reached] + RIGID_ALIGNMENT.coherence * turns[parent])
         done[reached] = True
 
 
 def _rotations_of_blends(matrices: Floats) -> Floats:
     """(n, 3, 3) the same for many blends of rotations: polar factors by Newton's method (Higham 1986).
 
-    What no rotation prevails in is left to the singular value decomposition, which takes several times as long.
+    Where the determinant is small, as of blends of opposite rotations, they are taken from the singular value
+    decomposition, which takes several times as long.
     """
     size = np.linalg.norm(matrices, axis=(1, 2))
     clear = np.linalg.det(matrices) > CLEAR_BLEND * size**3

@@ -15,13 +15,13 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.attempt import Attempt, best_of
+from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
+from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps, tight_bodies_steps
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.components.overlap import overlapping
 from zoomout_core.matching.confidence import confidence_of, share_without_partner
-from zoomout_core.matching.constraints import Constraints, checked_axes, checked_regions, pinned
+from zoomout_core.matching.constraints import CONSTRAINTS, Constraints, checked_axes, checked_regions, pinned
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremities, extremity_hypotheses, has_extremities
 from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
@@ -32,45 +32,50 @@ from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
 from zoomout_core.matching.options import Initial, MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
+from zoomout_core.matching.proxy import PROXY
 from zoomout_core.matching.ranking import Candidate, rank_steps
-from zoomout_core.matching.refinement import dense_steps
+from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
 from zoomout_core.matching.scores import Disagreement
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
+from zoomout_core.tuning import Tuning, tuned
 
 Result = TypeVar("Result")
 
-# Unless asked otherwise: a vertex of the stand-in for so many vertices of the mesh, within limits. Finer meshes share
-# finer features, by which the target is bent onto the source.
-PER_PROXY_VERTEX, PROXY_VERTICES = 8, (4000, 6000)
-# The way back is a witness of the way there, and need not be as fine.
-MOST_FUNCTIONS_BACK = 120
-# A map of less certainty than this comes with a note; of less than the second, with one that says that it is lost.
-SURE, LOST = 0.9, 0.1
 UNSURE = (
     "This map is right with a probability of {:.0%} only: check that no sides are swapped, and try another candidate "
     "or add landmarks if they are."
 )
 NOT_RECOGNISED = (
-    "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or lay one over the other in the "
+    "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or place one over the other in the "
     "same pose and start from proximity."
 )
-# Of several bodies the next is tried where the map of one is less sure than this.
-SURE_OF_BODY = 0.8
-# When each body is begun, and when they are done, as parts of the progress; and the part of each that analysing the
-# shapes takes.
+# The fractions of the progress at which each body is begun, and at which all are done; and the fraction of each that
+# analysing the shapes takes.
 PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.65, 0.75), 0.8
-# So comes a map that turns over a larger part of the surface.
-NOTABLE_FOLDS = 0.05
-# And one that leaves more than this part of either surface without a partner.
-NOTABLE_REST = 0.03
-# How much more than those of guessed pairs a landmark's functions weigh.
-LANDMARKS_OVER_GUESSES = 2.0
-# Eigenfunctions that ranking needs, however small the final map.
-FEWEST_FUNCTIONS = 120
+
+
+@dataclass(frozen=True)
+class NoteTuning(Tuning, set_by="judgement"):
+    """Which maps come with a note.
+
+    Attributes:
+        sure: certainty below which a map is said to be unsure.
+        lost: certainty below which the shapes are said not to be recognised.
+        folds: share of the target's area above which it is said to be turned over.
+        without_partner: share of either surface's area above which it is said to have no partner.
+    """
+
+    sure: float = tuned(0.9, "probability", 0, 1)
+    lost: float = tuned(0.1, "probability", 0, 1)
+    folds: float = tuned(0.05, "1", 0, 1)
+    without_partner: float = tuned(0.03, "1", 0, 1)
+
+
+NOTES = NoteTuning()
 
 
 # To have another kind of guess tried, add a function of the two shapes, and of what tells how far a map disagrees with
@@ -117,7 +122,7 @@ class MatchResult:
     def certainty(self) -> float:
         """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
 
-        It speaks of all of the target, and falls with the part of it for which nothing was found.
+        It is of all of the target, and falls with the part of it for which nothing was found.
         """
         return self.candidates[self.chosen].certainty * self.placed
 
@@ -178,7 +183,7 @@ def match_steps(
     known = Constraints(options.landmarks, axes, paired)
     exact = options.landmarks if options.exact_landmarks else None
     ahead = ANALYSES if options.initial in ("auto", "landmarks") else ()
-    functions = max(options.k_final, FEWEST_FUNCTIONS)
+    functions = max(options.k_final, ANALYSIS.fewest_functions)
 
     def attempt_steps(body: Bodies) -> Steps[Attempt]:
         analysing = (
@@ -207,7 +212,7 @@ def match_steps(
         except LandmarkError:  # on a part that another body has, and this one has not
             if not attempts:
                 raise
-        if attempts[-1].candidates[0].certainty >= SURE_OF_BODY:
+        if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
     best = best_of(attempts)
     return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
@@ -257,7 +262,7 @@ def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) 
     """How many vertices the stand-in for a mesh is to have."""
     if proxy_vertices != "auto":
         return proxy_vertices
-    return int(np.clip(len(part.vertices) // PER_PROXY_VERTEX, *PROXY_VERTICES))
+    return int(np.clip(len(part.vertices) // PROXY.reduction, PROXY.fewest, PROXY.most))
 
 
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:
@@ -267,7 +272,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
     refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
     forwards = fitted_steps(refining, source, target, candidate.mirrored)
-    fewer = candidate.mirrored, min(pair.k_final, MOST_FUNCTIONS_BACK), pair.step
+    fewer = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
     refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer)
     # The way back ends first: there is time to prepare what carrying over needs.
     backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
@@ -279,15 +284,15 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     carrying = in_background(lambda: lifted(pair, fit, confidence))
     whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
     notes = (*_notes_on_rest(there, back, source, target), *whole.notes)
-    if over > NOTABLE_FOLDS:
+    if over > NOTES.folds:
         notes = (
             f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "
             "confidence is low there.",
             *notes,
         )
     certainty = candidate.certainty * whole.placed
-    if certainty < SURE:
-        notes = ((UNSURE if certainty >= LOST else NOT_RECOGNISED).format(certainty), *notes)
+    if certainty < NOTES.sure:
+        notes = ((UNSURE if certainty >= NOTES.lost else NOT_RECOGNISED).format(certainty), *notes)
     return MatchResult(
         whole.surface_map, whole.confidence, functional_map, candidates, chosen, notes, pair, whole.placed
     )
@@ -316,7 +321,7 @@ def _notes_on_rest(
         (of_target, "About {:.0%} of the target seems to have no partner on the source: confidence is low there."),
         (of_source, "About {:.0%} of the source seems to have no partner on the target: nothing was matched to it."),
     )
-    return tuple(text.format(share) for share, text in notes if share > NOTABLE_REST)
+    return tuple(text.format(share) for share, text in notes if share > NOTES.without_partner)
 
 
 def _hypotheses_steps(
@@ -342,7 +347,7 @@ def _hypotheses_steps(
         by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
-        anchors = by_landmarks.anchors.scaled(LANDMARKS_OVER_GUESSES).and_those(anchors)
+        anchors = by_landmarks.anchors.scaled(CONSTRAINTS.landmarks_over_guesses).and_those(anchors)
     if anchors is None:
         return hypotheses
     # Whatever a guess begins with, places that are known hold it there, to the end.

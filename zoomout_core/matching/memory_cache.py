@@ -22,7 +22,7 @@ from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 
-# The shapes kept take at most so many bytes: some ten of the usual size. So do the working meshes.
+# Bytes that the shapes kept take at most, which is about ten of the usual size; as much again for working meshes.
 MOST_BYTES = 512 << 20
 # Numbers of eight bytes that a shape holds for each of its vertices, beside the eigenfunctions: distances above all.
 PER_VERTEX = 300
@@ -31,7 +31,7 @@ Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
 
 class _Kept(Generic[Value]):
-    """Values by the hash of their content; those used longest ago are let go of when all take too much memory."""
+    """Values by the hash of their content; those used longest ago are dropped when all take too much memory."""
 
     def __init__(self) -> None:
         self._values: OrderedDict[bytes, Value] = OrderedDict()
@@ -102,7 +102,7 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTE
 
 
 def forget_shapes() -> None:
-    """Let go of all shapes that were kept in memory."""
+    """Drop all shapes that are kept in memory."""
     _shapes.forget()
     _meshes.forget()
 

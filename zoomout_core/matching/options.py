@@ -1,4 +1,4 @@
-"""The options of a match, the same behind every door."""
+"""The options of a match, the same for Python, the command line, Blender and MeshLab."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from zoomout_core.matching.constraints import Landmarks, Regions
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
+# The smallest sizes that are accepted: of the final functional map, and of a stand-in, in vertices.
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
 

@@ -14,9 +14,21 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import vertex_numbers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.tuning import Tuning, tuned
 
-# A landmark that is farther off its surface than this part of the square root of the area is a mistake.
-OFF_SURFACE = 0.05
+
+@dataclass(frozen=True)
+class PlacementTuning(Tuning, set_by="judgement"):
+    """Where landmarks may be.
+
+    Attributes:
+        off_surface: a landmark that is farther from its surface is a mistake.
+    """
+
+    off_surface: float = tuned(0.05, "at unit area", 0, 10)
+
+
+PLACEMENT = PlacementTuning()
 
 
 class LandmarkError(MeshError):
@@ -64,14 +76,14 @@ def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:
     positions = part.to_surface(part.vertices)
     if part.is_skin:
         return positions
-    # As the surface has them, to the last bit: surfaces that lie in each other are to do so here.
+    # Bit-equal to the surface's own: two surfaces in one place are in one place here, too.
     used = np.flatnonzero(part.vertex_of >= 0)
     positions[part.vertex_of[used]] = surface.vertices[used]
     return positions
 
 
 def standing(pair: Pair) -> Floats:
-    """(n, 3) the vertices of the target's part as the two surfaces stand, in the frame of the source's part."""
+    """(n, 3) the vertices of the target's part, where it is in space, in the frame of the source's part."""
     return pair.source_shape.proxy.full.from_surface(positions_of_part(pair.target, pair.target_shape))
 
 
@@ -146,7 +158,7 @@ def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, 
     triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
     corners = surface.triangles[triangle]
     distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
-    off = np.flatnonzero(distance > OFF_SURFACE * np.sqrt(surface.area))
+    off = np.flatnonzero(distance > PLACEMENT.off_surface * np.sqrt(surface.area))
     if len(off):
         fault = (
             f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: "

@@ -1,7 +1,7 @@
 """A map by proximity alone, for clothes on a body: the nearest points, as far as they are near and face the same way.
 
 Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: what is too far off, or lies
-on a surface that faces another way, as the other leg does, has no partner; it is for the transfer to fill it in.
+on a surface that faces another way, as the other leg does, has no partner; it is filled in by the transfer.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from zoomout_core.mesh.triangles import unique_edges, unit_vectors, vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 
-# The paper allows for a twentieth of the bounding box's diagonal, which is about this for a human figure, and for the
-# same angle. On clothes 0.005 to 0.04 above a body, all distances that reach them were as good, and wider angles worse.
+# Defaults of the public signature: over the square root of the source's area, and in degrees. The paper has a
+# twentieth of the bounding box's diagonal, which is about this for a human figure, and the same angle. On clothes 0.005
+# to 0.04 above a body, all distances that reach them were as good, and wider angles worse.
 MOST_DISTANCE = 0.08
 MOST_ANGLE = 30.0
 

@@ -19,11 +19,30 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.tuning import Tuning, tuned
 
-# A mesh that is larger by less than this is not worth decimating.
-WORTHWHILE = 1.25
-# An image on a stand-in is brought to a point of the full mesh as near as this, at unit area, or to the nearest one.
-NEAR_ENOUGH = 2e-3
+
+@dataclass(frozen=True)
+class ProxyTuning(Tuning, set_by="speed"):
+    """The size of stand-ins, unless the user gives it, and the way back to the full mesh.
+
+    Attributes:
+        reduction: vertices of the mesh for each vertex of its stand-in, within limits. Finer meshes have finer features
+            in common, by which the target is registered to the source.
+        fewest: vertices of a stand-in.
+        most: vertices of a stand-in. Larger ones took longer, and gained little.
+        worthwhile: a mesh that is larger by less than this factor is not decimated.
+        near_enough: an image on a stand-in moves to a point of the full mesh that is as near, or to the nearest one.
+    """
+
+    reduction: int = tuned(8, "1", 1, 1000)
+    fewest: int = tuned(4000, "vertices", 4, 10**6)
+    most: int = tuned(6000, "vertices", 4, 10**6)
+    worthwhile: float = tuned(1.25, "1", 1, 10)
+    near_enough: float = tuned(2e-3, "at unit area", 0, 0.1)
+
+
+PROXY = ProxyTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +65,7 @@ class Proxy:
     def place(self) -> SurfaceMap:
         """For every vertex of the part the closest point of the stand-in, near the vertex that it was merged into.
 
-        Where a limb touches another one, that keeps it on its own side.
+        Where two limbs touch, each vertex stays on its own one.
         """
         if self.mesh is self.full:
             corner = np.empty(len(self.vertices), dtype=np.int64)
@@ -55,7 +74,7 @@ class Proxy:
         triangles, n = self.mesh.triangles, len(self.vertices)
         around = Neighbourhoods(triangles, n, edges=0)
         triangle, barycentric = project_to_embedding(self.full.vertices, self.vertices, around, self.merged)
-        # Where the closest point lies on the rim of the triangles around the vertex, it may lie beyond.
+        # A closest point on the boundary of the triangles around the vertex may be beyond it.
         weight = np.where(triangles[triangle] == self.merged[:, None], barycentric, 0).sum(axis=1)
         rim = np.flatnonzero(weight <= 0)
         beyond = project_to_embedding(
@@ -73,7 +92,7 @@ class Proxy:
 
     def closest(self, images: Floats) -> SurfaceMap:
         """The points of the part that are closest to places (q, 3) on, or next to, the stand-in."""
-        return SurfaceMap(*self.search.closest(images, NEAR_ENOUGH), self.full.triangles)
+        return SurfaceMap(*self.search.closest(images, PROXY.near_enough), self.full.triangles)
 
     @cached_property
     def search(self) -> SurfaceSearch:
@@ -91,7 +110,7 @@ def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, 
 
     Yields the fraction done.
     """
-    if count is None or len(part.vertices) <= WORTHWHILE * count:
+    if count is None or len(part.vertices) <= PROXY.worthwhile * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
     points, triangles, merged = yield from decimated_steps(part.vertices, part.oriented_triangles, count)
     mesh, _ = Surface(points, triangles).working.part(0)
@@ -99,7 +118,7 @@ def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, 
     used = mesh.vertex_of >= 0
     vertices[mesh.vertex_of[used]] = points[used]
     merged = mesh.vertex_of[merged]
-    astray = merged < 0  # into a splinter that is no part of the stand-in
+    astray = merged < 0  # into a small component that is no part of the stand-in
     merged[astray] = cKDTree(vertices).query(part.vertices[astray])[1]
     return Proxy(part, mesh, vertices, merged)
 

@@ -12,7 +12,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.zoomout import nearest_samples, upsample
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.hypotheses.hypothesis import SAME_MAP, Hypothesis, alike
+from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
 from zoomout_core.matching.scores import (
     EVIDENCE,
@@ -26,28 +26,73 @@ from zoomout_core.matching.scores import (
 )
 from zoomout_core.runtime.stepping import scaled
 from zoomout_core.runtime.threads import for_each
+from zoomout_core.tuning import Tuning, tuned
 
-# Sizes of the functional maps on which hypotheses are screened, and the survivors compared.
-SCREENING_SIZE = 30
-RANKING_SIZE = 60
-REVERSE_START = 16
-# What is compared and laid over the source in space: distinct maps that score worse than the best one by less than the
-# margin, but some at least, from which a user may choose, and some at most; fewer of mirror images.
-MARGIN = 1.5
+# Fewest and most maps that are compared.
 Quota: TypeAlias = tuple[int, int]
-DIRECT: Quota = 4, 14
-MIRRORED: Quota = 2, 4
-# A map whose normals disagree with the target's by more than this is a mirror image. One whose normals agree no more
-# than they disagree mirrors some limbs only, which laying it over the source will turn back.
-CLEAR_ORIENTATION = 0.2
-# Maps whose images are farther apart than this, on average and at unit area, rival each other.
-ANOTHER_MAP = 0.1
-# Score against the mirror image of a cloth, which a plane fits as well as its own.
-DOUBT_OF_MIRRORS = 0.5
-# Certainty: how fast a lead in score puts rivals out, up to which lead; and the log odds against a map whose mean
-# distance in space is 1, with their rate in the distance's logarithm.
-RIVALRY, LARGEST_LEAD = 3.85, 20.0
-MISFIT, MISFIT_RATE = 18.73, 5.43
+
+
+@dataclass(frozen=True)
+class RankingTuning(Tuning, set_by="correspondence"):
+    """Which hypotheses are refined, and how far.
+
+    Attributes:
+        screening_size: of the functional maps that hypotheses are first compared by.
+        screening_step: growth of these in an iteration.
+        size: of the functional maps that the best of them are compared by.
+        step: growth of these in an iteration.
+        reverse_start: size of the functional map that the map in the other direction begins with.
+        reverse_step: growth of that in an iteration.
+        margin: of the score: distinct maps that are worse than the best one by less are compared and aligned in space,
+            within the quotas.
+        direct: fewest and most maps that keep the orientation; a user may choose among them.
+        mirrored: fewest and most mirror images.
+        clear_orientation: a map whose normals disagree with the target's by more than this is a mirror image. One whose
+            normals agree no more than they disagree mirrors some limbs only, which alignment in space corrects.
+        mirror_penalty: score of the mirror image of a cloth, which a plane fits as well as its own.
+    """
+
+    screening_size: int = tuned(30, "eigenfunctions", 4, 1000)
+    screening_step: int = tuned(2, "eigenfunctions", 1, 100)
+    size: int = tuned(60, "eigenfunctions", 4, 1000)
+    step: int = tuned(5, "eigenfunctions", 1, 100)
+    reverse_start: int = tuned(16, "eigenfunctions", 2, 1000)
+    reverse_step: int = tuned(4, "eigenfunctions", 1, 100)
+    margin: float = tuned(1.5, "1", 0, 100)
+    direct: Quota = tuned((4, 14), "candidates", 1, 1000)
+    mirrored: Quota = tuned((2, 4), "candidates", 0, 1000)
+    clear_orientation: float = tuned(0.2, "1", 0, 1)
+    mirror_penalty: float = tuned(0.5, "1", 0, 100)
+
+
+RANKING = RankingTuning()
+
+
+@dataclass(frozen=True)
+class CertaintyTuning(Tuning, set_by="correspondence"):
+    """From the scores to a probability.
+
+    The right map may not be among the candidates at all, which a bad fit indicates. Its constants are of people,
+    animals, gorilla-to-man pairs and generated characters, with all hypotheses and with most left out, so that right
+    maps were missed. Fitted without one of these sets and tried on it, of 43 maps that it called 90 % sure, 40 were
+    right; all 22 were where no hypothesis was left out. Of all sets since, 267 of 267 such maps were.
+
+    Attributes:
+        another_map: maps whose images are farther apart on average rival each other.
+        rivalry: rate at which the odds of a rival fall with the lead in score.
+        largest_lead: lead beyond which they fall no more.
+        misfit: logarithm of the odds against a map whose mean distance in space is 1.
+        misfit_rate: rate at which that rises with the logarithm of the distance.
+    """
+
+    another_map: float = tuned(0.1, "at unit area", 0, 2)
+    rivalry: float = tuned(3.85, "1", 0, 100)
+    largest_lead: float = tuned(20.0, "1", 0, 100)
+    misfit: float = tuned(18.73, "1", -100, 100)
+    misfit_rate: float = tuned(5.43, "1", 0, 100)
+
+
+CERTAINTY = CertaintyTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +144,8 @@ def rank_steps(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     disagreement: Disagreement = nothing_known,
-    quotas: tuple[Quota, Quota] = (DIRECT, MIRRORED),
-    clear_orientation: float = CLEAR_ORIENTATION,
+    quotas: tuple[Quota, Quota] | None = None,
+    clear_orientation: float | None = None,
     wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
 ) -> Generator[float, None, list[Candidate]]:
     """Refine hypotheses, drop duplicates and the hopeless, score the rest in both directions.
@@ -112,8 +157,9 @@ def rank_steps(
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         disagreement: with what is known of the map.
-        quotas: how many maps that keep the orientation are compared, and how many that reverse it.
-        clear_orientation: how far a map's normals have to disagree with the target's for it to be a mirror image.
+        quotas: how many maps that keep the orientation are compared, and how many that reverse it; as tuned when None.
+        clear_orientation: how far a map's normals have to disagree with the target's for it to be a mirror image; as
+            tuned when None.
         wanted: whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether
             it reverses the orientation.
 
@@ -121,9 +167,11 @@ def rank_steps(
         Candidates, the most likely first; those of mirror images come after all others.
     """
     shapes = source, target
+    clear = RANKING.clear_orientation if clear_orientation is None else clear_orientation
+    quotas = (RANKING.direct, RANKING.mirrored) if quotas is None else quotas
     if not sides_are_known(*shapes):
         quotas = quotas[0], quotas[0]
-    screening = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear_orientation), hypotheses)
+    screening = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear), hypotheses)
     screened = yield from scaled(screening, 0.0, 0.6)
     screened = [entry for entry in screened if wanted(entry.sample_map, entry.reverses_orientation)]
     kept = _leading(screened, [entry.score for entry in screened], source, quotas)
@@ -131,8 +179,8 @@ def rank_steps(
     refined = yield from scaled(refining, 0.6, 0.8)
     refined = [entry for entry in refined if wanted(entry.sample_map, entry.reverses_orientation)]
     leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, quotas)
-    laying = for_each(lambda candidate: _laid(candidate, *shapes), leading)
-    candidates = yield from scaled(laying, 0.8, 1.0)
+    aligning = for_each(lambda candidate: _aligned(candidate, *shapes), leading)
+    candidates = yield from scaled(aligning, 0.8, 1.0)
     return in_order(candidates, source, target)
 
 
@@ -155,32 +203,26 @@ def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAn
 
 
 def _certainty(candidate: Candidate, candidates: list[Candidate], source: ShapeAnalysis) -> float:
-    """Probability that a candidate is right: its share among the maps that rival it, times that of its fit in space.
-
-    The right map may not be among the candidates at all, which a bad fit betrays. The three constants are of people,
-    animals, gorilla-to-man pairs and generated characters, with all hypotheses and with most left out, so that right
-    maps were missed. Fitted without one of these sets and tried on it, of 43 maps that it called 90 % sure, 40 were
-    right; all 22 were where no hypothesis was left out. Of all sets since, 267 of 267 such maps were.
-    """
+    """Probability that a candidate is right: its share among the maps that rival it, times that of its fit in space."""
     images = source.nearest_distance_sample[candidate.sample_map]
     rivals = 0.0
     for other in candidates:
         if other is candidate:
             continue
         apart = source.distances[images, source.search.samples[other.sample_map]].mean()
-        if apart > ANOTHER_MAP:
+        if apart > CERTAINTY.another_map:
             lead = _of_shape(other) - _of_shape(candidate)
-            rivals += np.exp(-RIVALRY * np.clip(lead, -LARGEST_LEAD, LARGEST_LEAD))
-    doubt = np.exp(MISFIT + MISFIT_RATE * np.log(max(candidate.scores["place"], 1e-9)))
+            rivals += np.exp(-CERTAINTY.rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
+    doubt = np.exp(CERTAINTY.misfit + CERTAINTY.misfit_rate * np.log(max(candidate.scores["place"], 1e-9)))
     return float(1 / (1 + rivals) / (1 + doubt))
 
 
 def _of_shape(candidate: Candidate) -> float:
-    """The total score without where the two surfaces stand, which makes a map likely, but not sure: balls may turn."""
-    return candidate.scores["total"] - EVIDENCE[IN_SPACE] * candidate.scores.get(IN_SPACE, 0.0)
+    """The total score without the place in space, which makes a map likely, but not sure: a ball may have turned."""
+    return candidate.scores["total"] - EVIDENCE.place_in_space * candidate.scores.get(IN_SPACE, 0.0)
 
 
-def _laid(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:
+def _aligned(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:
     """The candidate with the scores of its fit in space; as itself or mirrored, where only this can tell."""
     either = [candidate]
     if not sides_are_known(source, target):
@@ -188,8 +230,8 @@ def _laid(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) ->
     scored = []
     for one in either:
         scores = one.scores | fit_in_space(one.sample_map, one.anchors, one.mirrored, source, target)
-        doubt = DOUBT_OF_MIRRORS * (one.mirrored and len(either) > 1)
-        scored.append(replace(one, scores=scores | {"total": total_score(scores) + doubt}))
+        penalty = RANKING.mirror_penalty * (one.mirrored and len(either) > 1)
+        scored.append(replace(one, scores=scores | {"total": total_score(scores) + penalty}))
     return min(scored, key=lambda one: one.scores["total"])
 
 
@@ -200,9 +242,10 @@ def _screen(
     disagreement: Disagreement,
     clear_orientation: float,
 ) -> _Screened:
-    size = min(SCREENING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    size = min(RANKING.screening_size, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(hypothesis.anchors, source, target)
-    functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, 2, anchors)
+    step = RANKING.screening_step
+    functional_map, sample_map = upsample(source.search, target.search, hypothesis.functional_map, size, step, anchors)
     reverses = orientation_agreement(sample_map, source, target) < -clear_orientation
     scores = scores_of(functional_map, sample_map, source, target, reverses)
     scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
@@ -216,14 +259,14 @@ def _leading(
     if not maps:
         return []
     order = np.argsort(scores, kind="stable")
-    same = alike([source.coordinates[entry.sample_map] for entry in maps], SAME_MAP)
+    same = alike([source.coordinates[entry.sample_map] for entry in maps], HYPOTHESES.same_map)
     leading: list[_Map] = []
     for reverses, (fewest, most) in zip((False, True), quotas, strict=True):
         oriented = [i for i in order if maps[i].reverses_orientation == reverses]
         kept: list[int] = []
         for i in oriented:
             behind = scores[i] - scores[oriented[0]]
-            if len(kept) < (most if behind < MARGIN else fewest) and not same[i, kept].any():
+            if len(kept) < (most if behind < RANKING.margin else fewest) and not same[i, kept].any():
                 kept.append(i)
         leading += [maps[i] for i in kept]
     return leading
@@ -231,15 +274,16 @@ def _leading(
 
 def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement) -> Candidate:
     """Refine further, find the reverse map on its own, and average the scores of both."""
-    size = min(RANKING_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    size = min(RANKING.size, source.search.rows.shape[1], target.search.rows.shape[1])
     anchors = _at_search_samples(entry.hypothesis.anchors, source, target)
     swapped = None if anchors is None else anchors.swapped()
-    functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, 5, anchors)
+    step = RANKING.step
+    functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, step, anchors)
     # The reverse map starts from the transpose, which is the inverse of an isometry's functional map.
     back = nearest_samples(target.search, source.search, entry.functional_map.T, swapped)
-    start = min(REVERSE_START, size)
+    start = min(RANKING.reverse_start, size)
     reverse = source.search.fit(target.search.rows[back, :start], start)
-    reverse, reverse_map = upsample(target.search, source.search, reverse, size, 4, swapped)
+    reverse, reverse_map = upsample(target.search, source.search, reverse, size, RANKING.reverse_step, swapped)
     reverses = entry.reverses_orientation
     there = scores_of(functional_map, sample_map, source, target, reverses)
     back_again = scores_of(reverse, reverse_map, target, source, reverses)

@@ -19,14 +19,14 @@ from zoomout_core.arrays import Floats
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.attempt import Attempt
+from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.confidence import confidence_of
-from zoomout_core.matching.match import ANALYSING, SURE_OF_BODY, fitted_steps
+from zoomout_core.matching.match import ANALYSING, fitted_steps
 from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank_steps
-from zoomout_core.matching.refinement import ONTO_ITSELF, dense_steps
+from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
@@ -142,7 +142,7 @@ def detect_symmetry_steps(
         candidates = yield from spread(candidate_steps(shape), compared, end, "Comparing candidates")
         if candidates:
             attempts.append(Attempt(pair, candidates, body.coverage))
-        if candidates and candidates[0].certainty >= SURE_OF_BODY:
+        if candidates and candidates[0].certainty >= ATTEMPTS.sure:
             break
     if not attempts:
         return ()
@@ -172,7 +172,7 @@ def _symmetry_steps(pair: Pair, candidate: Candidate, left: Floats) -> Generator
     """From a candidate on samples to a symmetry of the whole surface; yields the fraction done."""
     shape = pair.source_shape
     order = order_of(candidate.sample_map, shape)
-    how = candidate.mirrored, pair.k_final, pair.step, ONTO_ITSELF
+    how = candidate.mirrored, pair.k_final, pair.step, REFINEMENT.onto_itself
     refining = dense_steps(shape, shape, candidate.functional_map, None, *how)
     forwards = fitted_steps(refining, shape, shape, candidate.mirrored)
     if order == 2:  # it is its own inverse

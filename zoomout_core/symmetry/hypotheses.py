@@ -22,7 +22,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.hypotheses.rotations import ANGLES, SAME_EIGENVALUE, turn
+from zoomout_core.matching.hypotheses.rotations import ROTATIONS, turn
 
 # The tree is as deep as takes in so many eigenfunctions, and grows on so many samples. A map is judged by what a few
 # iterations of ZoomOut make of it, to so many functions more; so many are kept at each level, and fewer where no
@@ -93,7 +93,7 @@ def _may_be_round(shape: ShapeAnalysis) -> bool:
 
 def _groups(eigenvalues: Floats) -> list[int]:
     """Sizes of the groups of equal eigenvalues, the constant function left out; up to one that is too large."""
-    apart = np.flatnonzero(np.diff(eigenvalues[1:]) > SAME_EIGENVALUE * eigenvalues[1:-1]) + 1
+    apart = np.flatnonzero(np.diff(eigenvalues[1:]) > ROTATIONS.same_eigenvalue * eigenvalues[1:-1]) + 1
     sizes = np.diff([0, *apart, len(eigenvalues) - 1])
     too_large = np.flatnonzero(sizes > 3)
     return [int(size) for size in sizes[: too_large[0] if len(too_large) else None]]
@@ -104,7 +104,8 @@ def _choices(size: int) -> list[Floats]:
     if size == 1:
         return [np.array([[sign]]) for sign in (1.0, -1.0)]
     if size == 2:
-        return [turn(2 * np.pi * step / ANGLES, mirror) for step, mirror in product(range(ANGLES), (1, -1))]
+        count = ROTATIONS.angles
+        return [turn(2 * np.pi * step / count, mirror) for step, mirror in product(range(count), (1, -1))]
     return [np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 
 

@@ -9,7 +9,7 @@ from scipy.special import expit
 
 from zoomout_core.arrays import Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking import ANOTHER_MAP, Candidate
+from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.scores import correlation, laid_over
 from zoomout_core.symmetry.involution import distance_moved, mean_distance
 
@@ -52,7 +52,7 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
     for candidate in ranked:
         # A turn and a reflection are two, however near each other they lead.
         alike = [other for other in distinct if other.reverses_orientation == candidate.reverses_orientation]
-        if all(_apart(candidate, other, shape) > ANOTHER_MAP for other in alike):
+        if all(_apart(candidate, other, shape) > CERTAINTY.another_map for other in alike):
             distinct.append(candidate)
     sure = [replace(candidate, certainty=_certainty(candidate, distinct)) for candidate in distinct]
     return sorted(sure, key=_place)

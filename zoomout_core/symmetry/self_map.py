@@ -10,9 +10,9 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps
-from zoomout_core.matching.match import ANALYSES, FEWEST_FUNCTIONS, prepared_steps, proxy_size
+from zoomout_core.matching.match import ANALYSES, prepared_steps, proxy_size
 from zoomout_core.matching.memory_cache import kept_analysis_steps
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -95,6 +95,6 @@ def body_shape_steps(
     body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
 ) -> Steps[ShapeAnalysis]:
     """A surface's body, ready to have its symmetries found; arguments as for `detect_symmetry`."""
-    k = max(k_final, FEWEST_FUNCTIONS)
+    k = max(k_final, ANALYSIS.fewest_functions)
     preparing = kept_analysis_steps(body, k, samples, seed, proxy_size(body, proxy_vertices))
     return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.0, 1.0, "Analysing the shape"))

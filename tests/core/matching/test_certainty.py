@@ -16,7 +16,7 @@ from shapes import sheet
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.ranking import Candidate, _laid, _leading, in_order, rank_steps
+from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank_steps
 from zoomout_core.matching.scores import EVIDENCE, IN_SPACE
 from zoomout_core.runtime.stepping import drain
 
@@ -84,7 +84,7 @@ def test_any_lead_has_a_certainty() -> None:
 def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
     off = 0.5
     standing = candidate(0.0)
-    turned = candidate(EVIDENCE[IN_SPACE] * off, 0.5, in_space=off)
+    turned = candidate(EVIDENCE.place_in_space * off, 0.5, in_space=off)
     ranked = in_order([turned, standing], line(), line())
     assert ranked[0].origin == standing.origin
     assert ranked[0].certainty == pytest.approx(0.5, abs=0.01)
@@ -109,8 +109,8 @@ def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken
     identity = np.arange(len(shape.search.samples))
     scores = {"commutativity": 0.1, "frequency": 0.1, "distance": 0.1, "curvature": 0.0, "handedness": 0.0}
     mirrored = replace(candidate(0.0, mirrored=True), sample_map=identity, scores=scores)
-    assert not _laid(mirrored, shape, shape).mirrored
-    assert not _laid(replace(mirrored, mirrored=False), shape, shape).mirrored
+    assert not _aligned(mirrored, shape, shape).mirrored
+    assert not _aligned(replace(mirrored, mirrored=False), shape, shape).mirrored
 
 
 def leading(scores: list[float], quotas: tuple[tuple[int, int], tuple[int, int]], **others: Any) -> list[float]:
@@ -189,6 +189,6 @@ def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, mo
     assert found.reverses_orientation is reverses
 
 
-def test_a_closed_shape_is_not_laid_the_other_way_whatever_fits_better(ranked) -> None:
+def test_a_closed_shape_is_not_aligned_the_other_way_whatever_fits_better(ranked) -> None:
     candidates, *shapes = ranked
-    assert _laid(replace(candidates[0], mirrored=True), *shapes).mirrored
+    assert _aligned(replace(candidates[0], mirrored=True), *shapes).mirrored

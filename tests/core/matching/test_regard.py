@@ -11,7 +11,7 @@ from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.local_rigid_alignment import Alignment, _rotations_of_blends, align, beside_places
-from zoomout_core.matching.refinement import _nearest_near_samples, _regard_for_space, dense_steps
+from zoomout_core.matching.refinement import _nearest_near_samples, _weight_factor, dense_steps
 from zoomout_core.runtime.stepping import drain
 
 
@@ -20,45 +20,45 @@ def shape() -> ShapeAnalysis:
     return drain(analysis_steps(creature(500).surface.working.part(0)[0], 100, 200, 0))
 
 
-def regard(shape: ShapeAnalysis, off_in_space: float, off_along: float) -> float:
-    """For a map that misses by so much in space, and by about so much along the surface."""
+def weight_factor(shape: ShapeAnalysis, off_in_space: float, off_along: float) -> float:
+    """For a map that misses by a distance in space, and by about another one along the surface."""
     samples = shape.sampled.samples
     vertices = shape.mesh.vertices
     noise = np.random.default_rng(0).normal(scale=off_along, size=(len(samples), 3))
     vertex = np.linalg.norm((vertices[samples] + noise)[:, None] - vertices, axis=2).argmin(axis=1)
-    laid = Alignment(vertices[vertex] + [off_in_space, 0, 0], shape.mesh.vertex_normals[samples])
-    return _regard_for_space(vertex, laid, shape, shape, 30)
+    aligned = Alignment(vertices[vertex] + [off_in_space, 0, 0], shape.mesh.vertex_normals[samples])
+    return _weight_factor(vertex, aligned, shape, shape, 30)
 
 
 def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: ShapeAnalysis) -> None:
-    regards = [regard(shape, off, 0.1) for off in (0.001, 0.03, 0.06, 1.0)]
-    assert regards == sorted(regards, reverse=True)
-    assert regards[0] > 2
-    assert regards[-1] < 0.5
-    assert regards[-1] > 0.05
-    assert regards[0] < 20
-    assert regards[1] > regards[2]
-    assert regard(shape, 0.03, 0.2) > regard(shape, 0.03, 0.02)
+    factors = [weight_factor(shape, off, 0.1) for off in (0.001, 0.03, 0.06, 1.0)]
+    assert factors == sorted(factors, reverse=True)
+    assert factors[0] > 2
+    assert factors[-1] < 0.5
+    assert factors[-1] > 0.05
+    assert factors[0] < 20
+    assert factors[1] > factors[2]
+    assert weight_factor(shape, 0.03, 0.2) > weight_factor(shape, 0.03, 0.02)
 
 
 def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:
     # Neighbours along the surface are as far apart in the one as in the other.
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
-    laid = Alignment(shape.mesh.vertices, 0 * shape.mesh.vertex_normals)
+    aligned = Alignment(shape.mesh.vertices, 0 * shape.mesh.vertex_normals)
     rows = shape.basis.eigenvectors[:, :30]
-    both, _ = beside_places(rows, rows, laid, shape, 30, 1.0)
+    both, _ = beside_places(rows, rows, aligned, shape, 30, 1.0)
     step = both[a] - both[b]
     ratio = np.linalg.norm(step[:, 30:33], axis=1) / np.linalg.norm(step[:, :30], axis=1)
     assert 0.6 < np.median(ratio) < 1.6
-    quarter, _ = beside_places(rows, rows, laid, shape, 30, 0.25)
+    quarter, _ = beside_places(rows, rows, aligned, shape, 30, 0.25)
     np.testing.assert_allclose(quarter[:, 30:33], both[:, 30:33] / 2)
 
 
 def test_normals_tell_the_two_sides_of_a_limb_apart(shape: ShapeAnalysis) -> None:
     rows = np.zeros((len(shape.mesh.vertices), 1))
     normals = shape.mesh.vertex_normals
-    laid = Alignment(shape.mesh.vertices, -normals)
-    queries, embedded = beside_places(rows, rows, laid, shape, 30, 1.0)
+    aligned = Alignment(shape.mesh.vertices, -normals)
+    queries, embedded = beside_places(rows, rows, aligned, shape, 30, 1.0)
     other_side = np.linalg.norm(queries[:, None] - embedded, axis=2).argmin(axis=1)
     assert np.median(np.einsum("nx,nx->n", normals, normals[other_side])) < -0.3
     off = np.linalg.norm(shape.mesh.vertices[other_side] - shape.mesh.vertices, axis=1)
@@ -91,7 +91,7 @@ def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_tar
     assert off[1] < 0.8 * off[0]
 
 
-def test_a_few_vertices_are_laid_as_they_are_among_all(shape: ShapeAnalysis) -> None:
+def test_a_few_vertices_are_aligned_as_they_are_among_all(shape: ShapeAnalysis) -> None:
     images = shape.basis.coefficients(shape.mesh.vertices @ Rotation.from_rotvec([0, 0, 1.0]).as_matrix().T)
     some = np.array([3, 77, 400])
     whole, few = align(images, shape, 0.08, False), align(images, shape, 0.08, False, some)

@@ -50,7 +50,7 @@ def test_a_map_is_ranked_by_each_criterion(criterion: str) -> None:
 @pytest.mark.parametrize("kind", ["landmarks", "earlier map", "place in space", "axes", "regions"])
 def test_a_map_that_disagrees_with_what_is_known_is_ranked_behind(kind: str) -> None:
     # A tenth of complete disagreement, or of the square root of the area, counts in each of them.
-    assert kind in EVIDENCE
+    assert kind in EVIDENCE.weights
     assert total_score(SCORES | {kind: 0.1}) > total_score(SCORES) + 0.1
 
 
@@ -63,7 +63,7 @@ def test_landmarks_outweigh_what_a_map_and_its_mirror_image_differ_by() -> None:
 def test_what_is_not_known_of_a_map_says_nothing() -> None:
     unknown = {name: score for name, score in SCORES.items() if name not in ("place", "facing")}
     assert total_score(unknown) == pytest.approx(total_score(unknown | {"place": 1.0, "facing": 1.0}))
-    assert total_score(SCORES | dict.fromkeys(EVIDENCE, 0.0)) == pytest.approx(total_score(SCORES))
+    assert total_score(SCORES | dict.fromkeys(EVIDENCE.weights, 0.0)) == pytest.approx(total_score(SCORES))
 
 
 def test_handedness_weighs_the_same_wherever_it_begins_and_a_perfect_map_has_a_score() -> None:

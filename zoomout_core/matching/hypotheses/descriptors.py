@@ -7,6 +7,7 @@ small linear system. With the sign of the pseudo-scalars turned, the same fit yi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -16,16 +17,32 @@ from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
 from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of, total_score
+from zoomout_core.tuning import Tuning, tuned
 
-# No choice of the map's size, of the pseudo-scalars' weight and of the mask's is right for all shapes; each is
-# right for about half of those that are nearly isometric.
-SIZES = (8, 12, 16)
-PSEUDO_SCALAR_WEIGHTS = (0.3, 1.0, 3.0)
-MASK_WEIGHTS = (0.02, 0.3)
-# Fits whose images differ by less than this part of their variance would be refined to the same map.
-SAME_FIT = 0.1
-# So many that keep the orientation are refined, and so many that reverse it.
-KEPT = 5
+
+@dataclass(frozen=True)
+class DescriptorTuning(Tuning, set_by="correspondence"):
+    """Which fits are made, and how many are refined.
+
+    No choice of size and weights is right for all shapes; each is right for about half of those that are nearly
+    isometric.
+
+    Attributes:
+        sizes: of the functional maps.
+        pseudo_scalar_weights: beside signatures.
+        mask_weights: of the resolvent mask, relative to the mean square of the descriptors' coefficients.
+        same_fit: fits whose images differ by less than this part of their variance would be refined to the same map.
+        kept: fits that keep the orientation, and as many that reverse it, that are refined.
+    """
+
+    sizes: tuple[int, ...] = tuned((8, 12, 16), "eigenfunctions", 2, 1000)
+    pseudo_scalar_weights: tuple[float, ...] = tuned((0.3, 1.0, 3.0), "1", 0.001, 1000)
+    mask_weights: tuple[float, ...] = tuned((0.02, 0.3), "1", 1e-6, 1000)
+    same_fit: float = tuned(0.1, "1", 0, 1)
+    kept: int = tuned(5, "candidates", 1, 1000)
+
+
+DESCRIPTORS = DescriptorTuning()
 
 
 def descriptor_hypotheses(
@@ -47,21 +64,21 @@ def descriptor_hypotheses(
 
 def _best_fits(source: ShapeAnalysis, target: ShapeAnalysis, sign: int, disagreement: Disagreement) -> list[Hypothesis]:
     available = min(len(source.basis.eigenvalues), len(target.basis.eigenvalues))
-    sizes = [size for size in SIZES if size <= available]
+    sizes = [size for size in DESCRIPTORS.sizes if size <= available]
     fits: list[Hypothesis] = []
     places: list[Floats] = []
     scores: list[float] = []
-    for size, weight, mask_weight in product(sizes, PSEUDO_SCALAR_WEIGHTS, MASK_WEIGHTS):
+    for size, weight, mask_weight in product(sizes, DESCRIPTORS.pseudo_scalar_weights, DESCRIPTORS.mask_weights):
         functional_map = _fit(source, target, size, sign * weight, mask_weight)
         sample_map = nearest_samples(source.search, target.search, functional_map)
         evidence = disagreement(functional_map, sample_map, None)
         fits.append(Hypothesis(f"descriptors {size} {sign * weight:+g} {mask_weight:g}", functional_map))
         places.append(source.coordinates[sample_map])
         scores.append(total_score(scores_of(functional_map, sample_map, source, target, sign < 0) | evidence))
-    same = alike(places, SAME_FIT)
+    same = alike(places, DESCRIPTORS.same_fit)
     kept: list[int] = []
     for i in np.argsort(scores, kind="stable"):
-        if len(kept) < KEPT and not same[i, kept].any():
+        if len(kept) < DESCRIPTORS.kept and not same[i, kept].any():
             kept.append(int(i))
     return [fits[i] for i in kept]
 

@@ -1,8 +1,8 @@
 """Hypotheses from extremities: hands, feet, head, tail, matched by their distances along the surface.
 
 Extremities are the persistent maxima of the average geodesic distance. The ways to pair those of two shapes are
-weighed by how well they keep the distances between them; many are looked at, for a shape and its mirror image keep
-them alike, and a limb that only one shape has makes wrong ones look better. The distances to the paired extremities,
+weighed by how well they keep the distances between them; many are tried, for a shape and its mirror image keep
+them alike, and a limb that only one shape has makes wrong ones appear better. The distances to the paired extremities,
 and the sense in which these turn around each point, then give a map by nearest neighbours. What that keeps all over
 the surface decides which pairings are refined, and they hold the map in place meanwhile.
 """
@@ -19,7 +19,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.hypotheses.hypothesis import SAME_MAP, Hypothesis, alike
+from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
 from zoomout_core.matching.hypotheses.landmarks import anchored_hypothesis
 from zoomout_core.matching.landmark_features import LandmarkFeatures, landmark_features
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
@@ -27,22 +27,40 @@ from zoomout_core.matching.scores import Disagreement, nothing_known, scores_of,
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
+from zoomout_core.tuning import Tuning, tuned
 
-# Rise of the average distance above the pass to a higher maximum, at unit area: heads have 0.14 and more,
-# hands and feet 0.34 and more, fingers 0.05.
-PERSISTENCE = 0.09
-FEWEST, MOST = 3, 12
-# How many pairings of all extremities are looked at, how many that leave one out, or two, or three: a limb that only
-# one shape has, and its neighbours' changed places, make the right pairing one of many.
-QUOTAS = (60, 30, 15, 8)
-# At so many levels of persistence, the leading tips are paired on their own too.
-LEVELS = 2
-# So many are kept whose distances are the most consistent, and so many in all, then those whose first maps, taken down
-# to functional maps of some size, score best.
-KEPT_CONSISTENT, KEPT, COARSE_SIZE = 8, 16, 20
-# Entries of the table of extensions that the search for pairings goes through at a time. With up to seven
-# extremities on either side no pairing is lost.
-BEAM = 1 << 18
+
+@dataclass(frozen=True)
+class ExtremityTuning(Tuning, set_by="correspondence"):
+    """What an extremity is, and which pairings are tried.
+
+    Attributes:
+        persistence: rise of the average distance above the pass to a higher maximum: heads have 0.14 and more, hands
+            and feet 0.34 and more, fingers 0.05.
+        fewest: extremities of a shape; with fewer there is nothing to pair.
+        most: extremities of a shape.
+        quotas: pairings of all extremities that are tried, and of all but one, two and three: a limb that only one
+            shape has, and its neighbours' changed places, make the right pairing one of many.
+        levels: of persistence at which the leading extremities are paired on their own, too.
+        kept_consistent: pairings that are refined because they keep the distances best.
+        kept: pairings that are refined in all, the others because their first maps score best.
+        coarse_size: of the functional maps of these first maps.
+        beam: entries of the table of extensions that the search for pairings keeps. With up to seven extremities on
+            either side no pairing is lost.
+    """
+
+    persistence: float = tuned(0.09, "at unit area", 0, 2)
+    fewest: int = tuned(3, "extremities", 2, 30)
+    most: int = tuned(12, "extremities", 2, 30)
+    quotas: tuple[int, ...] = tuned((60, 30, 15, 8), "pairings", 0, 10_000)
+    levels: int = tuned(2, "levels", 0, 30)
+    kept_consistent: int = tuned(8, "pairings", 0, 1000)
+    kept: int = tuned(16, "pairings", 1, 1000)
+    coarse_size: int = tuned(20, "eigenfunctions", 2, 1000)
+    beam: int = tuned(1 << 18, "entries", 1 << 12, 1 << 30)
+
+
+EXTREMITIES = ExtremityTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +114,7 @@ def extremity_hypotheses(
         wanted: which pairings are tried, by the numbers of tips in each shape, in parallel.
     """
     tips_source, tips_target = extremities(source), extremities(target)
-    if min(len(tips_source.vertices), len(tips_target.vertices)) < FEWEST:
+    if min(len(tips_source.vertices), len(tips_target.vertices)) < EXTREMITIES.fewest:
         return []
     if sides is None:
         sides = (1,) if sides_are_known(source, target) else (1, -1)
@@ -132,7 +150,7 @@ def _best_maps(
     """The distinct maps of pairings that keep best what an isometry keeps."""
     at_source = tips_source.places.at(source.search.samples)
     at_target = tips_target.places.at(target.search.samples)
-    size = min(COARSE_SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
     tried = []
     for of_target, of_source in found:
         sample_map = nearest(at_target.features(of_target, side), at_source.features(of_source))
@@ -142,9 +160,9 @@ def _best_maps(
         tried.append(_Tried(total_score(scores), source.coordinates[sample_map], of_target, of_source))
     by_score = np.argsort([one.score for one in tried], kind="stable")
     by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
-    same = alike([one.place for one in tried], SAME_MAP)
+    same = alike([one.place for one in tried], HYPOTHESES.same_map)
     kept: list[int] = []
-    for quota, by_merit in ((KEPT_CONSISTENT, range(len(tried))), (KEPT, by_score)):
+    for quota, by_merit in ((EXTREMITIES.kept_consistent, range(len(tried))), (EXTREMITIES.kept, by_score)):
         for i in by_merit:
             if len(kept) < quota and not same[i, kept].any():
                 # Of like maps always the same one, in whatever order they come: that which most pairs hold in place.
@@ -162,10 +180,10 @@ def _best_maps(
 
 @once_per_argument
 def extremities(shape: ShapeAnalysis) -> Extremities:
-    """Persistent maxima of the average geodesic distance, at least 3 if there are as many maxima, at most 12."""
+    """Persistent maxima of the average geodesic distance, within the limits of `ExtremityTuning`."""
     average = _average_distance(shape)
     vertices, persistence = _maxima(shape)
-    count = int(np.clip((persistence > PERSISTENCE).sum(), FEWEST, MOST))
+    count = int(np.clip((persistence > EXTREMITIES.persistence).sum(), EXTREMITIES.fewest, EXTREMITIES.most))
     vertices, persistence = vertices[:count], persistence[:count]
     return Extremities(landmark_features(shape, vertices), average[vertices], persistence)
 
@@ -173,7 +191,7 @@ def extremities(shape: ShapeAnalysis) -> Extremities:
 def has_extremities(shape: ShapeAnalysis) -> bool:
     """Whether enough tips stand out clearly to go by them."""
     _, persistence = _maxima(shape)
-    return int((persistence > PERSISTENCE).sum()) >= FEWEST
+    return int((persistence > EXTREMITIES.persistence).sum()) >= EXTREMITIES.fewest
 
 
 @once_per_argument
@@ -202,9 +220,9 @@ def _levels(first: Floats, second: Floats) -> list[int]:
 
     Claws, ears and horns come and go with pose and proportions; limbs do not.
     """
-    counts = np.arange(FEWEST, min(len(first), len(second)))
+    counts = np.arange(EXTREMITIES.fewest, min(len(first), len(second)))
     drop = np.minimum(first[counts - 1] / first[counts], second[counts - 1] / second[counts])
-    best = counts[np.argsort(-drop, kind="stable")][:LEVELS]
+    best = counts[np.argsort(-drop, kind="stable")][: EXTREMITIES.levels]
     return [int(count) for count in best if len(first) != len(second) or count < len(first)]
 
 
@@ -219,8 +237,8 @@ def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, In
     mutual = np.abs(distances[0][:, None, :, None] - distances[1][None, :, None, :])
     full = min(single.shape)
     kept: list[tuple[Integers, Integers]] = []
-    for left_out, quota in enumerate(QUOTAS):
-        if full - left_out >= min(full, FEWEST):
+    for left_out, quota in enumerate(EXTREMITIES.quotas):
+        if full - left_out >= min(full, EXTREMITIES.fewest):
             kept += islice(zip(*cheapest_pairings(single, mutual, full - left_out), strict=True), quota)
     return kept
 
@@ -237,7 +255,7 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
         (p, size) elements of the first set, in rising order, and (p, size) their partners.
     """
     a, b = single.shape
-    width = BEAM // (a * b)
+    width = EXTREMITIES.beam // (a * b)
     twos = max(size * (size - 1) // 2, 1)
     left = right = np.empty((1, 0), dtype=np.int64)
     total, extension = np.zeros(1), single[None] / size  # what each further pair would add to each pairing

@@ -11,12 +11,9 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import checked_start
-from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
 from zoomout_core.matching.pair import Pair, positions_of_part, surface_vertices
 from zoomout_core.spectral.eigenbasis import eigenbasis
-
-# Size of the functional map that a map of all vertices is taken down to.
-SIZE = 20
 
 
 def proximity_hypothesis(pair: Pair) -> Hypothesis:
@@ -71,5 +68,5 @@ def _pointwise(origin: str, images: Floats, pair: Pair) -> Hypothesis:
     """The hypothesis that each vertex of the target's mesh goes to a place (n_t, 3) in the source part's frame."""
     source, target = pair.source_shape, pair.target_shape
     vertex = np.asarray(cKDTree(source.proxy.vertices).query(images)[1])
-    size = min(SIZE, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    size = min(HYPOTHESES.dense_size, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     return Hypothesis(origin, functional_map_of(vertex, source.basis, target.basis, size, size))

@@ -9,9 +9,25 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.anchors import Anchors
+from zoomout_core.tuning import Tuning, tuned
 
-# Maps whose images differ by less than this part of their variance are the same map.
-SAME_MAP = 0.05
+
+@dataclass(frozen=True)
+class HypothesisTuning(Tuning, set_by="correspondence"):
+    """The sizes of hypotheses, and which are the same.
+
+    Attributes:
+        same_map: maps whose images differ by less than this part of their variance are the same map.
+        anchored_size: of the functional map of a pointwise guess by a few places, such as landmarks.
+        dense_size: of the functional map of a map of all vertices that is given.
+    """
+
+    same_map: float = tuned(0.05, "1", 0, 1)
+    anchored_size: int = tuned(8, "eigenfunctions", 2, 1000)
+    dense_size: int = tuned(20, "eigenfunctions", 2, 1000)
+
+
+HYPOTHESES = HypothesisTuning()
 
 
 @dataclass(frozen=True, eq=False)

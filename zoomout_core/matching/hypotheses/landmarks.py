@@ -8,12 +8,9 @@ from zoomout_core.arrays import Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
 from zoomout_core.matching.landmark_features import landmark_features
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
-
-# Size of the functional map that the first, pointwise guess is taken down to.
-SIZE = 8
 
 
 def landmark_hypothesis(
@@ -37,5 +34,5 @@ def anchored_hypothesis(origin: str, source: ShapeAnalysis, target: ShapeAnalysi
     """The hypothesis that sends each sample to the one with the most similar anchors."""
     near = anchors.at(source.search.samples, target.search.samples)
     sample_map = nearest(near.target, near.source)
-    size = min(SIZE, source.search.rows.shape[1], target.search.rows.shape[1])
+    size = min(HYPOTHESES.anchored_size, source.search.rows.shape[1], target.search.rows.shape[1])
     return Hypothesis(origin, target.search.fit(source.search.rows[sample_map, :size], size), anchors)

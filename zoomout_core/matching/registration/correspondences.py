@@ -11,7 +11,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import EmbeddedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.local_rigid_alignment import NORMAL_WEIGHT
+from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT
 from zoomout_core.mesh.triangles import unit_vectors
 
 # A residual of this length, at unit area, has a quarter of its weight; no weight is less than the second.
@@ -125,4 +125,4 @@ def residuals(
 
 
 def _with_normals(positions: Floats, normals: Floats) -> Floats:
-    return np.hstack([positions, NORMAL_WEIGHT * normals])
+    return np.hstack([positions, RIGID_ALIGNMENT.normal_weight * normals])

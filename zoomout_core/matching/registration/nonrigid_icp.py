@@ -21,7 +21,7 @@ from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.confidence import spectral_distance
-from zoomout_core.matching.local_rigid_alignment import IMAGE_FUNCTIONS, align
+from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, align
 from zoomout_core.matching.proxy import Proxy, carried
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
@@ -110,7 +110,7 @@ def fit_steps(
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
-    coefficients = target.basis.coefficients(images)[:IMAGE_FUNCTIONS]
+    coefficients = target.basis.coefficients(images)[: RIGID_ALIGNMENT.image_functions]
     yield 0.0
     laid = align(coefficients, target, ALIGNMENT_WIDTH, mirrored)
     if laid.facing(image_normals, source, target) is not laid:
@@ -194,7 +194,7 @@ def _replaced(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceM
 
 def _astray(found: SurfaceMap, first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Booleans:
     """(n_t,) where eigenfunctions speak against a map, and for the one that it came from."""
-    k = min(IMAGE_FUNCTIONS, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
+    k = min(RIGID_ALIGNMENT.image_functions, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]
     pulled = [surface_map.interpolate(source.basis.eigenvectors[:, :k]) for surface_map in (found, first)]
     off = [spectral_distance(values, rows @ target.basis.coefficients(rows)[:k].T, eigenvalues) for rows in pulled]

@@ -10,11 +10,13 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
+from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.components.bodies import bodies_steps
 from zoomout_core.matching.components.skins import covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(scope="module")
@@ -172,9 +174,9 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
 def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(monkeypatch, at_rest, stepping: Mannequin) -> None:
     # So that the torsos are tried as well, on which there is no foot.
     monkeypatch.setattr("zoomout_core.matching.components.bodies.MUCH_OF_BODY", 0.0)
-    monkeypatch.setattr("zoomout_core.matching.match.SURE_OF_BODY", 2.0)
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
-    result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
+    with retuned(ATTEMPTS, sure=1.0):
+        result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
@@ -216,12 +218,12 @@ def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
     assert not others
 
 
-def test_limbs_that_touch_are_parted_by_a_tight_skin_where_the_first_is_unsure(monkeypatch, at_rest: Mannequin) -> None:
+def test_limbs_that_touch_are_parted_by_a_tight_skin_where_the_first_is_unsure(at_rest: Mannequin) -> None:
     # Knees together: the skin joins the legs.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
     target = mannequin(knees, 150, 2, (0.8, 1.0, 1.0))
-    monkeypatch.setattr("zoomout_core.matching.match.SURE_OF_BODY", 2.0)
-    result = zo.match(at_rest.surface, target.surface)
+    with retuned(ATTEMPTS, sure=1.0):
+        result = zo.match(at_rest.surface, target.surface)
     assert right_parts(result, at_rest, target) > 0.9
 
 

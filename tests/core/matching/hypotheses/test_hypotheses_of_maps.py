@@ -29,9 +29,9 @@ from shapes import (
 import zoomout_core as zo
 from zoomout_core.maps.zoomout import nearest_samples, upsample
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
-from zoomout_core.matching.hypotheses.descriptors import SAME_FIT, descriptor_hypotheses
+from zoomout_core.matching.hypotheses.descriptors import DESCRIPTORS, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
-    KEPT,
+    EXTREMITIES,
     cheapest_pairings,
     extremities,
     extremity_hypotheses,
@@ -95,7 +95,7 @@ def test_the_true_pairing_of_extremities_is_among_the_first(shapes, resting, ben
         for of_target, of_source in found
     ]
     assert max(agreement[:4]) > 0.97
-    assert 0 < len(extremity_hypotheses(source, target)) <= KEPT
+    assert 0 < len(extremity_hypotheses(source, target)) <= EXTREMITIES.kept
 
 
 @pytest.mark.parametrize(("figure", "count"), [(HAND, 6), (CENTAUR, 9), (SPIDER, 11)])
@@ -191,7 +191,7 @@ def test_no_two_fits_of_descriptors_are_alike(shapes) -> None:
         for guess in descriptor_hypotheses(source, target)
     ]
     assert len(places) > 1
-    assert not np.tril(alike(places, SAME_FIT), -1).any()
+    assert not np.tril(alike(places, DESCRIPTORS.same_fit), -1).any()
 
 
 def test_eigenfunctions_of_one_eigenvalue_are_turned_among_themselves(shapes) -> None:
