@@ -11,7 +11,7 @@ from zoomout_core.arrays import AnyFloats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
 from zoomout_core.tuning import Tuning, tuned
 
-# Entries of the block of inner products that is looked at together: bounds the memory.
+# Entries of the block of inner products that is computed at once: bounds the memory.
 BLOCK = 1 << 24
 # Squared distances by products in single precision are wrong by less than this part of the squared norms.
 ROUNDING = 1e-6
@@ -83,7 +83,7 @@ def _extended(queries: AnyFloats) -> AnyFloats:
 def _nearest_by_clusters(queries: SingleFloats, points: SingleFloats) -> Integers:
     """The same, without products with points of clusters that are too far off to hold the nearest.
 
-    Queries that share their nearest centre are looked at together. Whatever they find in its cluster bounds the
+    Queries that share their nearest centre are answered together. The nearest point in its cluster bounds the
     distance, and the triangle inequality rules out other clusters.
     """
     count = int(NEAREST.clusters * np.sqrt(len(points)))

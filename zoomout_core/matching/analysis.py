@@ -74,7 +74,7 @@ class ShapeAnalysis:
     """A connected part of a surface with everything that matching needs of it.
 
     Attributes:
-        proxy: the part, and the mesh that stands in for it in all that follows.
+        proxy: the part, and its proxy mesh, which everything below belongs to.
         stiffness: (n, n) stiffness matrix.
         basis: eigenfunctions.
         sampled: the basis at farthest-point samples.
@@ -110,7 +110,7 @@ class ShapeAnalysis:
 
     @cached_property
     def weights(self) -> Floats:
-        """(s,) the part of the area that each search sample stands for."""
+        """(s,) the part of the area that is nearest to each search sample."""
         return voronoi_areas(self.mesh.vertices, self.basis.areas, self.search.samples)
 
     @cached_property

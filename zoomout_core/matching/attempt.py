@@ -67,7 +67,7 @@ class Attempt:
 def best_of(attempts: Sequence[Attempt]) -> Attempt:
     """The attempt of the most worth; or the one that tells of more, where all found the same map.
 
-    They are witnesses for each other then: it is as sure as the surest of them.
+    They confirm each other then: it is as sure as the surest of them.
 
     Args:
         attempts: the most promising first; one that is not clearly better than an earlier one is not taken.

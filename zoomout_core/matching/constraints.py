@@ -57,11 +57,11 @@ class Constraints:
 
     Attributes:
         landmarks: places on the source and on the target that correspond, as `landmarks_on_parts` takes them.
-        common_axes: (a, 3) directions in which both surfaces stand alike, such as the up axis, or none.
+        common_axes: (a, 3) directions in which both surfaces are oriented alike, such as the up axis, or none.
         regions: for each region of both, such as a vertex group, its source vertices and its target vertices.
         earlier: (s,) source shape vertex of each search sample of the target by an earlier map, or None.
-        standing: (s, 3) where the search samples of the target are, in the frame of the source's part, if the two lie
-            over each other, else None.
+        standing: (s, 3) where the search samples of the target are, in the frame of the source's part, if the two
+            overlap, else None.
     """
 
     landmarks: Landmarks | None
@@ -204,7 +204,7 @@ def _positions(surface: Surface, shape: ShapeAnalysis) -> Floats:
 
 
 def _members_on_shape(vertices: Integers, surface: Surface, shape: ShapeAnalysis) -> Floats:
-    """(n,) 1 at the vertices of a shape's mesh that stand for some of the surface's vertices."""
+    """(n,) 1 at the vertices of a shape's mesh whose nearest vertex of the part is one of the surface's `vertices`."""
     of_surface = np.zeros(len(surface.vertices), dtype=bool)
     of_surface[vertices] = True
     vertex_of = shape.proxy.full.vertex_of

@@ -159,7 +159,7 @@ def match(source: Surface, target: Surface, options: MatchOptions | None = None,
         given: the same as keyword arguments, or what of the options is to be different.
 
     Returns:
-        The most likely map with the alternatives. What is uncertain stands in its `notes`.
+        The most likely map with the alternatives. Its `notes` say what is uncertain.
 
     Raises:
         MeshError: a mesh that cannot be matched; the message says what to do.
@@ -274,7 +274,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     forwards = fitted_steps(refining, source, target, candidate.mirrored)
     fewer = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
     refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer)
-    # The way back ends first: there is time to prepare what carrying over needs.
+    # The map back ends first: there is time to prepare what carrying over needs.
     backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
     (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
     if pair.exact_landmarks is not None and not target.proxy.full.is_skin:

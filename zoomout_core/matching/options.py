@@ -24,7 +24,7 @@ class MatchOptions:
 
     Attributes:
         initial: how to begin. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity":
-            from the nearest points, where the two lie over each other. "given": from `initial_map`.
+            from the nearest points, where the two overlap in space. "given": from `initial_map`.
         landmarks: places on the source and the places on the target that correspond to them: vertex numbers (m,),
             or points (m, 3) on the surface, in its own frame and unit.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
@@ -37,7 +37,7 @@ class MatchOptions:
         proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices, 500 or more;
             "auto": 4,000 to 6,000, an eighth of the mesh's; None to match them at full size, which takes many times
             as long and gains little.
-        common_axes: (3,) or (a, 3) directions in which both stand alike, such as the up axis: evidence only.
+        common_axes: (3,) or (a, 3) directions in which both are oriented alike, such as the up axis: evidence only.
         regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
             same name: evidence, which also holds the map in place, and decides which loose parts belong together.
         exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.

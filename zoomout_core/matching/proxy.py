@@ -47,11 +47,11 @@ PROXY = ProxyTuning()
 
 @dataclass(frozen=True, eq=False)
 class Proxy:
-    """A mesh part and the smaller mesh that stands in for it; the same mesh twice where it is small enough.
+    """A mesh part and its proxy, a smaller mesh; the same mesh twice where it is small enough.
 
     Attributes:
         full: the part.
-        mesh: what stands in for it, of unit area.
+        mesh: the proxy, of unit area.
         vertices: (n, 3) the stand-in's vertices in the frame of the part.
         merged: (n_full,) the stand-in's vertex that each vertex of the part was merged into.
     """

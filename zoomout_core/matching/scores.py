@@ -172,13 +172,13 @@ def fit_in_space(
         place: mean distance from the source (0 for a perfect fit);
         facing: mean of one minus the cosine between normals (0).
     """
-    vertex, aligned = laid_over(sample_map, anchors, mirrored, source, target)
+    vertex, aligned = map_after_alignment(sample_map, anchors, mirrored, source, target)
     off = np.linalg.norm(aligned.positions - source.mesh.vertices[vertex], axis=1)
     facing = np.einsum("ij,ij->i", aligned.normals, source.mesh.vertex_normals[vertex])
     return {"place": float(target.weights @ off), "facing": float(target.weights @ (1 - facing))}
 
 
-def laid_over(
+def map_after_alignment(
     sample_map: Integers, anchors: Anchors | None, mirrored: bool, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> tuple[Integers, Alignment]:
     """A map after the target was aligned with the source by it, which corrects limbs that it mirrors on their own.

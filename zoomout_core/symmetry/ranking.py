@@ -10,7 +10,7 @@ from scipy.special import expit
 from zoomout_core.arrays import Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
-from zoomout_core.matching.scores import correlation, laid_over
+from zoomout_core.matching.scores import correlation, map_after_alignment
 from zoomout_core.symmetry.involution import distance_moved, mean_distance
 
 # A symmetry other than the identity moves nearly everything: a reflection all but a line, a turn all but points. What
@@ -94,7 +94,7 @@ def _fine_handedness(candidate: Candidate, shape: ShapeAnalysis) -> float:
 
     Limbs that the map mirrors on their own, as the Laplacian lets it, are turned back first.
     """
-    image, _ = laid_over(candidate.sample_map, None, candidate.mirrored, shape, shape)
+    image, _ = map_after_alignment(candidate.sample_map, None, candidate.mirrored, shape, shape)
     pseudo_scalars = shape.descriptors[1]
     here, there = shape.search.rows @ pseudo_scalars, shape.basis.eigenvectors[image] @ pseudo_scalars
     return (-1 if candidate.reverses_orientation else 1) * correlation(here, there, shape.weights)

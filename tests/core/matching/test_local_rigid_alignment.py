@@ -1,4 +1,4 @@
-"""A target is laid over its source turned, never mirrored, and so its map mirrors no limb."""
+"""A target is aligned with its source by rotations, never reflections, and so its map mirrors no limb."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def shape() -> ShapeAnalysis:
             return finished.value
 
 
-def laid_over(images: np.ndarray, shape: ShapeAnalysis, mirrored: bool = False) -> np.ndarray:
+def aligned(images: np.ndarray, shape: ShapeAnalysis, mirrored: bool = False) -> np.ndarray:
     return align(shape.basis.coefficients(images), shape, WIDTH, mirrored).positions
 
 
@@ -34,24 +34,24 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(a - b, axis=1).mean())
 
 
-def test_a_turned_copy_is_laid_onto_itself(shape: ShapeAnalysis) -> None:
+def test_a_turned_copy_is_aligned_with_itself(shape: ShapeAnalysis) -> None:
     turned = shape.mesh.vertices @ Rotation.from_euler("xyz", [0.5, 2.0, -1.0]).as_matrix().T
-    assert distance(laid_over(turned, shape), turned) < 0.005
+    assert distance(aligned(turned, shape), turned) < 0.005
 
 
-def test_a_mirrored_limb_is_laid_with_its_own_sense(shape: ShapeAnalysis) -> None:
+def test_a_mirrored_limb_is_aligned_with_its_own_sense(shape: ShapeAnalysis) -> None:
     vertices = shape.mesh.vertices
     arm = vertices[:, 0] > 0.6 * vertices[:, 0].max()
     images = vertices.copy()
     images[arm, 1] = 2 * vertices[arm, 1].mean() - vertices[arm, 1]  # front and back of the arm exchanged
     assert distance(images[arm], vertices[arm]) > 0.02
-    assert distance(laid_over(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
+    assert distance(aligned(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
 
 
-def test_maps_that_reverse_the_orientation_are_laid_mirrored(shape: ShapeAnalysis) -> None:
+def test_maps_that_reverse_the_orientation_are_aligned_mirrored(shape: ShapeAnalysis) -> None:
     mirrored = shape.mesh.vertices * [1, -1, 1]
-    assert distance(laid_over(mirrored, shape, mirrored=True), mirrored) < 0.005
-    assert distance(laid_over(mirrored, shape, mirrored=False), mirrored) > 0.02
+    assert distance(aligned(mirrored, shape, mirrored=True), mirrored) < 0.005
+    assert distance(aligned(mirrored, shape, mirrored=False), mirrored) > 0.02
 
 
 def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:

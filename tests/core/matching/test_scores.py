@@ -13,7 +13,7 @@ from zoomout_core.matching.scores import (
     EVIDENCE,
     correlation,
     fit_in_space,
-    laid_over,
+    map_after_alignment,
     orientation_agreement,
     scores_of,
     total_score,
@@ -151,7 +151,7 @@ def test_laying_a_target_over_the_source_makes_a_rough_map_better() -> None:
     rows = shapes[1].search.rows[:, :12]
     embedded = shapes[0].search.rows[:, :12] @ C.T
     rough = np.linalg.norm(rows[:, None] - embedded, axis=2).argmin(axis=1)
-    vertex, laid = laid_over(rough, None, False, *shapes)
+    vertex, aligned = map_after_alignment(rough, None, False, *shapes)
 
     def missed(images: np.ndarray) -> float:
         return float(
@@ -159,4 +159,4 @@ def test_laying_a_target_over_the_source_makes_a_rough_map_better() -> None:
         )
 
     assert missed(vertex) < 0.8 * missed(shapes[0].search.samples[rough])
-    assert laid.positions.shape == (len(rough), 3)
+    assert aligned.positions.shape == (len(rough), 3)

@@ -53,7 +53,7 @@ def candidate(sample_map: np.ndarray, reverses: bool = True, **scores: float) ->
 @pytest.fixture(autouse=True)
 def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing has to be turned back."""
-    monkeypatch.setattr(ranking, "laid_over", lambda sample_map, *_: (sample_map, None))
+    monkeypatch.setattr(ranking, "map_after_alignment", lambda sample_map, *_: (sample_map, None))
 
 
 @pytest.fixture

@@ -41,6 +41,8 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
         most: extremities of a shape.
         quotas: pairings of all extremities that are tried, and of all but one, two and three: a limb that only one
             shape has, and its neighbours' changed places, make the right pairing one of many.
+        average_cost: of a difference of average distances, beside a difference of distances to another pair.
+        persistence_cost: of a difference of persistence.
         levels: of persistence at which the leading extremities are paired on their own, too.
         kept_consistent: pairings that are refined because they keep the distances best.
         kept: pairings that are refined in all, the others because their first maps score best.
@@ -53,6 +55,8 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
     fewest: int = tuned(3, "extremities", 2, 30)
     most: int = tuned(12, "extremities", 2, 30)
     quotas: tuple[int, ...] = tuned((60, 30, 15, 8), "pairings", 0, 10_000)
+    average_cost: float = tuned(0.5, "1", 0, 100)
+    persistence_cost: float = tuned(0.5, "1", 0, 100)
     levels: int = tuned(2, "levels", 0, 30)
     kept_consistent: int = tuned(8, "pairings", 0, 1000)
     kept: int = tuned(16, "pairings", 1, 1000)
@@ -233,7 +237,8 @@ def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, In
         (getattr(first, name) / units[0], getattr(second, name) / units[1])
         for name in ("between", "average_distance", "persistence")
     )
-    single = np.abs(average[0][:, None] - average[1]) / 2 + np.abs(persistence[0][:, None] - persistence[1]) / 2
+    single = EXTREMITIES.average_cost * np.abs(average[0][:, None] - average[1])
+    single += EXTREMITIES.persistence_cost * np.abs(persistence[0][:, None] - persistence[1])
     mutual = np.abs(distances[0][:, None, :, None] - distances[1][None, :, None, :])
     full = min(single.shape)
     kept: list[tuple[Integers, Integers]] = []
