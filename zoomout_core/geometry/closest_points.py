@@ -17,11 +17,13 @@ from zoomout_core.runtime.threads import threads
 
 # Pairs of a point and a triangle that are looked at together: bounds the memory.
 BLOCK = 1 << 17
-# A query that still has rivals after this many triangles is as far off the surface as these are wide.
+# Bounds the time: a query that still has rivals after this many triangles is as far off the surface as these are wide.
 MOST_CANDIDATES = 256
-# So many triangles are at a vertex, as a rule.
+# Triangles at a vertex of a regular mesh, which the size of a block follows.
 RING = 6
+# Queries from which on several threads take less time than one.
 MANY_QUERIES = 10_000
+# Guard against division by zero.
 SMALLEST = np.finfo(np.float64).tiny
 # In fewer dimensions than this, single precision cannot tell neighbours apart.
 SINGLE_PRECISION_DIMENSION = 16

@@ -5,6 +5,8 @@ Triangles may be of any size: points spread over them stand for them where neigh
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -12,15 +14,30 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import barycentric_of_closest
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unit_vectors
 from zoomout_core.runtime.threads import threads
+from zoomout_core.tuning import Tuning, tuned
 
-# So many points stand for a surface, and at least so many for each group of its triangles.
-POINTS, LEAST_POINTS = 120_000, 48
-# The triangles of so many points near a query are looked at.
-CANDIDATES = 6
 # Groups are this far apart in a coordinate of their own, in units of the surface's extent.
 APART = 1e3
-# Queries are looked up on several cores where they are many, and so many at once.
+# Queries from which on several threads take less time than one, and queries at once, which bounds the memory.
 MANY_QUERIES, QUERIES_AT_ONCE = 10_000, 1 << 16
+
+
+@dataclass(frozen=True)
+class OrientedSearchTuning(Tuning, set_by="characters"):
+    """How densely a surface is sampled where closest points are sought.
+
+    Attributes:
+        points: samples of a surface.
+        least_points: samples of each group of its triangles, besides.
+        candidates: samples nearest to a query whose triangles are looked at.
+    """
+
+    points: int = tuned(120_000, "points", 0, 10_000_000)
+    least_points: int = tuned(48, "points", 1, 100_000)
+    candidates: int = tuned(6, "points", 2, 1000)
+
+
+ORIENTED_SEARCH = OrientedSearchTuning()
 
 
 def surface_samples(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers]:
@@ -73,7 +90,8 @@ class OrientedSurface:
         points, on = [], []
         for chosen, share in zip(members, area / max(area.sum(), 1e-300), strict=True):
             if len(chosen):
-                place, at = surface_samples(vertices, triangles[chosen], LEAST_POINTS + int(POINTS * share))
+                count = ORIENTED_SEARCH.least_points + int(ORIENTED_SEARCH.points * share)
+                place, at = surface_samples(vertices, triangles[chosen], count)
                 points.append(place)
                 on.append(chosen[at])
         self._on = np.concatenate(on)
@@ -104,7 +122,8 @@ class OrientedSurface:
         return np.hstack([points, self._weight * normals, self._apart * group[:, None]])
 
     def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:
-        near = self._tree.query(rows, CANDIDATES, workers=threads() if len(rows) > MANY_QUERIES else 1)[1]
+        workers = threads() if len(rows) > MANY_QUERIES else 1
+        near = self._tree.query(rows, ORIENTED_SEARCH.candidates, workers=workers)[1]
         candidate = self._on[np.asarray(near)]
         a, b, c = (self._vertices[self._triangles[candidate, i]] for i in range(3))
         ap, ab, ac = points[:, None] - a, b - a, c - a

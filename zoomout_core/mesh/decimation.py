@@ -7,6 +7,7 @@ closer than the result can resolve, one of each handful stays.
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 from threading import Lock
 
 import fast_simplification
@@ -15,18 +16,31 @@ from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.tuning import Tuning, tuned
 
-# Thinned are vertices that are closer than this part of the spacing of the result, for as long as it takes away a
-# notable part of them.
-CLOSE = 0.25
-NOTABLE = 0.8
-# Rounds of a choice of vertices; who is undecided then, stays.
-MOST_ROUNDS = 8
-# Quadric decimation cannot be interrupted, and keeps the interpreter to itself, so that it goes in stages: in a tenth
-# of a second it takes away about so many vertices.
-PER_STAGE = 20_000
 # The library keeps its mesh in global variables, so that two threads must not use it at once.
 DECIMATING = Lock()
+
+
+@dataclass(frozen=True)
+class DecimationTuning(Tuning, set_by="judgement"):
+    """How large meshes are thinned, and in which stages they are decimated.
+
+    Attributes:
+        close: vertices that are closer than this part of the spacing of the result are thinned.
+        notable: thinning and decimation end where more than this part of the vertices is left by a round.
+        most_rounds: of the choice of an independent set; vertices that are undecided then stay.
+        per_stage: vertices that a stage takes away, at most, which takes a tenth of a second: quadric decimation cannot
+            be interrupted, and holds the interpreter's lock.
+    """
+
+    close: float = tuned(0.25, "spacings", 0, 1)
+    notable: float = tuned(0.8, "1", 0, 1)
+    most_rounds: int = tuned(8, "rounds", 1, 1000)
+    per_stage: int = tuned(20_000, "vertices", 1, 10_000_000)
+
+
+DECIMATION = DecimationTuning()
 
 
 def decimated_steps(
@@ -44,24 +58,24 @@ def decimated_steps(
     """
     merged = np.arange(len(vertices))
     area = triangle_areas(vertices, triangles).sum()
-    close = CLOSE * np.sqrt(area / count)
+    close = DECIMATION.close * np.sqrt(area / count)
     most = len(vertices)
     yield 0.0
     random = np.random.default_rng(0)
-    while len(vertices) > PER_STAGE:
+    while len(vertices) > DECIMATION.per_stage:
         into = yield from _thinned_steps(vertices, triangles, close, random, _done(most, len(vertices), count))
         kept, number = np.unique(into, return_inverse=True)
-        if len(kept) < count or len(kept) > NOTABLE * len(vertices):
+        if len(kept) < count or len(kept) > DECIMATION.notable * len(vertices):
             break
         triangles = number[triangles]
         triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
         vertices, merged = vertices[kept], number[merged]
         yield _done(most, len(vertices), count)
     while 2 * count < len(triangles):
-        stage = max(count, min(len(vertices) - PER_STAGE, len(vertices) // 2))
+        stage = max(count, min(len(vertices) - DECIMATION.per_stage, len(vertices) // 2))
         points, triangles, into = _simplified(vertices, triangles, stage)
         merged = into[merged]
-        finished = stage == count or len(points) > NOTABLE * len(vertices)
+        finished = stage == count or len(points) > DECIMATION.notable * len(vertices)
         vertices = points
         yield _done(most, len(vertices), count)
         if finished:
@@ -112,7 +126,7 @@ def _thinned_steps(
 
     priority = random.permutation(n)
     undecided, stays = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(DECIMATION.most_rounds):
         chosen: Booleans = undecided & (priority > most_around(np.where(undecided, priority, -1)))
         stays |= chosen
         undecided &= ~chosen & (most_around(np.where(chosen, priority, -1)) < 0)

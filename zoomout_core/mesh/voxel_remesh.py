@@ -8,6 +8,7 @@ nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
@@ -16,29 +17,39 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers
+from zoomout_core.tuning import Tuning, tuned
 
-# Voxels along the longest extent of the mesh.
-RESOLUTION = 128
-# Empty voxels around the mesh.
+# Empty voxels around the mesh: more than the reach of the Gaussian.
 PADDING = 4
-# Triangles are rasterised by points at this part of the size of a voxel.
-SAMPLING = 0.5
-# So many points are rasterised at once, which bounds the memory.
+# Points that are rasterised at once, which bounds the memory.
 POINTS = 1 << 20
-# A voxel is inside if a wall is met in so many of the 26 directions to its neighbours: holes let some of them out.
-LEAST_DIRECTIONS = 22
-# Gaps that are wider than this part of the longest extent are not bridged.
-WIDEST_GAP = 0.06
-# Width of the Gaussian that smooths distances, in voxels.
-SMOOTHING = 0.7
 # A cell of the grid: its corners, and the pairs of these that an edge connects.
 CORNERS = np.array(list(product((0, 1), repeat=3)))
 EDGES = [(a, b) for a, b in combinations(range(8), 2) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1]
 
 
-def voxel_remesh(
-    vertices: Floats, triangles: Integers, resolution: int = RESOLUTION, inset: float = 0.0
-) -> tuple[Floats, Integers]:
+@dataclass(frozen=True)
+class VoxelTuning(Tuning, set_by="characters"):
+    """How a solid is made of the voxels that triangles pass through, and its skin smoothed.
+
+    Attributes:
+        sampling: spacing of the points that triangles are rasterised by.
+        least_directions: a voxel is inside if walls are met in this number of the 26 directions to its neighbours:
+            holes let some of them out.
+        widest_gap: wider gaps are not bridged.
+        smoothing: standard deviation of the Gaussian that smooths distances.
+    """
+
+    sampling: float = tuned(0.5, "voxels", 0.01, 1)
+    least_directions: int = tuned(22, "directions", 1, 26)
+    widest_gap: float = tuned(0.06, "longest extents", 0, 1)
+    smoothing: float = tuned(0.7, "voxels", 0, 1)
+
+
+VOXELS = VoxelTuning()
+
+
+def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: float = 0.0) -> tuple[Floats, Integers]:
     """The outer skin of a mesh, as one closed surface if its pieces lie close together.
 
     Args:
@@ -55,9 +66,9 @@ def voxel_remesh(
     voxel = float(extent.max()) / resolution
     shape = np.ceil(extent / voxel).astype(int) + 1 + 2 * PADDING
     wall = _rasterised((vertices - low) / voxel + PADDING, triangles, shape)
-    solid = _bridged(_filled(wall), WIDEST_GAP * resolution)
+    solid = _bridged(_filled(wall), VOXELS.widest_gap * resolution)
     distance = distance_transform_edt(solid) - distance_transform_edt(~solid)
-    points, faces = surface_nets(gaussian_filter(distance, SMOOTHING) - inset)
+    points, faces = surface_nets(gaussian_filter(distance, VOXELS.smoothing) - inset)
     return low + (points - PADDING) * voxel, faces
 
 
@@ -66,7 +77,7 @@ def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Boolean
     wall = np.zeros(shape, dtype=bool)
     corners = points[triangles]
     longest = np.sqrt(((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1))
-    pieces = np.maximum(np.ceil(longest / SAMPLING).astype(int), 1)
+    pieces = np.maximum(np.ceil(longest / VOXELS.sampling).astype(int), 1)
     for count in np.unique(pieces):
         i, j = (index.ravel() for index in np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij"))
         inside = i + j <= count
@@ -81,7 +92,7 @@ def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Boolean
 def _filled(wall: Booleans) -> Booleans:
     """The voxels of walls and of what they enclose."""
     empty, _ = label(~wall)
-    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= LEAST_DIRECTIONS))
+    return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.least_directions))
 
 
 def _walls_around(wall: Booleans) -> Indices:

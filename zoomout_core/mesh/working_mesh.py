@@ -11,16 +11,30 @@ from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
 from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
+from zoomout_core.tuning import Tuning, tuned
 
-# Borders closer than this part of the bounding box are the same border: exporters split vertices at UV seams.
+# Borders closer than this part of the bounding box are the same border: exporters split vertices at UV seams. A cell of
+# this lattice takes 21 bits of a coordinate.
 WELD_TOLERANCE = 2.0**-20
-# A signed volume below this part of a sphere's of the same area says nothing about inside and outside.
-FLAT_VOLUME = 0.02
-# The same for a closed surface, whose volume is exact up to rounding.
+# The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9
-# An open surface may bend the other way in another pose unless its volume, relative to a sphere's, exceeds the
-# length of its mean normal so many times.
-SHALLOW = 2.0
+
+
+@dataclass(frozen=True)
+class OrientationTuning(Tuning, set_by="judgement"):
+    """When the signed volume of an open surface tells its inside from its outside.
+
+    Attributes:
+        flat_volume: a smaller volume, relative to a sphere's of the same area, tells nothing.
+        shallow: an open surface may bend the other way in another pose unless its volume, relative to a sphere's,
+            exceeds this many times the length of its mean normal.
+    """
+
+    flat_volume: float = tuned(0.02, "1", 0, 1)
+    shallow: float = tuned(2.0, "1", 0, 100)
+
+
+ORIENTATION = OrientationTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +88,7 @@ class WorkingMesh:
         corners = self.vertices[self.oriented_triangles]
         area, volume = _area_and_volume(corners, np.zeros(len(corners), dtype=int))
         mean_normal = np.linalg.norm(area_normals(self.vertices, self.oriented_triangles).sum(axis=0)) / 2 / area[0]
-        return bool(volume[0] / _sphere(area[0]) > SHALLOW * mean_normal + NO_VOLUME)
+        return bool(volume[0] / _sphere(area[0]) > ORIENTATION.shallow * mean_normal + NO_VOLUME)
 
     def part(self, component: int) -> tuple[WorkingMesh, Integers]:
         """One connected component as a mesh of its own, rescaled to unit area.
@@ -203,7 +217,7 @@ def _flipped(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
     area, volume = _area_and_volume(vertices[oriented], patch)
     has_border = np.zeros(len(area), dtype=bool)
     has_border[patch[side[np.repeat(count != 2, count)] // 3]] = True
-    inward = volume < -np.where(has_border, FLAT_VOLUME, NO_VOLUME) * _sphere(area)
+    inward = volume < -np.where(has_border, ORIENTATION.flat_volume, NO_VOLUME) * _sphere(area)
     return turned ^ inward[patch]
 
 

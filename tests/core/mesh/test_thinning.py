@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from creatures import creature
@@ -10,11 +12,13 @@ from zoomout_core.mesh import decimation
 from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(autouse=True)
-def small_stages(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decimation, "PER_STAGE", 300)
+def small_stages() -> Iterator[None]:
+    with retuned(decimation.DECIMATION, per_stage=300):
+        yield
 
 
 def plane(side: int) -> tuple[np.ndarray, np.ndarray]:

@@ -52,7 +52,7 @@ def test_surface_nets_draw_a_ball_closed_smooth_and_outwards() -> None:
 
 
 def test_a_skin_lies_on_its_mesh() -> None:
-    vertices, triangles = voxel_remesh(*ball((3, 4, 5), 2.0))
+    vertices, triangles = voxel_remesh(*ball((3, 4, 5), 2.0), 128)
     voxel = 4 / 128
     assert np.abs(np.linalg.norm(vertices - [3, 4, 5], axis=1) - 2).max() < 1.5 * voxel
     assert is_closed(triangles)
@@ -61,7 +61,7 @@ def test_a_skin_lies_on_its_mesh() -> None:
 
 def test_shells_that_overlap_touch_or_lie_close_become_one_and_what_lies_inside_is_gone() -> None:
     shells = together(ball((0, 0, 0), 1), ball((1.5, 0, 0), 1), ball((3.6, 0, 0), 1), ball((0, 0, 0), 0.4))
-    vertices, triangles = voxel_remesh(*shells)
+    vertices, triangles = voxel_remesh(*shells, 128)
     skin = Surface(vertices, triangles)
     assert skin.components.max() == 0
     assert np.linalg.norm(vertices, axis=1).min() > 0.9
@@ -73,14 +73,14 @@ def test_a_skin_that_is_drawn_below_parts_what_touches() -> None:
     left, right = (ball((0, 0, 0), 1) for _ in range(2))
     rods = [(points * [0.1, 0.1, 1] + [x, 0, 0], corners) for (points, corners), x in ((left, -0.11), (right, 0.11))]
     legs = together(*rods, (ball((0, 0, 0.9), 0.25)))
-    ends = [voxel_remesh(*legs, *how)[0] for how in ((), (192, 0.7))]
+    ends = [voxel_remesh(*legs, *how)[0] for how in ((128,), (192, 0.7))]
     between = [points[(np.abs(points[:, 0]) < 0.004) & (np.abs(points[:, 2]) < 0.3)] for points in ends]
     assert len(between[0]) > 0
     assert len(between[1]) == 0
 
 
 def test_what_is_far_off_is_left_out() -> None:
-    vertices, _ = voxel_remesh(*together(ball((0, 0, 0), 1), ball((4, 0, 0), 0.5)))
+    vertices, _ = voxel_remesh(*together(ball((0, 0, 0), 1), ball((4, 0, 0), 0.5)), 128)
     assert vertices[:, 0].max() < 1.1
 
 
@@ -91,15 +91,15 @@ def test_a_mesh_with_a_hole_is_filled() -> None:
     rim = np.array([[0, lid[1, 0], 0], [0, lid[1, 2], 0], [0, lid[1, 2], 1], [0, lid[1, 0], 1]])
     vertices = np.vstack([BOX, rim])
     triangles = np.vstack([open_box, [[8, 9, 10], [8, 10, 11]]])
-    skin = voxel_remesh(vertices, triangles)
+    skin = voxel_remesh(vertices, triangles, 128)
     assert volume(*skin) > 0.9
     assert triangle_areas(*skin).sum() < 7
 
 
 def test_units_and_place_change_nothing_but_the_frame() -> None:
     points, triangles = ball((0, 0, 0), 1, 3)
-    here = voxel_remesh(points, triangles)
-    there = voxel_remesh(1000 * points + 5000, triangles)
+    here = voxel_remesh(points, triangles, 128)
+    there = voxel_remesh(1000 * points + 5000, triangles, 128)
     assert np.allclose(1000 * here[0] + 5000, there[0], atol=1e-6)
     assert (here[1] == there[1]).all()
 

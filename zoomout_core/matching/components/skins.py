@@ -1,11 +1,8 @@
-"""One skin around all that belongs to a body, where a character is made of many shells.
-
-Thresholds were set by `benchmarks characters`.
-"""
+"""One skin around all that belongs to a body, where a character is made of many shells."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,16 +13,34 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.tuning import Tuning, tuned
 
-# Voxels along the longest extent, and how far a tight skin lies below the outer sides of its voxels, in voxels.
-TIGHT_RESOLUTION, TIGHT_INSET = 192, 0.7
-# A main part lies below a place of the skin where it is nearer than this, at unit area of the skin: clothes and hair
-# stand off a body by less.
-BELOW = 0.05
-# Points of the skin that are looked at, and of the main part.
-SKIN_POINTS, MAIN_POINTS = 2000, 20_000
-# The mean normal of a closed component is shorter than this.
+# The mean normal of a closed component is shorter than this rounding.
 CLOSED = 1e-6
+
+
+@dataclass(frozen=True)
+class SkinTuning(Tuning, set_by="characters"):
+    """How finely skins are drawn, and what of them a main part covers.
+
+    Attributes:
+        resolution: of a skin, along the longest extent.
+        tight_resolution: of a tight skin.
+        tight_inset: how far a tight skin lies below the outer sides of its voxels.
+        below: a main part lies below the skin where it is nearer than this: clothes and hair stand off a body by less.
+        skin_points: samples of the skin.
+        main_points: samples of the main part.
+    """
+
+    resolution: int = tuned(128, "voxels", 4, 1024)
+    tight_resolution: int = tuned(192, "voxels", 4, 1024)
+    tight_inset: float = tuned(0.7, "voxels", 0, 4)
+    below: float = tuned(0.05, "at unit area", 0, 1)
+    skin_points: int = tuned(2000, "points", 1, 1_000_000)
+    main_points: int = tuned(20_000, "points", 1, 10_000_000)
+
+
+SKINS = SkinTuning()
 
 
 def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
@@ -40,8 +55,8 @@ def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
     """
     mesh = surface.working
     axes = _principal_axes(mesh)
-    how = (TIGHT_RESOLUTION, TIGHT_INSET) if tight else ()
-    vertices, triangles = voxel_remesh(mesh.vertices @ axes.T, mesh.triangles, *how)
+    resolution, inset = (SKINS.tight_resolution, SKINS.tight_inset) if tight else (SKINS.resolution, 0.0)
+    vertices, triangles = voxel_remesh(mesh.vertices @ axes.T, mesh.triangles, resolution, inset)
     skin, _ = Surface(vertices @ axes, triangles).working.part(0)
     nearest = np.asarray(cKDTree(skin.vertices).query(skin.from_surface(mesh.vertices))[1])
     return replace(
@@ -58,10 +73,10 @@ def covered_by_main_part(surface: Surface, skin: WorkingMesh) -> float:
     """The part of a skin's area, in [0, 1], below which the largest component of its surface lies."""
     mesh = surface.working
     largest = mesh.triangles[mesh.component[mesh.triangles[:, 0]] == 0]
-    below, _ = surface_samples(mesh.vertices, largest, MAIN_POINTS)
-    on_skin, _ = surface_samples(skin.vertices, skin.triangles, SKIN_POINTS)
+    below, _ = surface_samples(mesh.vertices, largest, SKINS.main_points)
+    on_skin, _ = surface_samples(skin.vertices, skin.triangles, SKINS.skin_points)
     distance = cKDTree(skin.from_surface(mesh.to_surface(below))).query(on_skin)[0]
-    return float(np.mean(distance < BELOW))
+    return float(np.mean(distance < SKINS.below))
 
 
 def turned_outwards(mesh: WorkingMesh, skin: WorkingMesh) -> WorkingMesh:

@@ -15,19 +15,35 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.tuning import Tuning, tuned
 
-# A vertex moves with so many nodes.
-NEAREST_NODES = 5
-# What neighbouring nodes' difference in rotation counts against that of where they put each other.
-TURNING = 0.0005
-# Neighbours that put each other farther apart than this, at unit area, have less weight: joints bend.
-JOINT = 0.01
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
-# the time, and where the next step begins from closest points found anew. A node that nothing speaks of stays.
+# the time and is exact enough where the next step begins from closest points found anew. The second, relative to the
+# mean of the diagonal, keeps a node in place that no residual depends on.
 DAMPING, LEAST_DIAGONAL = 1e-5, 1e-9
-# Closest points give way only slowly to what slides along a surface. Steps towards them are lengthened by this factor,
-# and by this part of the step before (Polyak 1964): two thirds of the rounds lead as far.
-LENGTHENING, MOMENTUM = 1.6, 0.3
+
+
+@dataclass(frozen=True)
+class DeformationTuning(Tuning, set_by="judgement"):
+    """How nodes move vertices, how they hold each other, and how far they step.
+
+    Attributes:
+        nearest_nodes: that move a vertex.
+        rotation_weight: of the squared difference in rotation of neighbouring nodes, against that in position.
+        joint_scale: of the weight 1 / (1 + (r / scale)^2) of neighbours that put each other r apart: joints bend.
+        over_relaxation: factor of steps towards closest points, which give way only slowly to what slides along a
+            surface: with it and the next, two thirds of the rounds lead as far.
+        momentum: part of the step before that is added (Polyak 1964).
+    """
+
+    nearest_nodes: int = tuned(5, "nodes", 1, 100)
+    rotation_weight: float = tuned(0.0005, "area / radian^2", 0, 1)
+    joint_scale: float = tuned(0.01, "at unit area", 1e-6, 1)
+    over_relaxation: float = tuned(1.6, "1", 0.1, 2)
+    momentum: float = tuned(0.3, "1", 0, 1)
+
+
+DEFORMATION = DeformationTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +69,7 @@ class Nodes:
     @classmethod
     def on(cls, target: ShapeAnalysis, count: int) -> Nodes:
         distances = target.distances[:count]
-        c = min(NEAREST_NODES, len(distances) - 1)
+        c = min(DEFORMATION.nearest_nodes, len(distances) - 1)
         near = np.argpartition(distances, c, axis=0)[: c + 1]
         order = np.argsort(np.take_along_axis(distances, near, axis=0), axis=0)
         near = np.take_along_axis(near, order, axis=0)
@@ -101,7 +117,7 @@ class DeformationGraph:
         owner = nodes.near.ravel()
         values = np.hstack([rest, images, (images[:, :, None] * rest[:, None]).reshape(-1, 9), np.ones((len(rest), 1))])
         sums = segment_sum(weight[:, None] * np.repeat(values, c, axis=0), owner, count)
-        # Neighbours have a say, since a few places do not tell a turn.
+        # Pooled with neighbours, since a few points do not determine a rotation.
         pooled = np.array(sums)
         np.add.at(pooled, nodes.first, nodes.bond[:, None] * sums[nodes.second])
         pooled = pooled / pooled[:, 15:]
@@ -157,13 +173,13 @@ class DeformationGraph:
         change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
         moved = float(np.linalg.norm(change[:, 3:], axis=1).mean())
         if approaching:
-            change = self.stride = LENGTHENING * change + MOMENTUM * self.stride
+            change = self.stride = DEFORMATION.over_relaxation * change + DEFORMATION.momentum * self.stride
         self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
         self.images = self.images + change[:, 3:]
         return moved
 
     def _stiffness(self, stiffness: float) -> list[_Rows]:
-        """What neighbouring nodes that disagree count: in where they put each other, and in how they turn."""
+        """Residuals of neighbouring nodes: of where they put each other, and of their rotations."""
         first, second = self.nodes.first, self.nodes.second
         places = self.rest[self.nodes.vertex]
         away = np.einsum("eij,ej->ei", self.rotations[first], places[second] - places[first])
@@ -174,11 +190,12 @@ class DeformationGraph:
         placing[:, 0, :, :3] = crossing(away)
         placing[:, 0, :, 3:], placing[:, 1, :, 3:] = np.eye(3), -np.eye(3)
         turning[:, 0, :, :3], turning[:, 1, :, :3] = np.eye(3), -np.eye(3)
-        count = np.sqrt(stiffness * self.nodes.bond / len(places) / (1 + (np.linalg.norm(apart, axis=1) / JOINT) ** 2))
-        both, turning_count = np.stack([first, second], axis=1), np.sqrt(TURNING) * count
+        robust = 1 + (np.linalg.norm(apart, axis=1) / DEFORMATION.joint_scale) ** 2
+        root_weight = np.sqrt(stiffness * self.nodes.bond / len(places) / robust)
+        both, turning_weight = np.stack([first, second], axis=1), np.sqrt(DEFORMATION.rotation_weight) * root_weight
         return [
-            _Rows(both, count[:, None, None, None] * placing, -count[:, None] * apart),
-            _Rows(both, turning_count[:, None, None, None] * turning, turning_count[:, None] * turn),
+            _Rows(both, root_weight[:, None, None, None] * placing, -root_weight[:, None] * apart),
+            _Rows(both, turning_weight[:, None, None, None] * turning, turning_weight[:, None] * turn),
         ]
 
 
@@ -186,9 +203,9 @@ class _Rows(NamedTuple):
     """Some rows of a linear system for the nodes' motion, three at a time.
 
     Attributes:
-        node: (r, c) the nodes that they speak of.
-        blocks: (r, c, 3, 6) what a small turn and a shift of each does.
-        goal: (r, 3) what they ask for.
+        node: (r, c) the nodes that they depend on.
+        blocks: (r, c, 3, 6) derivatives by a small turn and a shift of each.
+        goal: (r, 3) right-hand sides.
     """
 
     node: Integers
@@ -204,7 +221,7 @@ def crossing(vectors: Floats) -> Floats:
 
 
 def _normal_equations(parts: list[_Rows], count: int) -> tuple[Floats, Floats]:
-    """(6 * count, 6 * count) and (6 * count,) for the motion of so many nodes, in single precision."""
+    """(6 * count, 6 * count) and (6 * count,) for the motion of `count` nodes, in single precision."""
     width = np.concatenate([np.full(len(part.node), part.node.shape[1]) for part in parts])
     node = np.concatenate([part.node.ravel() for part in parts])
     blocks = np.concatenate([part.blocks.reshape(-1, 3, 6) for part in parts], dtype=np.float32)

@@ -1,8 +1,8 @@
-"""The target bent onto the source, limb by limb, until the two surfaces lie in one another.
+"""The target bent onto the source, limb by limb, until the two surfaces coincide.
 
-Eigenfunctions say where things are to a few hundredths of a shape's size. Space is far more exact where both are the
-same body in two poses: its parts move nearly rigidly, so that a part which is laid where it belongs lies within the
-other surface. Nodes that are spread over the target carry rotations and shifts, which neighbours share (Sumner, Schmid
+Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact where both are
+the same body in two poses: its parts move nearly rigidly, so that a part which is registered lies within the other
+surface. Nodes that are spread over the target carry rotations and shifts, which neighbours share (Sumner, Schmid
 and Pauly, Embedded deformation for shape manipulation, 2007), and are found by Gauss and Newton's method from closest
 points with normals that agree; only what moves across the surface counts, so that parts may slide into place (Li,
 Adams, Guibas and Pauly, Robust single-view geometry and motion reconstruction, 2009).
@@ -26,9 +26,7 @@ from zoomout_core.matching.proxy import Proxy, carried
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
-
-# Images that the target is laid by at first are smoothed over such a diffusion length, at unit area.
-ALIGNMENT_WIDTH = 0.06
+from zoomout_core.tuning import Tuning, tuned
 
 
 class Level(NamedTuple):
@@ -36,9 +34,9 @@ class Level(NamedTuple):
 
     Attributes:
         nodes: how many of them move the target.
-        sliding: what a move along the surface counts against one across it; 1 to hold on to the places given.
-        stiffness: what the difference of neighbouring nodes counts.
-        rounds: how many, at most.
+        sliding: weight of a residual along the surface against one across it; 1 where goals are points, not surfaces.
+        stiffness: weight of the difference of neighbouring nodes.
+        rounds: of Gauss and Newton's method, at most.
     """
 
     nodes: int
@@ -47,25 +45,46 @@ class Level(NamedTuple):
     rounds: int
 
 
-# First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else tells how a round part lies.
-LEVELS = (
-    Level(40, 1.0, 0.3, 1),
-    Level(40, 0.01, 0.3, 5),
-    Level(100, 1.0, 0.3, 1),
-    Level(100, 0.02, 0.3, 2),
-    Level(200, 1.0, 0.3, 1),
-    Level(200, 0.05, 0.3, 2),
-    Level(200, 0.02, 0.1, 3),
-)
-# Nodes that move by less than this on average, at unit area, are where a level takes them.
-AT_REST = 6e-4
-# Coarser meshes than this say too little of where they lie.
-FEWEST_VERTICES = 2 * max(level.nodes for level in LEVELS)
-# Where the eigenfunctions at both ends of the fit disagree by more than this many times their disagreement by the first
-# map, and an allowance at unit area, the fit went astray; disagreement is pooled over such a diffusion length.
-WORSE, ALLOWANCE, POOLING = 2.0, 0.02, 0.03
-# A vertex of a fine mesh is not brought to what is farther than this, at unit area, from the stand-in's image.
-ELSEWHERE = 0.03
+@dataclass(frozen=True)
+class NonrigidTuning(Tuning, set_by="judgement"):
+    """The schedule of non-rigid ICP, and where its result is used.
+
+    Attributes:
+        alignment_width: diffusion length over which the images are smoothed that the target is first aligned with.
+        levels: the schedule. First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else
+            determines the rotation of a round part about its axis.
+        at_rest: a level ends where nodes move by less than this on average.
+        vertices_per_node: meshes with fewer vertices for each node of the last level are too coarse to be fitted.
+        worse: factor of the disagreement of eigenfunctions by the first map beyond which a fit went astray.
+        allowance: added to that disagreement.
+        pooling: diffusion length over which disagreement is averaged.
+        elsewhere: a vertex of a full mesh is not brought to what is farther than this from its stand-in's image.
+    """
+
+    alignment_width: float = tuned(0.06, "at unit area", 0, 1)
+    levels: tuple[Level, ...] = tuned(
+        (
+            Level(40, 1.0, 0.3, 1),
+            Level(40, 0.01, 0.3, 5),
+            Level(100, 1.0, 0.3, 1),
+            Level(100, 0.02, 0.3, 2),
+            Level(200, 1.0, 0.3, 1),
+            Level(200, 0.05, 0.3, 2),
+            Level(200, 0.02, 0.1, 3),
+        ),
+        "nodes, 1, 1, rounds",
+        0,
+        1000,
+    )
+    at_rest: float = tuned(6e-4, "at unit area", 0, 1)
+    vertices_per_node: int = tuned(2, "vertices", 1, 100)
+    worse: float = tuned(2.0, "1", 1, 100)
+    allowance: float = tuned(0.02, "at unit area", 0, 1)
+    pooling: float = tuned(0.03, "at unit area", 0, 1)
+    elsewhere: float = tuned(0.03, "at unit area", 0, 10)
+
+
+NONRIGID = NonrigidTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,20 +124,21 @@ def fit_steps(
     Yields:
         The fraction done.
     """
-    if min(len(source.mesh.vertices), len(target.mesh.vertices)) < FEWEST_VERTICES:
+    fewest = NONRIGID.vertices_per_node * max(level.nodes for level in NONRIGID.levels)
+    if min(len(source.mesh.vertices), len(target.mesh.vertices)) < fewest:
         return Fit.unfitted(first)
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
     coefficients = target.basis.coefficients(images)[: RIGID_ALIGNMENT.image_functions]
     yield 0.0
-    laid = align(coefficients, target, ALIGNMENT_WIDTH, mirrored)
-    if laid.facing(image_normals, source, target) is not laid:
+    aligned = align(coefficients, target, NONRIGID.alignment_width, mirrored)
+    if aligned.facing(image_normals, source, target) is not aligned:
         normals = -normals
     around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
     still, placed = unmoved(first, rest, normals, around, limit, target)
-    positions, graph = np.where(still[:, None], placed, laid.positions), None
-    for i, (count, sliding, stiffness, rounds) in enumerate(LEVELS):
+    positions, graph = np.where(still[:, None], placed, aligned.positions), None
+    for i, (count, sliding, stiffness, rounds) in enumerate(NONRIGID.levels):
         count = min(count, len(target.distances))
         if graph is None or len(graph.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
@@ -126,16 +146,16 @@ def fit_steps(
             graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
         for j in range(rounds):
-            yield (i + j / rounds) / (len(LEVELS) + 1)
+            yield (i + j / rounds) / (len(NONRIGID.levels) + 1)
             positions, turned, _ = graph.moved()
             if sliding == 1:
                 weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
                 motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
             else:
                 motion = graph.step(*residuals(positions, turned, here, there, around, limit, sliding), stiffness, True)
-            if motion < AT_REST:
+            if motion < NONRIGID.at_rest:
                 break
-    yield len(LEVELS) / (len(LEVELS) + 1)
+    yield len(NONRIGID.levels) / (len(NONRIGID.levels) + 1)
     assert graph is not None
     positions, turned, blends = graph.moved()
     found = around.closest(positions, turned)
@@ -180,7 +200,7 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surf
     at_rest = (settled != goal).any(axis=1)
     loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
     found = _replaced(found, loose, source.closest(goal[loose]))
-    elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > ELSEWHERE
+    elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > NONRIGID.elsewhere
     elsewhere &= loose | ~at_rest
     return _replaced(found, elsewhere, source.closest(images[elsewhere]))
 
@@ -193,10 +213,10 @@ def _replaced(surface_map: SurfaceMap, at: Booleans, by: SurfaceMap) -> SurfaceM
 
 
 def _astray(found: SurfaceMap, first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Booleans:
-    """(n_t,) where eigenfunctions speak against a map, and for the one that it came from."""
+    """(n_t,) where eigenfunctions contradict a map more than the one that it was fitted from."""
     k = min(RIGID_ALIGNMENT.image_functions, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]
     pulled = [surface_map.interpolate(source.basis.eigenvectors[:, :k]) for surface_map in (found, first)]
     off = [spectral_distance(values, rows @ target.basis.coefficients(rows)[:k].T, eigenvalues) for rows in pulled]
-    pooled = np.maximum(target.basis.smoothed(np.column_stack(off), POOLING**2), 0)
-    return np.asarray(pooled[:, 0] > WORSE * pooled[:, 1] + ALLOWANCE)
+    pooled = np.maximum(target.basis.smoothed(np.column_stack(off), NONRIGID.pooling**2), 0)
+    return np.asarray(pooled[:, 0] > NONRIGID.worse * pooled[:, 1] + NONRIGID.allowance)

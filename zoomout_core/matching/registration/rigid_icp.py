@@ -1,6 +1,8 @@
-"""Parts of a target that have not moved against the source: a single motion lays them exactly."""
+"""Parts of a target that have not moved against the source: a single motion registers them exactly."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,23 +15,46 @@ from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import crossing
 from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.tuning import Tuning, tuned
 
-# A rigid motion is sought in so many rounds; it lays a part into the source where that is nearer than this, at unit
-# area, for at least this part of the surroundings, which reach as far as this diffusion length.
-RIGID_ROUNDS, SLIDING, COINCIDING, MOSTLY, POOLING = 5, 0.02, 0.006, 0.8, 0.03
-# It is found from as many places as so many nodes take.
-NODES = 40
-# On the full meshes so many rounds make it exact, if it takes at least this part of the vertices where they are to go.
-SETTLING_ROUNDS, FEWEST_SETTLED = 4, 0.2
-# They look at so many vertices, and at no mesh with fewer than that.
-SETTLING_POINTS, FEWEST_VERTICES = 1000, 400
-# Two meshes of one surface are no farther apart than this, at unit area.
-FLUSH = 5e-4
-# Meshes of one surface that stand as they should miss each other by less than so many times the best motion's miss.
-AS_WELL = 2.0
-# Where a motion takes this part of all vertices where they are to go, they differ by their meshes only, and the others
-# go along if they come to lie on the source: their goals were wrong.
-THROUGHOUT = 0.9
+
+@dataclass(frozen=True)
+class RigidTuning(Tuning, set_by="judgement"):
+    """Where a single motion registers the target with the source, on stand-ins and on full meshes.
+
+    Attributes:
+        rounds: of the search for a motion.
+        sliding: weight of a residual along the surface against one across it.
+        coinciding: a vertex nearer to the source, or to its goal, coincides with it.
+        mostly: the part of a vertex's surroundings that must coincide.
+        pooling: diffusion length of these surroundings.
+        nodes: a motion is found from as many query points as a deformation graph of this number of nodes has.
+        settling_rounds: of the refinement on the full meshes.
+        fewest_settled: the part of the vertices that must be near their goals for it.
+        settling_points: vertices that it looks at.
+        fewest_vertices: of a mesh that is refined.
+        flush: two meshes of one surface are no farther apart.
+        as_well: factor of the best motion's miss up to which meshes of one surface stand as they should.
+        throughout: where a motion takes this part of all vertices to their goals, surfaces differ by their meshes only,
+            and the other vertices go along if they come to lie on the source: their goals were wrong.
+    """
+
+    rounds: int = tuned(5, "rounds", 1, 100)
+    sliding: float = tuned(0.02, "1", 0, 1)
+    coinciding: float = tuned(0.006, "at unit area", 1e-6, 1)
+    mostly: float = tuned(0.8, "1", 0, 1)
+    pooling: float = tuned(0.03, "at unit area", 0, 1)
+    nodes: int = tuned(40, "nodes", 1, 1000)
+    settling_rounds: int = tuned(4, "rounds", 1, 100)
+    fewest_settled: float = tuned(0.2, "1", 0, 1)
+    settling_points: int = tuned(1000, "vertices", 10, 1_000_000)
+    fewest_vertices: int = tuned(400, "vertices", 10, 1_000_000)
+    flush: float = tuned(5e-4, "at unit area", 0, 1)
+    as_well: float = tuned(2.0, "1", 1, 100)
+    throughout: float = tuned(0.9, "1", 0, 1)
+
+
+RIGID = RigidTuning()
 
 
 def unmoved(
@@ -40,21 +65,21 @@ def unmoved(
     limit: GeodesicLimit,
     target: ShapeAnalysis,
 ) -> tuple[Booleans, Floats]:
-    """Where a single rigid motion already lays the target into the source, as where only its mesh is another.
+    """Where a single rigid motion already registers the target with the source, as where only its mesh is another.
 
     Returns:
         (n,) where that is so, and (n, 3) where the motion takes the target's vertices.
     """
     mesh = around.source.mesh
-    here, there = QueryPoints.on(target, NODES), QueryPoints.on(around.source, NODES)
+    here, there = QueryPoints.on(target, RIGID.nodes), QueryPoints.on(around.source, RIGID.nodes)
     at = here.vertex
     images = first.interpolate(mesh.vertices)[at]
     share = here.areas / here.areas.sum()
     centre, image_centre = share @ rest[at], share @ images
     turn = nearest_rotations((images - image_centre).T @ (share[:, None] * (rest[at] - centre)))
-    for _ in range(RIGID_ROUNDS):
+    for _ in range(RIGID.rounds):
         placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
-        vertex, residual, weight = residuals(placed, turned, here, there, around, limit, SLIDING)
+        vertex, residual, weight = residuals(placed, turned, here, there, around, limit, RIGID.sliding)
         jacobian = np.concatenate([weight @ crossing(placed[vertex] - image_centre), weight], axis=2).reshape(-1, 6)
         change = np.linalg.lstsq(jacobian, np.einsum("qij,qj->qi", weight, residual).ravel(), rcond=None)[0]
         turn = Rotation.from_rotvec(change[:3]).as_matrix() @ turn
@@ -62,9 +87,9 @@ def unmoved(
     placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
     found = around.closest(placed, turned)
     apart = np.linalg.norm(found.interpolate(mesh.vertices) - placed, axis=1)
-    close = (apart < COINCIDING) & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
-    pooled = target.basis.smoothed(close[:, None].astype(float), POOLING**2)[:, 0]
-    return pooled > MOSTLY, placed
+    close = (apart < RIGID.coinciding) & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
+    pooled = target.basis.smoothed(close[:, None].astype(float), RIGID.pooling**2)[:, 0]
+    return pooled > RIGID.mostly, placed
 
 
 def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, source: Proxy) -> tuple[Floats, float]:
@@ -84,24 +109,25 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         (n, 3) positions, and how near to the source, at unit area, those made exact are to lie.
     """
     reliable = np.flatnonzero(fits)
-    if len(reliable) < FEWEST_VERTICES:
-        return goal, FLUSH
-    at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), SETTLING_POINTS)).astype(int)]
+    if len(reliable) < RIGID.fewest_vertices:
+        return goal, RIGID.flush
+    at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), RIGID.settling_points)).astype(int)]
     motion, shift = np.eye(3), np.zeros(3)
     trust = np.ones(len(at))
-    for _ in range(RIGID_ROUNDS):
+    for _ in range(RIGID.rounds):
         share = trust / trust.sum()
         centre, goal_centre = share @ points[at], share @ goal[at]
         offsets, goals = points[at] - centre, goal[at] - goal_centre
         turn = nearest_rotations(goals.T @ (share[:, None] * offsets))
         size = (share @ np.einsum("nx,nx->n", goals, offsets @ turn.T)) / (share @ (offsets**2).sum(axis=1))
         motion, shift = size * turn, goal_centre - size * turn @ centre
-        trust = 1 / (1 + (np.linalg.norm(points[at] @ motion.T + shift - goal[at], axis=1) / COINCIDING) ** 2) ** 2
-    for _ in range(SETTLING_ROUNDS):
+        miss = np.linalg.norm(points[at] @ motion.T + shift - goal[at], axis=1)
+        trust = 1 / (1 + (miss / RIGID.coinciding) ** 2) ** 2
+    for _ in range(RIGID.settling_rounds):
         placed = points[at] @ motion.T + shift
-        near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDING)
-        if len(near) < FEWEST_SETTLED * len(at):
-            return goal, FLUSH
+        near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < RIGID.coinciding)
+        if len(near) < RIGID.fewest_settled * len(at):
+            return goal, RIGID.flush
         residual, normals = _residuals(placed[near], source)
         away = placed[near] - placed[near].mean(axis=0)
         columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
@@ -109,25 +135,25 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         grown = (1 + change[3]) * Rotation.from_rotvec(change[:3]).as_matrix()
         middle = placed[near].mean(axis=0)
         motion, shift = grown @ motion, grown @ (shift - middle) + middle + change[4:]
-    miss = np.median(np.abs(residual))
-    if miss > FLUSH:
-        return goal, FLUSH
+    left = np.median(np.abs(residual))
+    if left > RIGID.flush:
+        return goal, RIGID.flush
     placed = points @ motion.T + shift
-    if np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) < FLUSH:
+    if np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) < RIGID.flush:
         as_they_stand, _ = _residuals(standing[at[near]], source)
-        if np.median(np.abs(as_they_stand)) < AS_WELL * miss:
+        if np.median(np.abs(as_they_stand)) < RIGID.as_well * left:
             placed = standing
-    settled = fits & (np.linalg.norm(placed - goal, axis=1) < COINCIDING)
-    if settled.mean() < THROUGHOUT:
-        return np.where(settled[:, None], placed, goal), FLUSH
+    settled = fits & (np.linalg.norm(placed - goal, axis=1) < RIGID.coinciding)
+    if settled.mean() < RIGID.throughout:
+        return np.where(settled[:, None], placed, goal), RIGID.flush
     rest = np.flatnonzero(~settled)
     found = source.closest(placed[rest]).interpolate(source.full.vertices)
-    settled[rest] = np.linalg.norm(found - placed[rest], axis=1) < FLUSH
-    return np.where(settled[:, None], placed, goal), COINCIDING
+    settled[rest] = np.linalg.norm(found - placed[rest], axis=1) < RIGID.flush
+    return np.where(settled[:, None], placed, goal), RIGID.coinciding
 
 
 def _residuals(points: Floats, source: Proxy) -> tuple[Floats, Floats]:
-    """(n,) how far a mesh lies above points (n, 3), and (n, 3) along which normals."""
+    """(n,) heights of a mesh above points (n, 3), and (n, 3) the normals along which these are measured."""
     mesh = source.full
     found = SurfaceMap(*source.search.closest(points), mesh.triangles)
     normals = triangle_normals(mesh.vertices, mesh.triangles[found.triangle])
