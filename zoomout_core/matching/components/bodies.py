@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -12,11 +13,26 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import scaled
 from zoomout_core.runtime.threads import for_each
+from zoomout_core.tuning import Tuning, tuned
 
-# A main part that lies below so much of the skin is the body, and what else there is lies on it. One that lies below
-# less may still be more alike than skins that are hair and skirts, unless it is less than the third. Skins tell nothing
-# more than one that lies below as much as the first: `benchmarks characters`, a body without its eyes.
-ALL_OF_BODY, WHOLE_BODY, MUCH_OF_BODY = 0.98, 0.9, 0.5
+
+@dataclass(frozen=True)
+class BodyTuning(Tuning, set_by="characters"):
+    """Which bodies are tried, by the part of the skin below which the main part lies.
+
+    Attributes:
+        all_of_body: from here on only the main part is matched: a skin adds nothing, as to a body without its eyes.
+        whole_body: from here on the main part comes first, and other parts lie on it.
+        much_of_body: below this only the skin is matched; above, the main part may be more alike than skins that are
+            hair and skirts.
+    """
+
+    all_of_body: float = tuned(0.98, "1", 0, 1)
+    whole_body: float = tuned(0.9, "1", 0, 1)
+    much_of_body: float = tuned(0.5, "1", 0, 1)
+
+
+BODIES = BodyTuning()
 
 
 class Bodies(NamedTuple):
@@ -47,15 +63,15 @@ def bodies_steps(source: Surface, target: Surface, seed: int) -> Generator[float
     skins = yield from scaled(for_each(skin_of, surfaces), 0.0, 0.6)
     coverage = min(covered_by_main_part(*each) for each in zip(surfaces, skins, strict=True))
     around = Bodies(skins[0], skins[-1], 1.0)
-    if coverage < MUCH_OF_BODY:
+    if coverage < BODIES.much_of_body:
         return [around]
     try:
         main = Bodies(*(yield from scaled(main_part_steps(source, target, seed), 0.6, 1.0)), coverage)
     except MeshError:  # the skins are not too small
         return [around]
-    if coverage >= ALL_OF_BODY:
+    if coverage >= BODIES.all_of_body:
         return [main]
-    return [main, around] if coverage >= WHOLE_BODY else [around, main]
+    return [main, around] if coverage >= BODIES.whole_body else [around, main]
 
 
 def tight_bodies_steps(source: Surface, target: Surface) -> Generator[float, None, Bodies]:

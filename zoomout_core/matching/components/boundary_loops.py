@@ -14,13 +14,29 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.tuning import Tuning, tuned
 
-# Boundary loops that are farther apart, at unit area of the body, or more unlike in size, belong to another cut.
-MOST_APART, UNLIKE = 0.15, 1.5
-# Points that stand for each edge of a loop.
-DENSITY = 4
-# How firmly boundary loops are held, against stiffness, and how far they draw the rest along, at unit area of the part.
-FIRM, FADING = 1e6, 0.5
+
+@dataclass(frozen=True)
+class BoundaryLoopTuning(Tuning, set_by="judgement"):
+    """Which boundary loops belong together, and how the rest of a part follows them.
+
+    Attributes:
+        most_apart: of the centres of two loops of one cut.
+        most_unlike: factor by which their sizes may differ.
+        points_per_edge: that stand for a loop.
+        loop_weight: of the loops' goals against stiffness.
+        screening_length: over which displacements of loops fade, at unit area of the part.
+    """
+
+    most_apart: float = tuned(0.15, "at unit area", 0, 10)
+    most_unlike: float = tuned(1.5, "1", 1, 100)
+    points_per_edge: int = tuned(4, "points", 1, 1000)
+    loop_weight: float = tuned(1e6, "1 / area", 1, 1e12)
+    screening_length: float = tuned(0.5, "at unit area", 1e-3, 100)
+
+
+LOOPS = BoundaryLoopTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +63,18 @@ def loops_on_loops(part: Part, partner: Part) -> Floats:
         return part.points
     stiffness, areas = mesh_laplacian(part.rest, part.corners)
     apart = np.linalg.norm(np.array([loop.centre for loop in ours])[:, None] - [loop.centre for loop in theirs], axis=2)
-    drawn, firmness = np.zeros_like(part.points), areas / FADING**2
+    goals, weight = np.zeros_like(part.points), areas / LOOPS.screening_length**2
     for i, loop in enumerate(ours):
         j = int(np.argmin(apart[i]))
         other = theirs[j]
-        alike = max(loop.size, other.size) <= UNLIKE * min(loop.size, other.size)
-        if alike and apart[i, j] <= MOST_APART and np.argmin(apart[:, j]) == i:
+        alike = max(loop.size, other.size) <= LOOPS.most_unlike * min(loop.size, other.size)
+        if alike and apart[i, j] <= LOOPS.most_apart and np.argmin(apart[:, j]) == i:
             points = part.points[loop.vertices]
             near = cKDTree(other.along).query(points - loop.centre + other.centre)[1]
-            drawn[loop.vertices], firmness[loop.vertices] = other.along[near] - points, FIRM
-    system = csc_array(stiffness + diags_array(firmness))
+            goals[loop.vertices], weight[loop.vertices] = other.along[near] - points, LOOPS.loop_weight
+    system = csc_array(stiffness + diags_array(weight))
     factor = splu(system, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    return np.asarray(part.points + factor.solve(firmness[:, None] * drawn))
+    return np.asarray(part.points + factor.solve(weight[:, None] * goals))
 
 
 def boundary_loops(part: Part) -> list[BoundaryLoop]:
@@ -77,5 +93,5 @@ def _boundary_loop(edges: Integers, points: Floats) -> BoundaryLoop:
     weights = length / max(length.sum(), 1e-300)
     centre = weights @ (a + b) / 2
     size = float(np.sqrt(weights @ (((a + b) / 2 - centre) ** 2).sum(axis=1)))
-    step = (np.arange(DENSITY) / DENSITY)[:, None, None]
+    step = (np.arange(LOOPS.points_per_edge) / LOOPS.points_per_edge)[:, None, None]
     return BoundaryLoop(np.unique(edges), ((1 - step) * a + step * b).reshape(-1, 3), centre, size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,16 +13,27 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
-from zoomout_core.matching.components.parts import MOST_PARTS
-from zoomout_core.matching.components.shells import LaidShells, map_shells
+from zoomout_core.matching.components.parts import PARTS
+from zoomout_core.matching.components.shells import ShellMap, map_shells
 from zoomout_core.matching.pair import Pair, standing
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lifted_fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.tuning import Tuning, tuned
 
-# A larger part of the target without anything on the source comes with a note.
-NOTABLE_SHARE = 0.03
-TOO_MANY = f"{{}} beyond the {MOST_PARTS} largest, too many to be paired: mapped to what lies nearest."
+
+@dataclass(frozen=True)
+class LiftTuning(Tuning, set_by="judgement"):
+    """What a result's notes tell.
+
+    Attributes:
+        notable_share: a larger part of the target's area without anything on the source comes with a note.
+    """
+
+    notable_share: float = tuned(0.03, "1", 0, 1)
+
+
+LIFT = LiftTuning()
 
 
 class LiftedMap(NamedTuple):
@@ -73,7 +85,7 @@ def lifted(pair: Pair, fit: Fit, confidence: Floats) -> LiftedMap:
     return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, share, _notes(pair, loose))
 
 
-def _from_shells(pair: Pair, laid: LaidShells) -> LiftedMap:
+def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
     """The map of shells in the surfaces' own numbers; vertices that no face uses take the nearest one's image."""
     of = pair.target.working.vertex_of
     used = np.flatnonzero(of >= 0)
@@ -82,25 +94,25 @@ def _from_shells(pair: Pair, laid: LaidShells) -> LiftedMap:
     near[used] = of[used]
     if len(rest):
         near[rest] = of[used[cKDTree(pair.target.vertices[used]).query(pair.target.vertices[rest])[1]]]
-    confidence = np.where(of >= 0, laid.confidence[near], 0)
-    triangle = pair.source.working.triangle_of[laid.surface_map.triangle[near]]
-    whole = SurfaceMap(triangle, laid.surface_map.barycentric[near], pair.source.triangles)
-    return LiftedMap(whole, confidence, 1 - laid.alone, _notes_on_shells(pair, laid))
+    confidence = np.where(of >= 0, shells.confidence[near], 0)
+    triangle = pair.source.working.triangle_of[shells.surface_map.triangle[near]]
+    whole = SurfaceMap(triangle, shells.surface_map.barycentric[near], pair.source.triangles)
+    return LiftedMap(whole, confidence, 1 - shells.alone, _notes_on_shells(pair, shells))
 
 
-def _notes_on_shells(pair: Pair, laid: LaidShells) -> tuple[str, ...]:
+def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
     """What a user should know about how shells were mapped, a sentence each."""
     count = int(pair.target.working.component.max()) + 1
     notes = []
-    if laid.in_place:
+    if shells.in_place:
         notes.append("The two lie over each other as they stand: each place was mapped to what lies there.")
-    if laid.paired:
-        others = "; the others lie on what is nearest" if laid.paired < count else ""
-        notes.append(f"{laid.paired} of {count} parts laid on their like by place, size and shape{others}.")
-    if laid.alone > NOTABLE_SHARE:
+    if shells.paired:
+        others = "; the others lie on what is nearest" if shells.paired < count else ""
+        notes.append(f"{shells.paired} of {count} parts laid on their like by place, size and shape{others}.")
+    if shells.alone > LIFT.notable_share:
         notes.append(
-            f"About {laid.alone:.0%} of the target lies where the source has nothing: it takes the nearest place, with "
-            "low confidence."
+            f"About {shells.alone:.0%} of the target lies where the source has nothing: it takes the nearest place, "
+            "with low confidence."
         )
     return tuple(notes)
 
@@ -121,6 +133,7 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
 
 def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     """What a user should know about the parts of the two surfaces, a sentence each."""
+    too_many = f"{{}} beyond the {PARTS.most_parts} largest, too many to be paired: mapped to what lies nearest."
     if pair.source is pair.target:
         smaller = ["The main part, whose symmetry decides, is not the largest."]
         return (
@@ -128,7 +141,7 @@ def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
             *_worded(
                 (loose.paired, "{} mapped to their like, or to themselves, by place, size and shape."),
                 (loose.others, "{} mapped to other parts that lie in the same place."),
-                (loose.too_many, TOO_MANY),
+                (loose.too_many, too_many),
                 (loose.alone, "{} without a partner: the nearest place of the body, with no confidence."),
             ),
         )
@@ -141,7 +154,7 @@ def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     worded = _worded(
         (loose.paired, "{} paired with parts of the source by place, size and shape."),
         (loose.others, "{} of the target mapped to other parts of the source that lie in the same place."),
-        (loose.too_many, TOO_MANY),
+        (loose.too_many, too_many),
         (loose.alone, "{} of the target without a partner: the nearest place of the body, with no confidence."),
         (loose.left, "{} of the source without a partner: nothing was matched to them."),
     )

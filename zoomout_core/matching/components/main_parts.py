@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,14 +15,29 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain, scaled
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.spectral.eigenbasis import working_basis_steps
+from zoomout_core.tuning import Tuning, tuned
 
-SMALLEST_PART = 12
-# A component whose area is at least this part of the largest one's may be the body.
-COMPARABLE = 0.4
-# Components are compared by so many eigenvalues of stand-ins of so many vertices.
-EIGENVALUES, VERTICES = 20, 1500
-# Spectra that differ by less than this, in the mean logarithm, may be the same body's in two poses.
-ALIKE = 0.1
+
+@dataclass(frozen=True)
+class MainPartTuning(Tuning, set_by="judgement"):
+    """Which component may be the body, and how components are compared.
+
+    Attributes:
+        smallest_part: that can be matched.
+        comparable: a component whose area is at least this part of the largest one's may be the body.
+        eigenvalues: that components are compared by.
+        vertices: of the stand-ins that these are computed on.
+        alike: spectra that differ by less, in the mean of the logarithm, may be the same body's in two poses.
+    """
+
+    smallest_part: int = tuned(12, "vertices", 4, 1000)
+    comparable: float = tuned(0.4, "1", 0, 1)
+    eigenvalues: int = tuned(20, "eigenvalues", 1, 1000)
+    vertices: int = tuned(1500, "vertices", 10, 1_000_000)
+    alike: float = tuned(0.1, "1", 0, 10)
+
+
+MAIN_PARTS = MainPartTuning()
 
 
 def main_part_steps(
@@ -49,12 +65,12 @@ def main_part_steps(
     ours, theirs = yield from scaled(for_each(lambda each: _comparable(*each), roles), 0.0, 0.2)
     if len(ours) == len(theirs) == 1:
         return ours[0], theirs[0]
-    count = min(EIGENVALUES + 1, *(len(part.vertices) - 1 for part in (*ours, *theirs)))
+    count = min(MAIN_PARTS.eigenvalues + 1, *(len(part.vertices) - 1 for part in (*ours, *theirs)))
     comparing = for_each(lambda part: _spectrum(part, count, seed), (*ours, *theirs))
     spectra = yield from scaled(comparing, 0.2, 1.0)
     of_source, of_target = np.array(spectra[: len(ours)]), np.array(spectra[len(ours) :])
     difference = np.abs(of_source[:, None] - of_target).mean(axis=2)
-    pairs = [(ours[i], theirs[j]) for i, j in np.argwhere(difference <= difference.min() + ALIKE)]
+    pairs = [(ours[i], theirs[j]) for i, j in np.argwhere(difference <= difference.min() + MAIN_PARTS.alike)]
     return max(pairs, key=lambda pair: (sum(part.sides_are_known for part in pair), pair[0].scale * pair[1].scale))
 
 
@@ -62,17 +78,17 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
     """The components that may be the body, the largest first."""
     working = surface.working
     area = np.bincount(working.component[working.triangles[:, 0]], triangle_areas(working.vertices, working.triangles))
-    parts = [working.part(int(number))[0] for number in np.flatnonzero(area >= COMPARABLE * area[0])]
-    enough = [part for part in parts if len(part.vertices) >= SMALLEST_PART]
+    parts = [working.part(int(number))[0] for number in np.flatnonzero(area >= MAIN_PARTS.comparable * area[0])]
+    enough = [part for part in parts if len(part.vertices) >= MAIN_PARTS.smallest_part]
     if not enough:
         raise MeshError(
             f"The largest part of the {role} has {len(parts[0].vertices)} vertices, too few to know it by: "
-            f"subdivide it to {SMALLEST_PART} or more."
+            f"subdivide it to {MAIN_PARTS.smallest_part} or more."
         )
     return enough
 
 
 def _spectrum(part: WorkingMesh, count: int, seed: int) -> Floats:
     """(count - 1,) logarithms of the eigenvalues but the first, at unit area: the same in every pose."""
-    basis = drain(working_basis_steps(drain(proxy_steps(part, VERTICES)).mesh, count, seed))
+    basis = drain(working_basis_steps(drain(proxy_steps(part, MAIN_PARTS.vertices)).mesh, count, seed))
     return np.log(np.maximum(basis.eigenvalues[1:], 1e-12))

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair, standing
+from zoomout_core.tuning import Tuning, tuned
 
-# Places are over each other that are nearer than this part of the longest extent; surfaces are if no more than so large
-# a part of either lies elsewhere: on pairs in one pose it was 0.05 at most, and 0.18 at least on all others.
-OVER, MOST_ELSEWHERE = 0.05, 0.06
-# A map leaves a place where it stands that it moves by no more than this, at unit area; one that does so with so large
-# a part of them has them all stay.
-STAYS, MOSTLY = 0.1, 0.85
+
+@dataclass(frozen=True)
+class OverlapTuning(Tuning, set_by="characters"):
+    """When two surfaces lie over each other, and when a map leaves the one where it stands.
+
+    Attributes:
+        near: points lie over each other where their distance is less.
+        most_elsewhere: part of either surface's area that may lie over nothing: on pairs in one pose it was 0.05 at
+            most, and 0.18 at least on all others.
+        stays: a map leaves a point in place that it moves by less.
+        mostly: a map that leaves more than this part of the area in place leaves all of it there.
+    """
+
+    near: float = tuned(0.05, "longest extents", 0, 1)
+    most_elsewhere: float = tuned(0.06, "1", 0, 1)
+    stays: float = tuned(0.1, "at unit area", 0, 1)
+    mostly: float = tuned(0.85, "1", 0, 1)
+
+
+OVERLAP = OverlapTuning()
 
 
 def overlapping(pair: Pair) -> Floats | None:
@@ -24,11 +41,11 @@ def overlapping(pair: Pair) -> Floats | None:
     """
     source, target = pair.source_shape, pair.target_shape
     here, there = standing(pair)[target.proxy.full_vertex], source.proxy.vertices
-    near = OVER * max(float(np.ptp(places, axis=0).max()) for places in (here, there))
+    near = OVERLAP.near * max(float(np.ptp(places, axis=0).max()) for places in (here, there))
     for shape, places, other, others in ((target, here, source, there), (source, there, target, here)):
         found = SurfaceMap(*closest_points(places, others, other.mesh.triangles, near), other.mesh.triangles)
         elsewhere = np.linalg.norm(found.interpolate(others) - places, axis=1) > near
-        if shape.basis.areas[elsewhere].sum() > MOST_ELSEWHERE * shape.basis.areas.sum():
+        if shape.basis.areas[elsewhere].sum() > OVERLAP.most_elsewhere * shape.basis.areas.sum():
             return None
     return here
 
@@ -41,5 +58,5 @@ def leaves_in_place(images: Floats, places: Floats, areas: Floats) -> bool:
         places: at unit area.
         areas: (n,) that they stand for.
     """
-    stays = np.linalg.norm(images - places, axis=1) < STAYS
-    return bool(areas[stays].sum() > MOSTLY * areas.sum())
+    stays = np.linalg.norm(images - places, axis=1) < OVERLAP.stays
+    return bool(areas[stays].sum() > OVERLAP.mostly * areas.sum())

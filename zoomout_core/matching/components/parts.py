@@ -22,21 +22,37 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.sampling import farthest_points
+from zoomout_core.tuning import Tuning, tuned
 
-# More parts than these are not paired one by one: what has so many is debris, or hair.
-MOST_PARTS = 300
-# A part is compared by so many of its vertices, and with so many others that might be its partners.
-SAMPLES, RIVALS = 32, 6
-# How far off the body's map may carry a part, at unit area of the body.
-MAP_ERROR = 0.045
-# A partner's place, size and shape may be off by this part of its own size.
-TOLERANCE = 0.5
-# Shapes are compared by how geodesic distances are distributed, at unit area: a factor makes it one to the size.
-SHAPE_WEIGHT = 2.0
-QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
-DISTANCE_SOURCES = 8
-# The misfit of parts that lie in all the same regions is reduced by so much.
-REGION_BONUS = 0.5
+
+@dataclass(frozen=True)
+class PartTuning(Tuning, set_by="judgement"):
+    """How loose parts are compared, and which may be partners.
+
+    Attributes:
+        most_parts: more are not paired one by one: where there are more, they are debris, or hair.
+        samples: vertices that a part is compared by.
+        rivals: other parts that it is compared with.
+        map_error: of the body's map at a part.
+        tolerance: misfit of partners in position, size and shape, at most.
+        shape_weight: of differences between distributions of geodesic distances at unit area.
+        quantiles: that stand for a distribution.
+        distance_sources: samples from which distances are measured.
+        region_bonus: the part of a misfit that is taken off where parts lie in all the same regions.
+    """
+
+    most_parts: int = tuned(300, "parts", 1, 10_000)
+    samples: int = tuned(32, "vertices", 1, 10_000)
+    rivals: int = tuned(6, "parts", 1, 300)
+    map_error: float = tuned(0.045, "at unit area", 1e-6, 1)
+    tolerance: float = tuned(0.5, "sizes of the part", 0, 10)
+    shape_weight: float = tuned(2.0, "1", 0, 100)
+    quantiles: tuple[float, ...] = tuned((0.1, 0.3, 0.5, 0.7, 0.9), "1", 0, 1)
+    distance_sources: int = tuned(8, "vertices", 1, 10_000)
+    region_bonus: float = tuned(0.5, "1", 0, 1)
+
+
+PARTS = PartTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +106,7 @@ class Part:
     @cached_property
     def samples(self) -> Integers:
         """(s,) some vertices, evenly spread, by their place in `vertices`."""
-        return farthest_points(self.rest, SAMPLES)
+        return farthest_points(self.rest, PARTS.samples)
 
     def distance_to(self, other: Part) -> float:
         """Root mean square distance from its samples to the nearest vertex of another part."""
@@ -100,10 +116,10 @@ class Part:
     def distances(self) -> Floats:
         """(5,) quantiles of the geodesic distances between samples, at unit area: the same in every pose."""
         area = triangle_areas(self.rest, self.corners).sum()
-        distance = dijkstra(edge_graph(self.rest, self.corners), indices=self.samples[:DISTANCE_SOURCES])[
+        distance = dijkstra(edge_graph(self.rest, self.corners), indices=self.samples[: PARTS.distance_sources])[
             :, self.samples
         ]
-        return np.asarray(np.quantile(distance, QUANTILES) / np.sqrt(max(area, 1e-300)))
+        return np.asarray(np.quantile(distance, PARTS.quantiles) / np.sqrt(max(area, 1e-300)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,20 +198,21 @@ def paired(
         The number of the source's part by that of the target's, and (p, q) misfits, infinite for what regions part.
     """
     place, size = _apart(target, source)
-    rough = np.minimum(place, 2 * TOLERANCE) + size
+    rough = np.minimum(place, 2 * PARTS.tolerance) + size
     relation = relation_of(of_target, of_source)
-    misfit = np.where(np.isinf(relation), np.inf, 10 * TOLERANCE)
-    possible = (rough <= 2 * TOLERANCE) & np.isfinite(relation)
-    possible &= rough <= np.sort(rough, axis=1)[:, :RIVALS][:, -1:]
-    close = possible & (rough <= TOLERANCE)
+    misfit = np.where(np.isinf(relation), np.inf, 10 * PARTS.tolerance)
+    possible = (rough <= 2 * PARTS.tolerance) & np.isfinite(relation)
+    possible &= rough <= np.sort(rough, axis=1)[:, : PARTS.rivals][:, -1:]
+    close = possible & (rough <= PARTS.tolerance)
     contested = (close.sum(axis=1) > 1)[:, None] | (close.sum(axis=0) > 1)
     for i, j in np.argwhere(possible):
         ours, theirs = target[i], source[j]
-        apart = max(ours.distance_to(theirs), theirs.distance_to(ours)) / (max(ours.size, theirs.size) + MAP_ERROR)
+        size_and_error = max(ours.size, theirs.size) + PARTS.map_error
+        apart = max(ours.distance_to(theirs), theirs.distance_to(ours)) / size_and_error
         shape = float(np.mean(np.abs(ours.distances - theirs.distances))) if contested[i, j] else 0.0
-        misfit[i, j] = relation[i, j] * (apart + size[i, j] + SHAPE_WEIGHT * shape)
-    rows, columns = linear_sum_assignment(np.minimum(misfit, 10 * TOLERANCE))
-    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= TOLERANCE}, misfit
+        misfit[i, j] = relation[i, j] * (apart + size[i, j] + PARTS.shape_weight * shape)
+    rows, columns = linear_sum_assignment(np.minimum(misfit, 10 * PARTS.tolerance))
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= PARTS.tolerance}, misfit
 
 
 def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floats]:
@@ -204,14 +221,14 @@ def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floa
     sizes = [np.maximum([part.size for part in parts], 1e-12) for parts in (target, source)]
     distance = np.linalg.norm(centres[0][:, None] - centres[1], axis=2)
     ratio = np.abs(np.log(sizes[0][:, None] / sizes[1]))
-    return distance / (np.maximum(sizes[0][:, None], sizes[1]) + MAP_ERROR), ratio
+    return distance / (np.maximum(sizes[0][:, None], sizes[1]) + PARTS.map_error), ratio
 
 
 def relation_of(of_target: Booleans, of_source: Booleans) -> Floats:
     """(p, q) what regions make of a misfit: less where they are shared, infinite where none is but both are in some."""
     common = of_target.astype(float) @ of_source.T
     union = of_target.sum(axis=1)[:, None] + of_source.sum(axis=1) - common
-    factor = 1 - REGION_BONUS * common / np.maximum(union, 1)
+    factor = 1 - PARTS.region_bonus * common / np.maximum(union, 1)
     strangers = of_target.any(axis=1)[:, None] & of_source.any(axis=1) & (common == 0)
     return np.where(strangers, np.inf, factor)
 

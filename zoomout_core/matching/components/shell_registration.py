@@ -1,9 +1,7 @@
-"""Pairs of shells laid on each other by similarities: many pairs at once, by iterated closest points both ways.
+"""Pairs of shells registered by similarities: many pairs at once, by iterated closest points both ways.
 
 Besl and McKay, A method for registration of 3-D shapes (1992), with the scale of Umeyama, Least-squares estimation of
 transformation parameters between two point patterns (1991).
-
-Counts and factors were set by `benchmarks characters`.
 """
 
 from __future__ import annotations
@@ -19,16 +17,33 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.tuning import Tuning, tuned
 
-# Points that each shell is known by, and of these so many that look for their nearest on the other one.
-DENSE, SPARSE = 320, 48
-ROUNDS = 12
-# A start along principal axes is taken instead of the body's turn where it leaves so much less.
-CLEARLY_LESS = 0.8
-# A shell is larger or smaller than the body's map has it by no more than this factor.
-MOST_SCALE = 1.35
 # Shells are this far apart in the fourth coordinate of a tree that holds them all.
 APART = 1e3
+
+
+@dataclass(frozen=True)
+class ShellIcpTuning(Tuning, set_by="characters"):
+    """How densely shells are sampled, and how they are registered by iterated closest points.
+
+    Attributes:
+        dense: samples of a shell.
+        sparse: of these, those whose closest points on the other shell are sought.
+        rounds: of iterated closest points.
+        clearly_less: a start along principal axes is taken instead of the body's rotation where it leaves less than
+            this part of the distances.
+        most_scale: factor by which a shell may be larger or smaller than the body's map has it.
+    """
+
+    dense: int = tuned(320, "points", 48, 100_000)
+    sparse: int = tuned(48, "points", 3, 48)
+    rounds: int = tuned(12, "rounds", 1, 1000)
+    clearly_less: float = tuned(0.8, "1", 0, 1)
+    most_scale: float = tuned(1.35, "1", 1, 100)
+
+
+SHELL_ICP = ShellIcpTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +59,13 @@ class Shells:
     @classmethod
     def of(cls, meshes: Sequence[tuple[Floats, Integers]]) -> Shells:
         """Those of some meshes, each given by its vertices (n, 3) and triangles (m, 3)."""
-        return cls(np.stack([surface_samples(*mesh, DENSE)[0] for mesh in meshes]))
+        return cls(np.stack([surface_samples(*mesh, SHELL_ICP.dense)[0] for mesh in meshes]))
 
     @cached_property
     def sparse(self) -> Floats:
         """(p, s, 3) some of them, evenly spread."""
-        step = self.dense.shape[1] // SPARSE
-        return self.dense[:, ::step][:, :SPARSE]
+        step = self.dense.shape[1] // SHELL_ICP.sparse
+        return self.dense[:, ::step][:, : SHELL_ICP.sparse]
 
     @cached_property
     def centre(self) -> Floats:
@@ -136,13 +151,13 @@ class Similarities:
 def registered(
     target: Shells, source: Shells, of_target: Integers, of_source: Integers, prior: Similarities, handed: float
 ) -> tuple[Similarities, Floats]:
-    """Lay shells of the target on shells of the source.
+    """Register shells of the target with shells of the source.
 
     Args:
         target: where they are at rest.
         source: where they are.
         of_target: (q,) which shells of the target,
-        of_source: (q,) are laid on which of the source.
+        of_source: (q,) are registered with which of the source.
         prior: (p,) how the body's map moves each of the target's shells.
         handed: -1 where it mirrors them, else 1.
 
@@ -154,13 +169,13 @@ def registered(
     for turn in (start.turn, _along_axes(start.turn, target.axes[of_target], source.axes[of_source], handed)):
         centre = np.einsum("qij,qj->qi", turn, target.centre[of_target]) * start.scale[:, None]
         motion = Similarities(start.scale, turn, source.centre[of_source] - centre)
-        for _ in range(ROUNDS):
+        for _ in range(SHELL_ICP.rounds):
             here, there, _ = _partners(target, source, of_target, of_source, motion)
-            least, most = start.scale / MOST_SCALE, start.scale * MOST_SCALE
+            least, most = start.scale / SHELL_ICP.most_scale, start.scale * SHELL_ICP.most_scale
             motion = Similarities.between(here, there, handed, least, most)
         both.append(motion)
         left.append(np.sqrt((_partners(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
-    second = left[1] < CLEARLY_LESS * left[0]
+    second = left[1] < SHELL_ICP.clearly_less * left[0]
     q = np.arange(len(of_target))
     return Similarities.joined(both)[q + len(q) * second], np.where(second, left[1], left[0])
 
@@ -177,7 +192,7 @@ def _partners(
 
 
 def _along_axes(turn: Floats, of_target: Floats, of_source: Floats, handed: float) -> Floats:
-    """(q, 3, 3) turns that lay principal axes on principal axes, their senses as near to turns (q, 3, 3) as can be."""
+    """(q, 3, 3) rotations of principal axes to principal axes, with the senses that are nearest to those of `turn`."""
     agreement = np.einsum("qax,qxy,qay->qa", of_source, turn, of_target)
     sign = np.where(agreement < 0, -1.0, 1.0)
     aligned = np.einsum("qax,qa,qay->qxy", of_source, sign, of_target)

@@ -1,7 +1,7 @@
 """From the map between two skins to the map between the shells below them.
 
-The skins' map moves everything along. Where a shell of the target then has its like on the source, one is laid on the
-other by a similarity; all others lie on what of the source is nearest, outer parts on outer ones.
+The skins' map moves everything along. Where a shell of the target then has its like on the source, the two are
+registered by a similarity; all others lie on what of the source is nearest, outer parts on outer ones.
 
 Lengths are at unit area of the skin.
 """
@@ -21,7 +21,7 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
-from zoomout_core.matching.components.parts import MOST_PARTS, Part, Side, relation_of
+from zoomout_core.matching.components.parts import PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, Similarities, registered
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.constraints import CONSTRAINTS
@@ -99,13 +99,13 @@ class _Image:
 
 
 @dataclass(frozen=True, eq=False)
-class LaidShells:
+class ShellMap:
     """What was found of two surfaces' shells.
 
     Attributes:
         surface_map: between the working meshes.
         confidence: (n,) of the target's working vertices.
-        paired: number of the target's shells that are laid on their like.
+        paired: number of the target's shells that are registered with their like.
         alone: the part of the target's area for which nothing on the source is near where it is moved to.
         in_place: whether the two lie over each other, and stay there.
     """
@@ -117,7 +117,7 @@ class LaidShells:
     in_place: bool
 
 
-def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
+def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> ShellMap:
     """Map the shells of two surfaces, given the map between their skins.
 
     Args:
@@ -137,7 +137,8 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
     motions: list[Similarities] = []
     # A surface of one shell is a whole body, and a shell of the other one a piece of one.
     if min(len(ours), len(theirs)) > 1:
-        partners, motions = _partners(pair, motion, ours[:MOST_PARTS], theirs[:MOST_PARTS], source, target)
+        most = PARTS.most_parts
+        partners, motions = _partners(pair, motion, ours[:most], theirs[:most], source, target)
     if partners:
         shells = OrientedSurface(
             source.points,
@@ -148,16 +149,16 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> LaidShells:
         )
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
-        laid, stretch = _laid_on(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
-        on = laid.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
+        onto, stretch = _onto_partner(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
+        on = onto.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
         vertices = part.vertices[on]
-        image.triangle[vertices], image.barycentric[vertices] = laid.triangle[on], laid.barycentric[on]
-        image.distance[vertices] = laid.distance[on]
+        image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
+        image.distance[vertices] = onto.distance[on]
         trust[vertices] = SHELLS.full_trust / (1 + (stretch / SHELLS.half_stretch) ** 2)
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
         surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
-    return LaidShells(
+    return ShellMap(
         surface_map,
         trust,
         len(partners),
@@ -257,7 +258,7 @@ def _beneath(points: Floats, normals: Floats, source: Side, of_source: Booleans,
 def _partners(
     pair: Pair, motion: SimilarityField, ours: list[Part], theirs: list[Part], source: Side, target: Side
 ) -> tuple[list[tuple[int, int]], list[Similarities]]:
-    """Shells that are each other's like, one to one, by number, and how the target's are laid on the source's."""
+    """Shells that are each other's like, one to one, by number, and the similarities that register them."""
     here = Shells.of([(target.points, target.mesh.triangles[part.triangles]) for part in ours])
     there = Shells.of([(source.points, source.mesh.triangles[part.triangles]) for part in theirs])
     prior = _prior(here, motion)
@@ -280,15 +281,15 @@ def _partners(
     i, j = i[possible], j[possible]
     if not len(i):
         return [], []
-    laid, miss = registered(here, there, i, j, prior, motion.handedness)
+    found, miss = registered(here, there, i, j, prior, motion.handedness)
     miss = miss / there.size[j]
-    move = np.linalg.norm(laid(here.centre[i][:, None])[:, 0] - images[i], axis=1)
-    cosine = (np.einsum("qij,qij->q", laid.turn, prior.turn[i]) - 1) / 2
+    move = np.linalg.norm(found(here.centre[i][:, None])[:, 0] - images[i], axis=1)
+    cosine = (np.einsum("qij,qij->q", found.turn, prior.turn[i]) - 1) / 2
     cost = (
         SHELLS.miss_cost * miss / SHELLS.most_miss
         + SHELLS.move_cost * move / SHELLS.most_move
         + SHELLS.turn_cost * np.arccos(np.clip(cosine, -1, 1))
-        + SHELLS.scale_cost * np.abs(np.log(laid.scale / prior.scale[i]))
+        + SHELLS.scale_cost * np.abs(np.log(found.scale / prior.scale[i]))
     )
     cost[(miss > SHELLS.most_miss) | (move > SHELLS.most_move)] = np.inf
     table = np.full((len(ours), len(theirs)), 10 * SHELLS.most_cost)
@@ -297,7 +298,7 @@ def _partners(
     number[i, j] = np.arange(len(i))
     assigned = np.column_stack(linear_sum_assignment(table)).tolist()
     chosen = [(a, b) for a, b in assigned if table[a, b] <= SHELLS.most_cost]
-    return chosen, [laid[number[a, b] : number[a, b] + 1] for a, b in chosen]
+    return chosen, [found[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 
 def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
@@ -307,7 +308,7 @@ def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
     return Similarities.between(shells.sparse, images, motion.handedness)
 
 
-def _laid_on(
+def _onto_partner(
     part: Part,
     partner: int,
     similarity: Similarities,
@@ -318,14 +319,14 @@ def _laid_on(
     source: Side,
     target: Side,
 ) -> tuple[_Image, float]:
-    """A shell's image on its partner, and by how much edges change their lengths; the better of two ways to lay it.
+    """A shell's image on its partner, and by how much edges change their lengths; the better of two ways to place it.
 
-    Stiff ones are laid by the similarity, those that bend by the body's map.
+    Stiff shells are placed by the similarity, those that bend by the body's map.
 
     Args:
         part: of the target, its points where the body's map moves them.
         partner: number of its partner.
-        similarity: that lays the one on the other.
+        similarity: that registers the one with the other.
         scale: of the body against the source's, by which lengths should change.
         stays: whether the body stays in place, and with it a shell that lies on its partner there.
         normals: (n, 3) of all vertices of the target, where the body's map turns them.

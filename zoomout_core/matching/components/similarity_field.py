@@ -16,13 +16,26 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.tuning import Tuning, tuned
 
-# Diffusion lengths, at unit area, over which surroundings are pooled: the farther off a point, the wider.
-WIDTHS = (0.04, 0.1, 0.25)
-# So many vertices of the body are blended for a point.
-NEIGHBOURS = 12
-# A body does not grow or shrink locally by more than this, against its typical scale: maps squeeze by mistake.
-MOST_SCALE = 2.0
+
+@dataclass(frozen=True)
+class SimilarityFieldTuning(Tuning, set_by="judgement"):
+    """Over what the similarities around a body are fitted and blended.
+
+    Attributes:
+        widths: diffusion lengths over which surroundings are pooled: the farther off a point, the wider.
+        neighbours: vertices of the body whose similarities are blended for a point.
+        most_scale: factor by which a body grows or shrinks locally, at most, against its typical scale: maps squeeze
+            by mistake.
+    """
+
+    widths: tuple[float, ...] = tuned((0.04, 0.1, 0.25), "at unit area", 1e-6, 10)
+    neighbours: int = tuned(12, "vertices", 1, 1000)
+    most_scale: float = tuned(2.0, "1", 1, 100)
+
+
+SIMILARITIES = SimilarityFieldTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +92,7 @@ class Moments:
         signs = self._signs(handedness)
         scale = self.scale(handedness)
         typical = np.median(scale)
-        scale = np.clip(scale, typical / MOST_SCALE, typical * MOST_SCALE)
+        scale = np.clip(scale, typical / SIMILARITIES.most_scale, typical * SIMILARITIES.most_scale)
         linear = scale[:, None, None] * ((U * signs[:, None]) @ Vt)
         shift = self.image - np.einsum("mij,mj->mi", linear, self.place)
         return np.hstack([linear.reshape(-1, 9), shift])
@@ -126,7 +139,7 @@ class SimilarityField:
     def _moments(self) -> list[Moments]:
         """Those of the surroundings of each vertex, for each of the widths."""
         local = products(self.places, self.images)
-        return [Moments.of(self.basis.smoothed(local, width**2)) for width in WIDTHS]
+        return [Moments.of(self.basis.smoothed(local, width**2)) for width in SIMILARITIES.widths]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Where the body takes points around it.
@@ -138,13 +151,14 @@ class SimilarityField:
         Returns:
             (q, 3) points, (q, 3) unit directions, and (q,) trust in the body there.
         """
-        count = min(NEIGHBOURS, len(self.places))
+        count = min(SIMILARITIES.neighbours, len(self.places))
         distance, near = (np.reshape(part, (len(points), count)) for part in self._tree.query(points, count))
         weights = (1 - distance / (distance[:, -1:] * (1 + 1e-3) + 1e-300)) ** 2
         weights /= weights.sum(axis=1, keepdims=True)
         start = np.arange(0, near.size + 1, count)
         blend = csr_array((weights.ravel(), near.ravel(), start), shape=(len(points), len(self.places)))
-        level = np.interp(np.log(np.maximum(distance[:, 0], 1e-300)), np.log(WIDTHS), np.arange(len(WIDTHS)))
+        widths = np.log(SIMILARITIES.widths)
+        level = np.interp(np.log(np.maximum(distance[:, 0], 1e-300)), widths, np.arange(len(widths)))
         affine = np.zeros((len(points), 12))
         for i, moments in enumerate(self._moments):
             share = np.maximum(1 - np.abs(level - i), 0)

@@ -13,7 +13,7 @@ from loose_parts import BODY, RADIUS, ball, identity, pair_around_body, shape_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components import lift
 from zoomout_core.matching.components.lift import LiftedMap, _from_shells, _is_smaller, lifted
-from zoomout_core.matching.components.shells import LaidShells
+from zoomout_core.matching.components.shells import ShellMap
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
@@ -99,13 +99,13 @@ def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
 # --- shells -------------------------------------------------------------------------------------------------------
 
 
-def laid(pair: Any, **of: Any) -> LaidShells:
+def laid(pair: Any, **of: Any) -> ShellMap:
     """Shells that lie on themselves."""
     mesh = pair.target.working
     corner = np.zeros(len(mesh.vertices), dtype=np.int64)
     corner[mesh.triangles.ravel()] = np.arange(mesh.triangles.size)
     surface_map = SurfaceMap(corner // 3, np.eye(3)[corner % 3], mesh.triangles)
-    found = LaidShells(surface_map, np.linspace(0.1, 1, len(mesh.vertices)), 0, 0.0, False)
+    found = ShellMap(surface_map, np.linspace(0.1, 1, len(mesh.vertices)), 0, 0.0, False)
     return replace(found, **of)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.matching.attempt import ATTEMPTS
-from zoomout_core.matching.components.bodies import bodies_steps
+from zoomout_core.matching.components.bodies import BODIES, bodies_steps
 from zoomout_core.matching.components.skins import covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
@@ -171,11 +171,10 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
-def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(monkeypatch, at_rest, stepping: Mannequin) -> None:
+def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
     # So that the torsos are tried as well, on which there is no foot.
-    monkeypatch.setattr("zoomout_core.matching.components.bodies.MUCH_OF_BODY", 0.0)
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
-    with retuned(ATTEMPTS, sure=1.0):
+    with retuned(ATTEMPTS, sure=1.0), retuned(BODIES, much_of_body=0.0):
         result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
     assert right_parts(result, at_rest, stepping) > 0.98
 
