@@ -201,19 +201,19 @@ def map_after_alignment(
 def total_score(scores: dict[str, float]) -> float:
     """The weighted sum of the criteria and of the disagreements with what is known; the least is the most likely map.
 
-    The weights are those of `SCORES` and `EVIDENCE`. Errors count by their logarithms: how large they are depends on how alike the shapes are, but the right map of a
-    pair has errors smaller by a factor than its wrong ones.
+    The weights are those of `SCORES` and `EVIDENCE`. Errors count by their logarithms: how large they are depends on
+    how alike the shapes are, but the right map of a pair has errors smaller by a factor than its wrong ones.
 
     - Commutativity and frequency: the best criteria alone. They take no notice of a human turned front to back.
     - Distance and curvature complement them, and weigh less: geodesic distances are independent of the basis, and mean
       curvature tells front from back, by its correlation, whose distance from 1 is the error.
     - Handedness: the correlation itself, not its logarithm, so that noise about zero, as of shapes that are far from
-      isometric, weighs little. At a weight of 1.6 it would correct two self-symmetries of humans that are turned front to
-      back, but the margin of right maps of pairs falls from 0.14 standard deviations to 0.03.
+      isometric, weighs little. At a weight of 1.6 it would correct two self-symmetries of humans that are turned
+      front to back, but the margin of right maps of pairs falls from 0.14 standard deviations to 0.03.
     - Place and facing: the fit in space, which weighs most, for it refutes maps that keep by chance what an isometry
-      keeps: a pair of legs that is taken for arms commutes with the Laplacian better than the right map
-      now and then, but never fits the source when it is aligned with it. On generated characters this ended the flips
-      that were announced as likely.
+      keeps: a pair of legs that is taken for arms commutes with the Laplacian better than the right map now and then,
+      but never fits the source when it is aligned with it. On generated characters this ended the flips that were
+      announced as likely.
     - Disagreements count linearly: those with landmarks and with an earlier map, which the user gave, outweigh all
       criteria; those with axes, regions and the place in space decide where the criteria leave a flip in doubt.
 
