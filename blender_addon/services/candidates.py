@@ -13,7 +13,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.runtime.stepping import Steps
-from zoomout_core.symmetry.detect import LEAST_CERTAINTY
+from zoomout_core.symmetry.detect import DETECTION
 
 from ..colors import DARK, LIGHT, place_colors
 from ..mesh_data import ObjectPair
@@ -51,7 +51,7 @@ def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, setting
 def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
     """The candidates of a result that a user may choose from, the one in use always among them.
 
-    These are the most probable one, others above `LEAST_CERTAINTY`, mirror images, and for each of the probable ones
+    These are the most probable one, others above a least certainty, mirror images, and for each of the probable ones
     the candidate that swaps its sides, whatever its probability.
     """
     outlines = [result.outline(number) for number in range(len(result.candidates))]
@@ -122,7 +122,8 @@ def _selectable(found: Sequence[Candidate], colors: Sequence[Bytes]) -> set[int]
     """Numbers of the candidates to list beside the one in use, from all candidates and their colours."""
     order = range(len(found))
     direct = [number for number in order if not found[number].reverses_orientation]
-    likely = [one for one in direct if one == direct[0] or found[one].certainty >= LEAST_CERTAINTY][:MOST_DIRECT]
+    least = DETECTION.least_certainty
+    likely = [one for one in direct if one == direct[0] or found[one].certainty >= least][:MOST_DIRECT]
     mirrored = [number for number in order if found[number].reverses_orientation][:MOST_MIRRORED]
     swapped = (_side_swapped(number, colors) for number in likely)
     return {*likely, *mirrored, *(number for number in swapped if number is not None)}

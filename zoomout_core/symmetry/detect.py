@@ -41,20 +41,34 @@ from zoomout_core.runtime.threads import (
 )
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
-from zoomout_core.symmetry.ranking import SURE, in_order, is_no_part_of_identity
+from zoomout_core.symmetry.ranking import CANDIDATES, in_order, is_no_part_of_identity
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of_steps, body_shape_steps
-from zoomout_core.symmetry.sides import CLEARLY_LEFT, leftward, on_whole_surface, signed_distance
+from zoomout_core.symmetry.sides import SIDES, leftward, on_whole_surface, signed_distance
+from zoomout_core.tuning import Tuning, tuned
 
 # A character of Blender's faces -y, so that its left is +x.
 LEFT = (1.0, 0.0, 0.0)
-# How many maps that keep the orientation are compared, at least and at most, and how many that reverse it.
-QUOTAS = (1, 16), (3, 20)
 # When the analysis of the first body begins, as a part of the progress, that of a second one, and what follows.
 START_OF_BODY = 0.02, 0.55, 0.7
-# What is less likely than this is not shown, but for the most likely one.
-LEAST_CERTAINTY = 0.05
 # Leading block of the functional map whose energies are reported beside those of all of it.
 LOW = 20
+
+
+@dataclass(frozen=True)
+class DetectionTuning(Tuning, set_by="judgement"):
+    """Which symmetries are compared and returned.
+
+    Attributes:
+        quotas: numbers of maps that are compared, at least and at most: of those that keep the orientation, and of
+            those that reverse it.
+        least_certainty: of the symmetries that are returned, but for the most likely one.
+    """
+
+    quotas: tuple[tuple[int, int], tuple[int, int]] = tuned(((1, 16), (3, 20)), "candidates", 0, 1000)
+    least_certainty: float = tuned(0.05, "1", 0, 1)
+
+
+DETECTION = DetectionTuning()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,9 +160,10 @@ def detect_symmetry_steps(
             break
     if not attempts:
         return ()
-    # Maps that agree in most places may still differ by an arm, so that none is a witness for another one.
+    # Maps that agree in most places may still differ by an arm, so no candidate confirms another one.
     best = max(attempts, key=lambda attempt: attempt.worth)
-    chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= LEAST_CERTAINTY]
+    least = DETECTION.least_certainty
+    chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= least]
     refining = for_each_stepped(lambda candidate: _symmetry_steps(best.pair, candidate, to_the_left), chosen)
     found = yield from spread(refining, START_OF_BODY[-1], 1.0, "Refining")
     return tuple(sorted(found, key=_place))
@@ -161,7 +176,7 @@ def candidate_steps(shape: ShapeAnalysis) -> Generator[float, None, list[Candida
         list(chain(*guesses)),
         shape,
         shape,
-        quotas=QUOTAS,
+        quotas=DETECTION.quotas,
         clear_orientation=0.0,
         wanted=lambda sample_map, reverses: is_no_part_of_identity(sample_map, reverses, shape),
     )
@@ -206,7 +221,7 @@ def _finished(
         distance = on_whole_surface(on_mesh, surface_map, shape, surface)
         towards = leftward(distance, surface_map, surface, left)
         distance = -distance if towards < 0 else distance
-        if abs(towards) < CLEARLY_LEFT:
+        if abs(towards) < SIDES.clearly_left:
             notes = ("The axis hardly tells left from right: check the sides, or give another axis.", *notes)
     return Symmetry(
         surface=surface,
@@ -230,7 +245,7 @@ def _place(symmetry: Symmetry) -> tuple[float, float]:
     surface = symmetry.surface
     alone = (symmetry.confidence == 0)[surface.triangles].all(axis=1)
     areas = triangle_areas(surface.vertices, surface.triangles)
-    return -min(symmetry.certainty, SURE), round(float(areas[alone].sum() / areas.sum()), 2)
+    return -min(symmetry.certainty, CANDIDATES.sure), round(float(areas[alone].sum() / areas.sum()), 2)
 
 
 def _unit_vector(left: ArrayLike) -> Floats:

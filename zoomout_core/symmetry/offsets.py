@@ -7,6 +7,8 @@ are carried along with a body).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -19,12 +21,26 @@ from zoomout_core.mesh.surface import MeshError
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Domain
+from zoomout_core.tuning import Tuning, tuned
 
-# Diffusion lengths, at unit area, of the surroundings that say how a displacement turns, and of those against which
-# the shape is asymmetric.
-TURNING, COMPARING = 0.03, 0.1
 # How far off the line, over the square root of the area, a split goes over from one side to the other.
 BLEND = 0.05
+
+
+@dataclass(frozen=True)
+class SurroundingsTuning(Tuning, set_by="judgement"):
+    """Diffusion lengths of the surroundings of a vertex that a rigid motion is fitted to.
+
+    Attributes:
+        turning: for how a displacement turns.
+        comparing: for how asymmetric the shape is.
+    """
+
+    turning: float = tuned(0.03, "at unit area", 1e-6, 1)
+    comparing: float = tuned(0.1, "at unit area", 1e-6, 1)
+
+
+SURROUNDINGS = SurroundingsTuning()
 
 
 def mirrored_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
@@ -91,7 +107,7 @@ def frames(symmetry: SelfMap) -> Floats:
     handedness = -1.0 if symmetry.reverses_orientation else 1.0
     proxy = symmetry.shape.proxy
     places, images = _places_and_images(symmetry)
-    moments = Moments.of(symmetry.shape.basis.smoothed(products(places, images), TURNING**2))
+    moments = Moments.of(symmetry.shape.basis.smoothed(products(places, images), SURROUNDINGS.turning**2))
     blended = proxy.place.interpolate(_orthogonal(moments.cross, handedness).reshape(-1, 9)).reshape(-1, 3, 3)
     return _on_surface(_orthogonal(blended, handedness), symmetry)
 
@@ -104,7 +120,7 @@ def shape_asymmetry(symmetry: SelfMap) -> Floats:
     """
     shape = symmetry.shape
     places, images = _places_and_images(symmetry)
-    moments = Moments.of(shape.basis.smoothed(products(places, images), COMPARING**2))
+    moments = Moments.of(shape.basis.smoothed(products(places, images), SURROUNDINGS.comparing**2))
     turns = _orthogonal(moments.cross, -1.0 if symmetry.reverses_orientation else 1.0)
     laid = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
     normals = np.einsum("nij,nj->ni", turns, shape.mesh.vertex_normals)

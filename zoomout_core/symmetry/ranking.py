@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit
@@ -12,34 +12,113 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.scores import correlation, map_after_alignment
 from zoomout_core.symmetry.involution import distance_moved, mean_distance
+from zoomout_core.tuning import Tuning, tuned
 
-# A symmetry other than the identity moves nearly everything: a reflection all but a line, a turn all but points. What
-# moves by less than NEARLY, at unit area, takes no more than so large a part of the area.
-NEARLY, MOST_FIXED_BY_TURNS, MOST_FIXED_BY_REFLECTIONS = 0.1, 0.15, 0.45
-# Weights of the criteria: of logarithms of errors, no smaller than what meshes make of nothing; and of the correlation
-# of pseudo-scalars. What a map moves little it cannot get far wrong, so that errors count against how far it moves
-# things: a map that leaves arms where they are, and exchanges the legs alone, has smaller ones than the right one.
-ERRORS = {"commutativity": (-3.4, 0.1), "distance": (-1.7, 0.01), "place": (-2.7, 0.002)}
-CURVATURE, ALIKE, HANDEDNESS, MOVED = -1.2, 0.01, 2.8, 5.0
-# What lives has left and right, and rarely a turn: those have to score better by so much.
-AGAINST_TURNS = 2.7
-# With the score, and with a lead over the next best map, up to a largest one, grow the log odds that a map is right.
-# All are of 218 people, animals, gorillas, and game characters and dressed bodies of many shells, at rest and in poses,
-# which weigh a twentieth once more with their right maps taken away; and of 26 heaps and twigs that have no symmetry,
-# which weigh a tenth. Fitted without one of 16 kinds and tried on it, of 218 first maps 215 were right, and 174 of them
-# announced with 90 % and more, but none of the wrong ones, and none of a heap with more than 72 %.
-SCORE_RATE, LEAD_RATE, LARGEST_LEAD, ODDS = 0.193, 0.755, 4.0, -3.59
-# Things that are exactly symmetric have several symmetries, which do not rival each other: maps of 60 functions that
-# commute better than this with the Laplacian, and score little worse than the best.
-EXACT, STEEPNESS, BEHIND_RATE = 0.43, 16, 1.0
-# Candidates that are surer than this are all right: of these reflections come first, along which sides can be mirrored.
-SURE = 0.98
+
+@dataclass(frozen=True)
+class CandidateTuning(Tuning, set_by="judgement"):
+    """Which maps are no symmetries, and which come first.
+
+    A symmetry other than the identity moves nearly everything: a reflection all but a line, a turn all but points.
+
+    Attributes:
+        still: what moves by less counts as not moved.
+        most_still_by_turns: the part of the area that a turn may not move,
+        most_still_by_reflections: and a reflection.
+        sure: candidates of more certainty are all right; of these reflections come first, along which sides can be
+            mirrored.
+    """
+
+    still: float = tuned(0.1, "at unit area", 0, 1)
+    most_still_by_turns: float = tuned(0.15, "1", 0, 1)
+    most_still_by_reflections: float = tuned(0.45, "1", 0, 1)
+    sure: float = tuned(0.98, "1", 0, 1)
+
+
+@dataclass(frozen=True)
+class CriterionTuning(Tuning, set_by="symmetry"):
+    """Weights of the criteria that a candidate is scored by.
+
+    Those of errors are of their logarithms, which are no smaller than what meshes alone cause.
+
+    Attributes:
+        commutativity: weight of the error of commutativity.
+        least_commutativity: the smallest that counts.
+        distance: weight of the error of distances.
+        least_distance: the smallest that counts.
+        place: weight of the error of places.
+        least_place: the smallest that counts.
+        curvature: weight of what the correlation of curvatures lacks.
+        least_curvature: the smallest lack that counts.
+        handedness: weight of the correlation of pseudo-scalars.
+        moved: weight of the logarithm of the distance that a map moves things by. What a map moves little it cannot get
+            far wrong, so that errors count against that: a map that leaves arms where they are, and exchanges the
+            legs alone, has smaller ones than the right one.
+        turn: how much better turns have to score than reflections: living things have left and right, and rarely turns.
+    """
+
+    commutativity: float = tuned(-3.4, "1", -100, 0)
+    least_commutativity: float = tuned(0.1, "1", 1e-9, 1)
+    distance: float = tuned(-1.7, "1", -100, 0)
+    least_distance: float = tuned(0.01, "1", 1e-9, 1)
+    place: float = tuned(-2.7, "1", -100, 0)
+    least_place: float = tuned(0.002, "1", 1e-9, 1)
+    curvature: float = tuned(-1.2, "1", -100, 0)
+    least_curvature: float = tuned(0.01, "1", 1e-9, 1)
+    handedness: float = tuned(2.8, "1", 0, 100)
+    moved: float = tuned(5.0, "1", 0, 100)
+    turn: float = tuned(2.7, "1", 0, 100)
+
+
+@dataclass(frozen=True)
+class OddsTuning(Tuning, set_by="symmetry"):
+    """The log odds that a map is right: they grow with its score, and with its lead over the next best map.
+
+    Fitted, as the weights of the criteria were, to 218 people, animals, gorillas, and game characters and dressed
+    bodies of many shells, at rest and in poses, which weigh a twentieth once more with their right maps taken away; and
+    to 26 heaps and twigs that have no symmetry, which weigh a tenth. Fitted without one of 16 kinds and tested on it,
+    of 218 first maps 215 were right, and 174 of them had a certainty of 90 % and more, but none of the wrong ones, and
+    none of a heap more than 72 %.
+
+    Attributes:
+        score_rate: log odds for each unit of the score.
+        lead_rate: for each unit of the lead.
+        largest_lead: that counts, either way.
+        at_zero: at a score and a lead of zero.
+    """
+
+    score_rate: float = tuned(0.193, "1", 0, 100)
+    lead_rate: float = tuned(0.755, "1", 0, 100)
+    largest_lead: float = tuned(4.0, "score", 0, 1000)
+    at_zero: float = tuned(-3.59, "1", -100, 100)
+
+
+@dataclass(frozen=True)
+class ExactnessTuning(Tuning, set_by="judgement"):
+    """The log odds of exact symmetries, of which a thing has several that do not compete with each other.
+
+    Attributes:
+        commutativity: error of maps of 60 functions at which the odds are even.
+        steepness: log odds for each unit of its logarithm.
+        lag_rate: for each unit of the score that a map is behind the best.
+    """
+
+    commutativity: float = tuned(0.43, "1", 1e-9, 10)
+    steepness: float = tuned(16, "1", 0, 1000)
+    lag_rate: float = tuned(1.0, "1", 0, 100)
+
+
+CANDIDATES = CandidateTuning()
+CRITERIA = CriterionTuning()
+ODDS = OddsTuning()
+EXACT = ExactnessTuning()
 
 
 def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, shape: ShapeAnalysis) -> bool:
     """Whether a map (s,) of a shape's search samples moves enough of it; one that moves a limb only is no symmetry."""
-    fixed = shape.weights @ (distance_moved(sample_map, shape) < NEARLY)
-    return bool(fixed <= (MOST_FIXED_BY_REFLECTIONS if reverses_orientation else MOST_FIXED_BY_TURNS))
+    fixed = shape.weights @ (distance_moved(sample_map, shape) < CANDIDATES.still)
+    most = CANDIDATES.most_still_by_reflections if reverses_orientation else CANDIDATES.most_still_by_turns
+    return bool(fixed <= most)
 
 
 def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidate]:
@@ -61,7 +140,7 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
 def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
     """What is less for the candidates that come first."""
     turns = not candidate.reverses_orientation
-    return -min(candidate.certainty, SURE), turns, -candidate.certainty, candidate.scores["total"]
+    return -min(candidate.certainty, CANDIDATES.sure), turns, -candidate.certainty, candidate.scores["total"]
 
 
 def _apart(one: Candidate, other: Candidate, shape: ShapeAnalysis) -> float:
@@ -73,10 +152,15 @@ def _apart(one: Candidate, other: Candidate, shape: ShapeAnalysis) -> float:
 def _scored(candidate: Candidate, shape: ShapeAnalysis) -> Candidate:
     moved = mean_distance(candidate.sample_map, shape)
     scores = candidate.scores | {"fine handedness": _fine_handedness(candidate, shape), "moved": moved}
-    total = sum(weight * np.log(max(scores[name], least)) for name, (weight, least) in ERRORS.items())
-    total += CURVATURE * np.log(max(1 - scores["curvature"], ALIKE))
-    total += HANDEDNESS * scores["fine handedness"] + MOVED * np.log(max(moved, 1e-9))
-    total -= 0 if candidate.reverses_orientation else AGAINST_TURNS
+    errors = (
+        (CRITERIA.commutativity, scores["commutativity"], CRITERIA.least_commutativity),
+        (CRITERIA.distance, scores["distance"], CRITERIA.least_distance),
+        (CRITERIA.place, scores["place"], CRITERIA.least_place),
+    )
+    total = sum(weight * np.log(max(error, least)) for weight, error, least in errors)
+    total += CRITERIA.curvature * np.log(max(1 - scores["curvature"], CRITERIA.least_curvature))
+    total += CRITERIA.handedness * scores["fine handedness"] + CRITERIA.moved * np.log(max(moved, 1e-9))
+    total -= 0 if candidate.reverses_orientation else CRITERIA.turn
     return replace(candidate, scores=scores | {"total": -float(total)})
 
 
@@ -84,8 +168,10 @@ def _certainty(candidate: Candidate, candidates: list[Candidate]) -> float:
     """The probability that a map is right: by its score and its lead over all others, or because it is exact."""
     others = [other.scores["total"] for other in candidates if other is not candidate]
     lead = min(others, default=np.inf) - candidate.scores["total"]
-    by_lead = ODDS - SCORE_RATE * candidate.scores["total"] + LEAD_RATE * np.clip(lead, -LARGEST_LEAD, LARGEST_LEAD)
-    exact = STEEPNESS * np.log(EXACT / max(candidate.scores["commutativity"], 1e-9)) + BEHIND_RATE * min(lead, 0)
+    clipped = np.clip(lead, -ODDS.largest_lead, ODDS.largest_lead)
+    by_lead = ODDS.at_zero - ODDS.score_rate * candidate.scores["total"] + ODDS.lead_rate * clipped
+    commuting = np.log(EXACT.commutativity / max(candidate.scores["commutativity"], 1e-9))
+    exact = EXACT.steepness * commuting + EXACT.lag_rate * min(lead, 0)
     return float(expit(max(by_lead, exact)))
 
 

@@ -8,7 +8,7 @@ that it shares with the winning side stay where they are.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -21,14 +21,27 @@ from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.tuning import Tuning, tuned
 
 # Where the losing side's layout goes: where its own was before, or over that of the winning side.
 Layout: TypeAlias = Literal["own", "over"]
 LAYOUTS = ("own", "over")
-# Corners that an island shares with the winning side weigh so many times as much as others when it is moved.
-SHARED_WEIGHT = 100.0
-# An island that covers less than this part of its new layout's area had no place of its own.
-NO_PLACE = 1e-6
+
+
+@dataclass(frozen=True)
+class LayoutFitTuning(Tuning, set_by="judgement"):
+    """How islands are moved to their own places in the atlas.
+
+    Attributes:
+        shared_weight: of corners that an island shares with the winning side, against the others.
+        least_extent: mean square of an island's extent, over that of its new layout; an island of less had no place.
+    """
+
+    shared_weight: float = tuned(100.0, "1", 1, 1e6)
+    least_extent: float = tuned(1e-6, "1", 0, 1)
+
+
+LAYOUT_FIT = LayoutFitTuning()
 
 
 def symmetrised_uv(
@@ -70,7 +83,7 @@ def _at_own_places(before: Floats, laid: Floats, losing: Booleans, surface: Surf
     winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)
     winners[own.cut_vertex[~losing]] = True
     shared = winners[own.cut_vertex] & losing & at_home
-    weight = area * at_home * np.where(shared, SHARED_WEIGHT, 1.0)
+    weight = area * at_home * np.where(shared, LAYOUT_FIT.shared_weight, 1.0)
     moved, placed = _fitted(laid, before, piece, weight)
     moved = np.where((placed[piece] & losing)[:, None], moved, laid)
     kept = shared & placed[piece]
@@ -91,7 +104,7 @@ def _fitted(start: Floats, end: Floats, group: Integers, weight: Floats) -> tupl
     U, singular, Vt = np.linalg.svd(mean(y[:, :, None] * x[:, None]).reshape(-1, 2, 2))
     spread, end_spread = mean((x**2).sum(axis=1))[:, 0], mean((y**2).sum(axis=1))[:, 0]
     linear = (singular.sum(axis=1) / np.maximum(spread, 1e-300))[:, None, None] * (U @ Vt)
-    return np.einsum("cij,cj->ci", linear[group], x) + end_centre[group], end_spread > NO_PLACE * spread
+    return np.einsum("cij,cj->ci", linear[group], x) + end_centre[group], end_spread > LAYOUT_FIT.least_extent * spread
 
 
 def _most(group: Integers, label: Integers, weight: Floats) -> Integers:
