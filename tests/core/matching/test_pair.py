@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
+from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.given import given_hypothesis
-from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts
+from zoomout_core.matching.pair import (
+    LandmarkError,
+    Pair,
+    landmark_points,
+    landmarks_on_parts,
+    positions_of_part,
+    surface_vertices,
+)
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.stepping import drain
@@ -87,6 +97,66 @@ def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> N
     with pytest.raises(LandmarkError, match=r"Landmark 1 on the target, at .* away from its surface") as error:
         landmarks_on_parts(pair, ([0, 1], off))
     assert (error.value.role, error.value.number) == ("target", 1)  # for those who number them otherwise
+
+
+def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair) -> None:
+    with pytest.raises(LandmarkError, match="Landmark 1 on the source, at vertex 4010, is off") as error:
+        landmarks_on_parts(pair, ([7, 4010, 4000, 8], [0, 1, 2, 3]))
+    assert error.value.number == 1
+    unit, tip = np.sqrt(pair.target.area), np.argmax(pair.target.vertices[:, 2])
+    off = pair.target.vertices[tip] + unit * np.array([[0, 0, 0], [0, 0, 0.2], [0, 0, 0.4], [0, 0, 0]])
+    with pytest.raises(LandmarkError, match="Landmark 1") as error:
+        landmarks_on_parts(pair, (np.arange(4), off))
+    assert error.value.number == 1
+    assert f"at {off[1].tolist()}, is {0.2 * unit:.3g} away" in error.value.fault
+    # What lies in a corner of a face that is off is named by the first of its corners.
+    face = pair.source.triangles[-1]
+    with pytest.raises(LandmarkError, match=f"at vertex {face[0]}, is off"):
+        landmarks_on_parts(pair, (pair.source.vertices[face].mean(axis=0)[None], [0]))
+
+
+def test_a_point_beside_the_surface_is_on_it_whatever_the_unit(pair: Pair) -> None:
+    tip = np.argmax(pair.source.vertices[:4000, 1])
+    beside = pair.source.vertices[tip] + [0, 0.03 * np.sqrt(pair.source.area), 0]
+    (by_place, _), (by_number, _) = (landmarks_on_parts(pair, (at, [0])) for at in (beside[None], [tip]))
+    np.testing.assert_array_equal(by_place, by_number)
+
+
+@pytest.fixture(scope="module")
+def with_strays() -> tuple[Surface, ShapeAnalysis]:
+    """A surface in another unit, whose first and last vertices no face uses, and its analysis."""
+    made = creature(200).surface
+    vertices = 300 * np.vstack([[9.0, 9, 9], made.vertices, [7.0, 7, 7]]) + [1, 20, 3]
+    surface = Surface(vertices, made.triangles + 1)
+    return surface, shape_of(surface)
+
+
+def test_vertices_of_a_part_are_where_the_surface_has_them_to_the_bit(with_strays) -> None:
+    surface, shape = with_strays
+    np.testing.assert_array_equal(positions_of_part(surface, shape), surface.vertices[1:-1])
+    part = shape.proxy.full
+    skin = replace(part, vertices=1.1 * part.vertices, is_skin=True)
+    around = replace(shape, proxy=replace(shape.proxy, full=skin))
+    np.testing.assert_array_equal(positions_of_part(surface, around), skin.to_surface(skin.vertices))
+
+
+def test_vertices_of_a_shape_are_those_of_the_surface(with_strays, pair: Pair) -> None:
+    _, shape = with_strays
+    np.testing.assert_array_equal(surface_vertices(shape, np.arange(200)), np.arange(200) + 1)
+    stand_in = pair.source_shape.proxy
+    places = stand_in.full.to_surface(stand_in.vertices)
+    nearest = cKDTree(pair.source.vertices).query(places)[1]
+    np.testing.assert_array_equal(surface_vertices(pair.source_shape, np.arange(len(places))), nearest)
+
+
+def test_landmarks_as_vertices_and_as_points_are_the_same_places(pair: Pair) -> None:
+    by_number = landmark_points(pair, ([5, 7], [6, 8]))
+    by_place = landmark_points(pair, (pair.source.vertices[[5, 7]].tolist(), pair.target.vertices[[6, 8]]))
+    for surface, numbers, one, other in zip(
+        (pair.source, pair.target), ([5, 7], [6, 8]), by_number, by_place, strict=True
+    ):
+        np.testing.assert_array_equal(one, surface.vertices[numbers])
+        np.testing.assert_array_equal(other, surface.vertices[numbers])
 
 
 def test_points_as_landmarks_settle_the_side(resting: Creature, bent: Creature) -> None:
