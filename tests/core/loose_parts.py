@@ -50,9 +50,9 @@ def part_of(surface: Surface, moved: np.ndarray | float = 0.0) -> Part:
 BODY = ball(RADIUS, count=200)
 
 
-def shape_of(surface: Surface, number: int = 0) -> ShapeAnalysis:
+def shape_of(surface: Surface, number: int = 0, functions: int = 20) -> ShapeAnalysis:
     """The component of that number as the body of a surface."""
-    return drain(analysis_steps(surface.working.part(number)[0], 20, 40, 0))
+    return drain(analysis_steps(surface.working.part(number)[0], functions, 40, 0))
 
 
 def identity(shape: ShapeAnalysis) -> SurfaceMap:

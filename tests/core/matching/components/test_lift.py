@@ -59,6 +59,7 @@ def test_points_that_no_face_uses_lie_near_and_such_that_are_nowhere_are_let_be(
     found = lifted_around_body(replace(pair, target=target, target_shape=shape_of(target)))
     np.testing.assert_allclose(images(found, pair)[0], [0, 0, RADIUS], atol=0.03)
     np.testing.assert_array_equal(found.confidence[:2], 0)
+    np.testing.assert_allclose(found.surface_map.barycentric.sum(axis=1), 1)
     np.testing.assert_allclose(images(found, pair)[2:], pair.target.vertices, atol=1e-6)
 
 

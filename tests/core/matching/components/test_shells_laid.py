@@ -1,0 +1,247 @@
+"""How a shell lies on its partner, which vertices are on the outside, and where landmarks take a map of shells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from loose_parts import ball, identity, shape_of, sheet
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.components.parts import Side
+from zoomout_core.matching.components.shell_registration import Similarities
+from zoomout_core.matching.components.shells import LaidShells, _laid_on, _outside, _partners, _pinned, map_shells
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.mesh.surface import Surface
+
+
+def side_of(*shells: Surface) -> Side:
+    mesh = Surface.joined(shells).working
+    points = mesh.to_surface(mesh.vertices)
+    return Side(mesh, points, np.ones(len(points)), np.zeros(0, dtype=np.int64))
+
+
+ROD = ball(0.1, radii=(3, 1, 0.5), count=200)
+ONE_ROD = side_of(ROD)
+STILL = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
+
+
+@cache
+def looked_for(source: Side) -> OrientedSurface:
+    mesh = source.mesh
+    return OrientedSurface(source.points, mesh.triangles, mesh.flipped, 0.02, mesh.component[mesh.triangles[:, 0]])
+
+
+def laid(
+    target: Side,
+    source: Side,
+    moved: np.ndarray,
+    similarity: Similarities = STILL,
+    scale: float = 1.0,
+    stays: bool = False,
+    partner: int = 0,
+) -> tuple[np.ndarray, float]:
+    """Where the first shell of a target lies on its partner, and how its edges change, if the body's map moves it."""
+    mesh, shells = source.mesh, looked_for(source)
+    part = replace(target.parts(target.points)[0], points=moved)
+    image, stretch = _laid_on(
+        part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
+    )
+    return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
+
+
+def bent(points: np.ndarray) -> np.ndarray:
+    """A rod along x, bent along an arc."""
+    x, y, z = points.T
+    return np.column_stack([(0.25 - z) * np.sin(4 * x), y, 0.25 - (0.25 - z) * np.cos(4 * x)])
+
+
+def test_a_stiff_shell_is_laid_by_the_similarity_though_the_body_bends_it() -> None:
+    side = ONE_ROD
+    on, stretch = laid(side, side, bent(side.points))
+    np.testing.assert_allclose(on, side.points, atol=1e-9)
+    assert stretch == pytest.approx(0, abs=1e-9)
+
+
+def test_a_shell_that_bends_is_laid_as_the_body_bends_it() -> None:
+    side = ONE_ROD
+    curved = side_of(ROD.with_vertices(bent(ROD.vertices)))
+    on, stretch = laid(side, curved, curved.points)
+    np.testing.assert_allclose(on, curved.points, atol=1e-9)
+    assert 0 < stretch < 0.3
+
+
+@pytest.mark.parametrize(
+    ("off", "stays", "by_similarity"), [(0.006, True, False), (0.006, False, True), (0.06, True, True)]
+)
+def test_a_shell_that_lies_on_its_partner_stays_if_the_body_does(off: float, stays: bool, by_similarity: bool) -> None:
+    side = ONE_ROD
+    wave = off * np.sin(40 * side.points[:, :1]) * [1.0, 0, 0] + [0, 0, off]
+    on, _ = laid(side, side, side.points + wave, stays=stays)
+    assert (np.abs(on - side.points).max() < 1e-9) == by_similarity
+
+
+def test_lengths_are_compared_in_the_bodys_scale() -> None:
+    source, target = ONE_ROD, side_of(ROD.with_vertices(2 * ROD.vertices))
+    half = replace(STILL, scale=np.array([0.5]))
+    assert laid(target, source, target.points / 2, half, scale=0.5)[1] == pytest.approx(0, abs=1e-9)
+    assert laid(target, source, target.points / 2, half, scale=0.625)[1] == pytest.approx(0.2, abs=1e-9)
+    assert laid(target, source, target.points / 2, half, scale=0.4)[1] == pytest.approx(0.25, abs=1e-9)
+
+
+def test_the_sides_of_a_thin_shell_stay_where_the_similarity_turns_them() -> None:
+    thin = ball(0.1, radii=(1, 1, 0.03), count=200)
+    about = Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
+    target = side_of(thin.with_vertices(thin.vertices @ about.T))
+    # Lifted by so much that the other side is nearer.
+    on, _ = laid(
+        target, side_of(thin), bent(target.points), Similarities(np.ones(1), about[None], np.array([[0, 0, 0.005]]))
+    )
+    middle = np.linalg.norm(thin.vertices[:, :2], axis=1) < 0.06
+    np.testing.assert_array_equal(np.sign(on[middle, 2]), np.sign(thin.vertices[middle, 2]))
+
+
+def test_a_shell_lies_on_its_partner_alone() -> None:
+    both = side_of(ROD, ball(0.09, (0, 0, 0.05), radii=(3, 1, 0.5), count=200))
+    at = both.points[both.mesh.component == 0]
+    for partner in (0, 1):
+        on, _ = laid(both, both, at, partner=partner)
+        assert set(np.round(np.abs(on[:, 2] - 0.05 * partner).max(), 3)[None]) <= {0.05, 0.045}
+
+
+# --- which is whose like ------------------------------------------------------------------------------------------
+
+
+def partners(target: Side, source: Side) -> dict[int, int]:
+    """Numbers by number, largest first, where the body stays."""
+    motion: Any = SimpleNamespace(
+        carry=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
+    )
+    pair: Any = SimpleNamespace(regions=[])
+    return dict(_partners(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
+
+
+def number_of(source: Side, at: float) -> int:
+    """The shell whose centre has that height."""
+    return int(np.argmin([abs(part.points[:, 1].mean() - at) for part in source.parts(source.points)]))
+
+
+def test_a_shell_of_the_same_shape_is_taken_before_one_of_the_same_moments_nearby() -> None:
+    blunt = ROD.vertices + 0.9 * np.maximum(ROD.vertices, 0) ** 2 / 0.1 * [1 / 3, 1, 2]
+    blunt = blunt - blunt.mean(axis=0)
+    axes, spread, _ = np.linalg.svd(blunt.T @ blunt)
+    where = ROD.vertices / [0.3, 0.1, 0.05]
+    smooth = where / np.sqrt((where**2).mean(axis=0)) * np.sqrt(spread / len(blunt)) @ axes.T
+    for sign in (1, -1):
+        source = side_of(
+            ROD.with_vertices(blunt + np.array([0, 0.06 * sign, 0])), ROD.with_vertices(smooth - [0, 0.05 * sign, 0])
+        )
+        assert partners(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
+
+
+def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() -> None:
+    for sign in (1, -1):
+        near, far = ROD.vertices * 1.05 + np.array([0, 0.02 * sign, 0]), ROD.vertices - np.array([0, 0.13 * sign, 0])
+        source = side_of(ROD.with_vertices(near), ROD.with_vertices(far))
+        assert partners(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
+
+
+# --- the outside ----------------------------------------------------------------------------------------------------
+
+
+def skin_of(surface: Surface) -> ShapeAnalysis:
+    """The largest part of a surface as if it were a skin around all of it."""
+    shape = shape_of(surface, functions=100)
+    skin = replace(shape.mesh, is_skin=True)
+    return replace(shape, proxy=replace(shape.proxy, full=skin, mesh=skin))
+
+
+def test_what_is_near_the_skin_is_on_the_outside() -> None:
+    radius = (4 * np.pi) ** -0.5
+    skin = skin_of(ball(radius, count=1500))
+    side = side_of(*(ball(radius - below, count=40) for below in (0.0, 0.01, 0.04, 0.2)))
+    np.testing.assert_array_equal(_outside(side, skin), side.mesh.component < 2)
+
+
+# --- all shells -----------------------------------------------------------------------------------------------------
+
+
+def map_of(source: Surface, target: Surface, trust: float = 0.8) -> LaidShells:
+    """The map of shells whose largest one stands for the skin, which goes to itself by number."""
+    shapes = [skin_of(surface) for surface in (source, target)]
+    pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
+    return map_shells(pair, Fit.unfitted(identity(shapes[1])), np.full(len(shapes[1].mesh.vertices), trust))
+
+
+TRUNK = ball(0.3, radii=(1, 0.7, 1.6), count=150)
+HORN, KNOB = ball(0.1, (0.3, 0, 0.3), (0.5, 0.6, 1.5), 80), ball(0.08, (-0.3, 0, -0.2), count=80)
+ABOUT = Rotation.from_rotvec([0.4, 2.0, 0.7]).as_matrix()
+
+
+def turned(surface: Surface) -> Surface:
+    return surface.with_vertices(surface.vertices @ ABOUT.T + 3)
+
+
+def test_shells_that_have_their_like_are_laid_on_it_and_trusted() -> None:
+    source = Surface.joined([TRUNK, HORN, KNOB])
+    found = map_of(source, turned(source))
+    on = found.surface_map.interpolate(source.vertices[np.argsort(source.working.vertex_of)])
+    np.testing.assert_allclose(on, source.vertices[np.argsort(source.working.vertex_of)], atol=5e-3)
+    assert found.paired == 3
+    assert found.alone == pytest.approx(0, abs=0.01)
+    assert not found.in_place
+    assert found.confidence.min() > 0.8
+
+
+def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_distance() -> None:
+    source = Surface.joined([TRUNK, HORN])
+    for away, alone in ((0.0, 0.0), (1.0, 1.0)):
+        loose = KNOB.with_vertices(KNOB.vertices + np.array([-away, 0, 0]))
+        target = turned(Surface.joined([TRUNK, HORN, loose]))
+        found = map_of(source, target)
+        assert found.paired == 2
+        on_knob = target.working.component == 2
+        share = loose.area / target.area
+        if alone:
+            assert found.alone == pytest.approx(share, rel=0.1)
+            assert found.confidence[on_knob].max() < 0.05
+        else:
+            assert found.alone < share
+            assert 0.1 < found.confidence[on_knob].mean() < 0.8
+
+
+def test_what_lies_over_each_other_stays() -> None:
+    source = Surface.joined([TRUNK, HORN, KNOB])
+    finer = Surface.joined([TRUNK, HORN, KNOB])
+    found = map_of(source, finer)
+    assert found.in_place
+    assert not map_of(source, source).in_place
+
+
+# --- landmarks ------------------------------------------------------------------------------------------------------
+
+
+def test_landmarks_are_hit_and_what_is_far_from_them_stays() -> None:
+    side = side_of(sheet(1.0, count=20))
+    same: Any = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(from_surface=lambda points: points)))
+    pair: Any = SimpleNamespace(source_shape=same, target_shape=same)
+    corner = np.zeros(len(side.points), dtype=np.int64)
+    corner[side.mesh.triangles.ravel()] = np.arange(side.mesh.triangles.size)
+    still = identity(SimpleNamespace(mesh=side.mesh))  # type: ignore[arg-type]
+    for at, to in (([[0, 0, 0]], [[0.06, 0, 0]]), ([[0, 0, 0], [0.1, 0, 0]], [[0.02, 0.03, 0], [0.13, -0.02, 0]])):
+        given, goals = np.array(at, dtype=float), np.array(to, dtype=float)
+        on = _pinned(still, (goals, given), side, side, pair).interpolate(side.points)
+        vertex = [int(np.argmin(np.linalg.norm(side.points - place, axis=1))) for place in given]
+        np.testing.assert_allclose(on[vertex], goals, atol=1e-9)
+        moved = np.linalg.norm(on - side.points, axis=1)
+        distance = np.linalg.norm(side.points[:, None] - given, axis=2).min(axis=1)
+        np.testing.assert_allclose(moved[distance > 0.4], 0, atol=1e-12)
+        assert moved[(distance > 0.04) & (distance < 0.06)].min() > 0
+        assert moved[distance > 0.2].max() < moved[vertex].min()
