@@ -85,7 +85,7 @@ def test_a_side_has_its_body_and_all_other_parts_in_the_bodys_unit() -> None:
 
 
 def test_parts_stand_for_the_area_of_their_triangles_and_slivers_for_a_little() -> None:
-    uneven = sheet(1.0).with_vertices(np.sign(sheet(1.0).vertices) * 2 * sheet(1.0).vertices ** 2)
+    uneven = sheet(1.0).with_vertices(4 * sheet(1.0).vertices ** 3)
     surface = Surface.joined(
         [BODY.with_vertices(9 * BODY.vertices), uneven, Surface([[0, 0, 9], [1, 0, 9], [2, 1e-12, 9]], [[0, 1, 2]])]
     )
@@ -94,7 +94,7 @@ def test_parts_stand_for_the_area_of_their_triangles_and_slivers_for_a_little() 
     cloth, *_ = side.parts(side.points)
     np.testing.assert_allclose(cloth.centre, cloth.points.min(axis=0) / 2 + cloth.points.max(axis=0) / 2, atol=1e-9)
     # As evenly spread over a square: a twelfth of the square of either side.
-    assert cloth.size == pytest.approx(np.sqrt(2 / 12) * np.ptp(cloth.points[:, 0]), rel=0.05)
+    assert cloth.size == pytest.approx(np.sqrt(2 / 12) * np.ptp(cloth.points[:, 0]), rel=0.08)
 
 
 def test_a_skin_is_no_part_so_that_all_are_loose() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
+from loose_parts import ball
 
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
@@ -120,3 +121,61 @@ def test_there_are_more_places_for_more_nodes_and_together_they_stand_for_the_su
     for places in (few, many):
         assert places.areas.sum() == pytest.approx(1)
         assert places.areas.min() > 0
+
+
+# --- two layers that lie close together -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def leaf() -> ShapeAnalysis:
+    """An ellipsoid whose two sides are nearer to each other than its vertices."""
+    return drain(analysis_steps(ball(1.0, radii=(1, 1, 0.03), count=400).working.part(0)[0], 60, 300, 0))
+
+
+def middle_of(shape: ShapeAnalysis) -> np.ndarray:
+    return np.asarray(np.linalg.norm(shape.mesh.vertices, axis=1) < 0.25)
+
+
+def test_the_closest_point_is_on_the_side_that_faces_alike(leaf: ShapeAnalysis) -> None:
+    vertices, normals = leaf.mesh.vertices, leaf.mesh.vertex_normals
+    inner = middle_of(leaf)
+    # Past the other side.
+    beyond = vertices - 2.5 * vertices * [0, 0, 1]
+    for sense in (1, -1):
+        found = Surroundings.of(leaf).closest(beyond, sense * normals).interpolate(vertices)
+        same = np.sign(found[inner, 2]) == np.sign(vertices[inner, 2])
+        assert same.mean() > 0.95 if sense > 0 else same.mean() < 0.05
+
+
+def test_places_of_both_shapes_look_for_the_side_that_faces_alike(leaf: ShapeAnalysis) -> None:
+    vertices, normals = leaf.mesh.vertices, leaf.mesh.vertex_normals
+    places = QueryPoints.on(leaf, 40)
+    limit = GeodesicLimit(np.arange(len(vertices)), leaf)
+    beyond = vertices - 2.5 * vertices * [0, 0, 1]
+    vertex, residual, _ = residuals(beyond, normals, places, places, Surroundings.of(leaf), limit, 0.02)
+    partner = beyond[vertex] + residual
+    inner = middle_of(leaf)[vertex]
+    count = len(places.vertex)
+    for both in (slice(None, count), slice(count, None)):
+        same = np.sign(partner[both, 2]) == np.sign(vertices[vertex[both], 2])
+        assert same[inner[both]].mean() > 0.95
+
+
+def test_weights_stand_for_areas_of_both_shapes(leaf: ShapeAnalysis) -> None:
+    n = len(leaf.mesh.vertices)
+    here, there = QueryPoints.on(leaf, 10), QueryPoints.on(leaf, 20)
+    limit = GeodesicLimit(np.arange(n), leaf)
+    found = residuals(leaf.mesh.vertices, leaf.mesh.vertex_normals, here, there, Surroundings.of(leaf), limit, 1.0)
+    assert len(found[0]) == len(here.vertex) + len(there.vertex)
+    np.testing.assert_allclose(found[1], 0, atol=1e-9)
+    strength = np.linalg.norm(found[2], axis=(1, 2)) ** 2
+    np.testing.assert_allclose(
+        strength / np.concatenate([here.areas, there.areas]), strength[0] / here.areas[0], rtol=1e-6
+    )
+
+
+def test_the_root_of_a_weight_falls_with_the_square_of_the_distance(leaf: ShapeAnalysis) -> None:
+    inner = at(leaf, middle_of(leaf))
+    near, *others = (strengths(leaf, off=off)[inner] for off in (0.0, 0.01, 0.02, 0.04))
+    fallen = [float(np.median(near / other - 1)) for other in others]
+    np.testing.assert_allclose([fallen[1] / fallen[0], fallen[2] / fallen[1]], 4, rtol=0.1)

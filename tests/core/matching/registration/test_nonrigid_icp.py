@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
+from loose_parts import ball
+from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_steps, lifted_fit
 from zoomout_core.mesh.surface import Surface
@@ -124,6 +128,37 @@ def test_what_the_first_map_takes_elsewhere_does_not_fit_where_it_came_to_lie(sm
     back_in_place = tail & (off < 0.05)
     assert back_in_place.any()
     assert not fit.fits[back_in_place].any()
+
+
+def test_what_comes_to_lie_on_a_side_that_faces_the_other_way_does_not_fit(small, monkeypatch) -> None:
+    shape = small[0]
+    tail = SMALL[0].directions[:, 1] > 0.9
+    found = Surroundings.closest
+
+    def turned_at_the_tail(self: Surroundings, positions: Floats, normals: Floats) -> SurfaceMap:
+        facing = np.where(tail[:, None], -1, 1) if len(normals) == len(tail) else 1
+        return found(self, positions, facing * normals)
+
+    monkeypatch.setattr(Surroundings, "closest", turned_at_the_tail)
+    monkeypatch.setattr("zoomout_core.matching.registration.nonrigid_icp._astray", lambda *_: np.zeros(len(tail), bool))
+    fit = drain(fit_steps(onto(shape, np.arange(len(tail))), shape, shape, False))
+    image_normals = fit.surface_map.interpolate(shape.mesh.vertex_normals)
+    assert (np.einsum("nx,nx->n", image_normals, shape.mesh.vertex_normals) > 0).all()
+    assert fit.fits[~tail].mean() > 0.9
+    assert fit.fits[tail].mean() < 0.9
+
+
+@pytest.mark.parametrize(("angle", "taken"), [(0.05, True), (0.25, False)])
+def test_a_vertex_is_not_brought_to_what_is_far_from_where_its_stand_in_leads(angle: float, taken: bool) -> None:
+    part = ball(0.3, count=300).working
+    proxy = Proxy(part, part, part.vertices, np.arange(300))
+    slid = Rotation.from_rotvec([0, 0, angle]).apply(part.vertices)
+    fit = Fit(proxy.place, slid, np.tile(np.eye(3), (300, 1, 1)), part.vertices[:, 2] > 0)
+    found = lifted_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
+    belt = (part.vertices[:, 2] > 0.05) & (part.vertices[:, 2] < 0.15)
+    off = np.linalg.norm(found - (slid if taken else part.vertices), axis=1)[belt]
+    assert np.quantile(off, 0.9) < 3e-3
+    np.testing.assert_allclose(found[part.vertices[:, 2] < -0.1], part.vertices[part.vertices[:, 2] < -0.1], atol=1e-9)
 
 
 def test_coarse_meshes_keep_the_map_that_they_have() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
+from loose_parts import ball
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -146,3 +147,34 @@ def test_a_few_goals_beside_all_others_were_wrong(full: Proxy) -> None:
     goal[few] += [0, 0.1, 0]
     found, _ = settled(full, goal)
     assert np.abs(found - full.full.vertices).max() < 1e-4
+
+
+def test_a_few_vertices_that_the_motion_takes_beside_the_source_keep_their_goals(full: Proxy) -> None:
+    points, few = full.full.vertices.copy(), np.zeros(len(full.full.vertices), dtype=bool)
+    few[::25] = True
+    points[few] += 0.04 * full.full.vertex_normals[few]
+    goal = rough(full)
+    goal[few] = points[few] + [0, 0.1, 0]
+    found, _ = settle(goal, np.ones(len(goal), dtype=bool), points, goal + 1, full)
+    np.testing.assert_array_equal(found[few], goal[few])
+    assert np.abs(found - points)[~few].max() < 1e-4
+
+
+@pytest.fixture(scope="module")
+def plum() -> Proxy:
+    part = ball(0.3, radii=(1, 0.8, 0.6), count=2000).working
+    return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
+
+
+@pytest.mark.parametrize(("size", "stays"), [(0.999, True), (0.9992, True), (0.9997, False), (1.001, False)])
+def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_well(
+    plum: Proxy, size: float, stays: bool
+) -> None:
+    # Vertices of a convex surface lie above triangles of another mesh: at 0.999 of its size they are on them.
+    other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
+    standing = size * plum.full.from_surface(other.to_surface(other.vertices))
+    random = np.random.default_rng(0)
+    goal = standing / size + random.normal(scale=1e-3, size=standing.shape)
+    found, _ = settle(goal, np.ones(len(goal), dtype=bool), other.vertices, standing, plum)
+    assert np.array_equal(found, standing) == stays
+    assert np.median(np.linalg.norm(found - 0.999 * standing / size, axis=1)) < 3e-4
