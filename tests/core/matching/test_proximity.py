@@ -115,6 +115,69 @@ def test_the_inner_side_of_thick_clothes_takes_part_if_it_may() -> None:
     np.testing.assert_allclose(of_leg(body, left, cloth, either_side=True), of_left, atol=1e-6)
 
 
+def turned(profile: np.ndarray, around: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Points and faces of a surface of revolution: a profile (rows, 2) of distances from the axis and heights."""
+    angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    points = np.stack([np.outer(profile[:, 0], wave(angle)) for wave in (np.cos, np.sin)], axis=2)
+    points = np.dstack([points, np.repeat(profile[:, 1:], around, axis=1)]).reshape(-1, 3)
+    row, column = (each.ravel() for each in np.meshgrid(np.arange(len(profile) - 1), np.arange(around), indexing="ij"))
+    here, beside = row * around + column, row * around + (column + 1) % around
+    return points, np.stack([here, beside, beside + around, here + around], axis=1)
+
+
+def arc(radius: float, first: float, last: float, rows: int = 16) -> np.ndarray:
+    """(rows, 2) of a circle about the origin, by angles from its lowest point."""
+    angle = np.linspace(first, last, rows)
+    return radius * np.column_stack([np.sin(angle), -np.cos(angle)])
+
+
+BOWL = zo.Surface(*turned(np.vstack([arc(1, 0.01, 1.5), arc(0.9, 1.5, 0.01)])))
+
+
+@pytest.mark.parametrize("winding", [1, -1])
+def test_a_cloth_that_lies_in_a_bowl_faces_as_the_bowl_does_and_a_ball_in_it_does_not(winding: int) -> None:
+    cloth, faces = turned(arc(0.87, 0.3, 1.0))
+    cloth[cloth[:, 0] > 0.6, 0] -= 0.3  # some of it is too far off, where it faces another way
+    ball, around = turned(arc(0.1, 0.0, np.pi, 9))
+    ball[:, 2] -= 0.78
+    both = np.vstack([[[np.nan] * 3], cloth, ball, [[0.0, 0, 9]]])
+    result = zo.match_by_proximity(
+        BOWL, zo.Surface(both, np.vstack([faces[:, ::winding] + 1, around + 1 + len(cloth)])), most_distance=0.05
+    )
+    of_cloth, of_ball = np.split(result.confidence[1:-1], [len(cloth)])
+    lies = np.abs(np.linalg.norm(cloth, axis=1) - 0.87) < 1e-9
+    assert of_cloth[lies].mean() > 0.9
+    assert not of_ball[ball[:, 2] < -0.8].any()
+    assert (result.confidence[[0, -1]] == 0).all()
+
+
+def test_how_far_normals_may_differ_is_measured_where_a_cloth_is_turned_over() -> None:
+    cloth, faces = turned(arc(0.5, 0.2, 1.2, 30))
+    lowered = cloth + np.array([0, 0, -0.37])
+    outwards = lowered / np.linalg.norm(lowered, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.einsum("ij,ij->i", outwards, cloth / 0.5)))
+    confidence = zo.match_by_proximity(BOWL, zo.Surface(lowered, faces), most_distance=1.0, most_angle=15).confidence
+    clear = np.abs(angle - 15) > 3
+    assert 0 < confidence[clear].mean() < 1
+    np.testing.assert_array_equal(confidence[clear], angle[clear] < 15)
+
+
+def test_the_steps_give_the_same_with_progress_that_rises() -> None:
+    body, _ = legs(1.0)
+    cloth, _ = legs(1.04, layers=(1.08,))
+    seen, results = [], []
+
+    def watched():
+        results.append((yield from zo.match_by_proximity_steps(body, cloth)))
+
+    seen.extend(watched())
+    fractions = [progress.fraction for progress in seen]
+    assert fractions == sorted(fractions)
+    assert fractions[0] == 0
+    assert fractions[-1] <= 1
+    np.testing.assert_array_equal(results[0].confidence, zo.match_by_proximity(body, cloth).confidence)
+
+
 def test_what_is_too_far_off_is_said_and_not_trusted() -> None:
     body, _ = legs(1.0)
     cloth, _ = legs(1.04)
