@@ -18,7 +18,7 @@ from benchmarks import symmetry as symmetry_tables
 
 @click.group()
 def main() -> None:
-    """Make tables from the meshes in a folder that is laid out like the benchmark data."""
+    """Make tables from the meshes in a folder organised like the benchmark data."""
 
 
 def common_options(command: Any) -> Any:

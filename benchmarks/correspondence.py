@@ -71,7 +71,7 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
 
     Args:
         data: the folder of the sets.
-        pairs: use so many pairs of each set, evenly spread over its list.
+        pairs: number of pairs of each set, evenly spread over its list.
         ablate: make the last table, too.
         picture_folder: where to draw the worst pairs of each set.
 

@@ -1,4 +1,4 @@
-"""Sets of meshes with known correspondences, laid out as the benchmark data's README says."""
+"""Sets of meshes with known correspondences, organised as the benchmark data's README says."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from zoomout_core.evaluation import geodesic_error
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 
-# A set with this file tells for each vertex the nearest vertex of a common template.
+# In a set with this file, it has for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"
-# A map is measured at so many of the places that are known.
+# Largest number of known places at which a map is measured.
 MOST_PLACES = 1000
 # Where only a class of error is asked for, fewer do.
 FEW_PLACES = 200
@@ -32,7 +32,7 @@ class PairOfMeshes:
         source: the second mesh.
         target_vertex: (c,) vertices of the target whose place on the source is known.
         source_vertex: (c,) that place.
-        mirrored_vertex: (c,) that place with left and right exchanged; None where the set does not tell it.
+        mirrored_vertex: (c,) that place with left and right exchanged; None where the set does not have it.
     """
 
     target_name: str

@@ -18,7 +18,7 @@ RIGID = 0.015
 
 
 def object_rows() -> list[dict[str, Any]]:
-    """A row for each thing: how many symmetries it has, how many of as many found first are right and distinct.
+    """A row for each thing: the number n of its symmetries, and how many of the first n found are right and distinct.
 
     Also the largest distance of those from a rigid motion, and the mean distance from where they began of vertices
     that were sent around, both in thousandths of the square root of the area.

@@ -27,7 +27,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
 
     Args:
         data: the folder of the sets.
-        pairs: use so many pairs, the smallest first.
+        pairs: number of pairs, the smallest first.
 
     Returns:
         `rows`: for each pair the functions that take the most time by themselves. `machine`: its speed.

@@ -38,7 +38,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> dict[str, list[Re
 
     Args:
         data: the folder of the sets.
-        pairs: use so many sizes of the meshes, the smallest first.
+        pairs: number of sizes of the meshes, the smallest first.
         figure: an image file to draw the growth with the vertices to, on logarithmic axes.
 
     Returns:

@@ -69,7 +69,7 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
 
     Args:
         data: the folder of the sets; those that are missing are left out.
-        pairs: use so many pairs, the smallest first.
+        pairs: number of pairs, the smallest first.
     """
     rows: list[Record] = []
     stages: list[Record] = []
@@ -101,7 +101,7 @@ def sized_pairs(data: Path) -> Iterator[SizedPair]:
 
 
 def subdivided(surface: Surface, levels: int, seed: int) -> Surface:
-    """A surface with each triangle cut into four, so many times over, with noise."""
+    """A surface with each triangle cut into four, a number of times, with noise."""
     vertices, triangles = surface.vertices, surface.triangles
     for _ in range(levels):
         vertices, triangles = subdivide(vertices, triangles)

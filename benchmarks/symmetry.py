@@ -52,7 +52,7 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     error below 60, mean and median error over the shapes, median seconds for the analysis of the shape (eigenbasis
     and distances) and for all that follows, and the processor's seconds for the latter. Images count as their nearest
     vertex. Beside it what the true map comes to when it is read off its own functional map, and by how much distances
-    between places differ from those between their images (median over the shapes): a symmetry keeps them, and where
+    between places differ from those between their images (median over the shapes): a symmetry preserves them, and where
     the truth does so less than what is measured by it, it says no more of how exact that is. Published figures are of
     other meshes of the same people.
 
@@ -67,7 +67,7 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
 
     Args:
         data: the folder of the sets.
-        shapes: use so many shapes of each set, evenly spread over its list.
+        shapes: number of shapes of each set, evenly spread over its list.
         with_things: make the last three tables, for which Blender has to be there as a module.
         figure: where to draw the vase's symmetries.
     """

@@ -19,7 +19,7 @@ Where the shapes alone lead astray, landmarks settle it: vertices of the one and
 
 A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
 
-A mesh's own symmetry is found in any pose, kept on the mesh, and what is done along it follows:
+A mesh's own symmetry is found in any pose, stored on the mesh, and used by the functions that follow:
 
 >>> symmetry, *others = api.detect_symmetry(context, body, left="X")
 >>> symmetry.reverses_orientation, symmetry.has_sides

@@ -1,4 +1,4 @@
-"""The colours of previews and pictures: how far to trust something, and which places belong together."""
+"""Colours of previews and thumbnails: of confidences, of positions, and of symmetric points."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.symmetry.self_map import SelfMap
 
-# From bad to good: apart for the colour-blind, and not taken for weights, which Blender shows blue to red.
+# From bad to good: distinct for colour-blind users, and unlike Blender's weight colours, which go from blue to red.
 BAD_TO_GOOD = np.array([[0.75, 0.12, 0.08], [0.96, 0.55, 0.25], [0.95, 0.92, 0.70], [0.30, 0.62, 0.80]])
 # Of the right side, the middle and the left side.
 SIDES = BAD_TO_GOOD[1:]
@@ -27,7 +27,7 @@ def confidence_colors(confidence: Floats) -> Floats:
 
 
 def asymmetry_colors(values: Floats, most: float) -> Floats:
-    """(n, 3) colours of how far both sides differ (n,): of good where not at all, of bad from `most` on."""
+    """(n, 3) colours of differences (n,) between the sides: good at 0, bad from `most` on."""
     return confidence_colors(1 - values / most)
 
 
@@ -49,11 +49,11 @@ def blended_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
 def pair_colors(symmetry: SelfMap, order: int) -> Floats:
     """(n, 3) colours of a surface's vertices, the same for all that a symmetry leads to each other, paler on the right.
 
-    Along each axis the one of them counts that lies farthest, so that it does not matter which of them is looked at.
+    A colour is that of the largest coordinates along each axis within an orbit, so that it is the same for all of it.
 
     Args:
         symmetry: of the surface.
-        order: how often it has to be repeated to lead back, 0 where no small number does.
+        order: number of repetitions that give the identity, 0 if no small number does.
     """
     places = symmetry.surface.vertices
     farthest, image = places, places

@@ -1,4 +1,4 @@
-"""What Blender tells of changes: kept facts are let go of after edits, and the preview follows what moves."""
+"""Handlers of Blender's: cached facts are dropped after edits, and the preview follows what moves."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Stop, and let go of everything that is kept in memory."""
+    """Stop, and clear what is cached in memory."""
     for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).remove(handler)
     forget_everything()
 
 
 def forget_everything() -> None:
-    """Let go of what belongs to the file that is open."""
+    """Clear what is cached of the file that is open."""
     mesh_facts.forget_all()
     candidates.clear_cache()
     preview.clear()

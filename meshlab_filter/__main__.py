@@ -111,7 +111,7 @@ def _say_one(outcome: Outcome) -> None:
 
 
 def _say_all(outcomes: Sequence[Outcome], folder: str) -> None:
-    """Say how the transfer to a folder went, and end with the exit code that tells it."""
+    """Say how the transfer to a folder went, and end with the matching exit code."""
     for outcome in outcomes:
         if outcome.error:
             click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)

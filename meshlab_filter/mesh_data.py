@@ -1,9 +1,9 @@
 """pymeshlab layers to and from the core's surfaces and attributes: the only place where the two meet.
 
-MeshLab keeps triangles (polygons are triangles with "faux" edges between them) and texture coordinates at
+MeshLab stores triangles (polygons are triangles with "faux" edges between them) and texture coordinates at
 their corners, the wedges. Nothing can be set on an existing mesh but custom attributes, and what the
 constructor takes leaves out textures, selections and faux edges; so a new layer goes in by way of a PLY file in
-a temporary folder. pymeshlab itself is imported when a mesh is read: loaded before bpy it would keep bpy from
+a temporary folder. pymeshlab itself is imported when a mesh is read: loaded before bpy it would prevent bpy from
 loading.
 """
 
@@ -128,8 +128,8 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
     if coordinates is not None:
         names, number = texture_numbers(mesh)
         textures = Textures.of(names, mesh.textures(), coordinates, number)
-        laid_out = textures.laid_out(coordinates, number)
-        components[TEXCOORD] = Attribute(TEXCOORD, Domain.CORNER, Kind.UV, laid_out)
+        in_one_texture = textures.in_one_texture(coordinates, number)
+        components[TEXCOORD] = Attribute(TEXCOORD, Domain.CORNER, Kind.UV, in_one_texture)
     return Layer(
         label=mesh.label(),
         surface=surface,
@@ -293,7 +293,7 @@ def apply_native(ms: MeshSet, mesh_id: int, name: str, /, **parameters: Any) -> 
 
 
 def add_layer(ms: MeshSet, layer: Layer) -> int:
-    """Add a layer to a MeshSet, as its current mesh; polygons are kept unless there are texture coordinates.
+    """Add a layer to a MeshSet, as its current mesh; polygons are preserved unless there are texture coordinates.
 
     Returns:
         The id of the new mesh.
@@ -329,7 +329,7 @@ def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:
     face: list[Column] = [("vertex_indices", "int", layer.surface.triangles)]
     face += [("flags", "int", face_flags), *_value_columns(there, "face")]
     if layer.textures is not None:
-        coordinates, number = layer.textures.told_apart(there[TEXCOORD].values)
+        coordinates, number = layer.textures.by_texture(there[TEXCOORD].values)
         face += [("texcoord", "float", coordinates.reshape(-1, 6)), ("texnumber", "int", number)]
     edge: list[Column] = [(f"vertex{i + 1}", "int", layer.edges[:, i]) for i in range(2)]
 

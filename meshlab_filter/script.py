@@ -240,6 +240,6 @@ def _script_of(element: Element) -> str:
 
 
 def _attributes(element: Element) -> str:
-    # Control characters, such as the line breaks in tooltips, are kept by their numbers.
+    # Control characters, such as the line breaks in tooltips, are stored as numeric references.
     pairs = (f"{name}={quoteattr(value)}" for name, value in element.attributes.items())
     return re.sub(r"[\n\r\t]", lambda found: f"&#{ord(found[0])};", " ".join(pairs))

@@ -1,4 +1,4 @@
-"""Correspondences kept on the target as custom attributes: found once, used by several filters."""
+"""Correspondences stored on the target as custom attributes: found once, used by several filters."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def check_names(mesh: Mesh, names: Iterable[str]) -> None:
 def attribute_names(name: str) -> tuple[str, ...]:
     """The attributes that a correspondence is stored in: triangle, coordinates in it, point (three), confidence.
 
-    The point is three scalars since expressions of MeshLab's filters misread custom points: they are kept in a
+    The point is three scalars since expressions of MeshLab's filters misread custom points: they are stored in a
     list that moves as it grows.
     """
     return tuple(f"{name}_{part}" for part in ("triangle", "barycentric", "x", "y", "z", "confidence"))

@@ -1,4 +1,4 @@
-"""Textures of a layer: their images, and texture coordinates that tell which of them they refer to."""
+"""Textures of a layer: their images, and texture coordinates that identify the image they refer to."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Textures:
-    """Textures, laid side by side, so that one coordinate tells both the texture and the place in it.
+    """Textures, placed side by side, so that one coordinate identifies both the texture and the place in it.
 
-    The core keeps a face of the target within one island, and so within one texture.
+    The core maps each target face into one island, and so into one texture.
 
     Attributes:
         names: by number.
@@ -45,16 +45,16 @@ class Textures:
         lowest, highest = float(np.nanmin(uv[:, 0])), float(np.nanmax(uv[:, 0]))
         return cls(tuple(names), images, np.unique(number), lowest, float(2 * np.ceil(highest - lowest + 1)))
 
-    def laid_out(self, uv: Floats, number: Integers) -> Floats:
-        """(3 m, 2) coordinates that tell the texture, too."""
+    def in_one_texture(self, uv: Floats, number: Integers) -> Floats:
+        """(3 m, 2) coordinates that identify the texture as well."""
         return uv + np.repeat(np.searchsorted(self.numbers, number), 3)[:, None] * [self.width, 0]
 
-    def told_apart(self, laid_out: Floats) -> tuple[Floats, Integers]:
+    def by_texture(self, in_one_texture: Floats) -> tuple[Floats, Integers]:
         """(3 m, 2) coordinates within their textures, and (m,) the numbers of these."""
-        middle = laid_out.reshape(-1, 3, 2)[:, :, 0].mean(axis=1)
+        middle = in_one_texture.reshape(-1, 3, 2)[:, :, 0].mean(axis=1)
         place = np.nan_to_num(np.floor((middle - self.lowest) / self.width + 0.25))
         place = np.clip(place, 0, len(self.numbers) - 1).astype(np.int64)
-        return laid_out - np.repeat(place, 3)[:, None] * [self.width, 0], self.numbers[place]
+        return in_one_texture - np.repeat(place, 3)[:, None] * [self.width, 0], self.numbers[place]
 
 
 def texture_coordinates(mesh: Mesh) -> Floats | None:

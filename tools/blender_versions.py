@@ -1,7 +1,7 @@
 """Install the extension into several versions of Blender, and run `tests/extension` in each.
 
 `make test-blender-versions` takes all of `VERSIONS`, or those that are named. Each has an environment of its own,
-kept in `.venv-blender/`, with that version's Blender and pytest alone, so that whatever else a test needs can only
+stored in `.venv-blender/`, with that version's Blender and pytest alone, so that whatever else a test needs can only
 come from the zip, and with the numpy that this version of Blender ships.
 """
 

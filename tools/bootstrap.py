@@ -9,7 +9,7 @@ exist for these two only). It uses the standard library alone and does, each onl
 
 With the argument `core` it leaves the hosts out, and installs the extra `core-tests` alone.
 
-A stamp in `.venv` tells what was installed for the present `pyproject.toml`. It reads UNFINISHED
+A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a set-up that was killed half-way is recognised and made anew.
 """
 

@@ -46,7 +46,7 @@ SHIPPED = (
     "ui/**/*.py",
     "viewport/*.py",
 )
-LEFT_AT_HOME = ("demo/*.py",)
+NOT_SHIPPED = ("demo/*.py",)
 # Texts of `docs` that become pages in the zip, with the pictures that they show.
 DOCUMENTS = ("blender.md", "transfer.md")
 # What the core's own wheel is built from.
@@ -149,10 +149,10 @@ def check_version(version: str) -> None:
 def shipped_files() -> dict[str, bytes]:
     """Content of the add-on's files, by their place in the zip; the licence is the project's."""
     every = {path for path in ADDON.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
-    shipped, at_home = (
-        {path for pattern in patterns for path in ADDON.glob(pattern)} for patterns in (SHIPPED, LEFT_AT_HOME)
+    shipped, left_out = (
+        {path for pattern in patterns for path in ADDON.glob(pattern)} for patterns in (SHIPPED, NOT_SHIPPED)
     )
-    if strays := every - shipped - at_home - {ADDON / MANIFEST}:
+    if strays := every - shipped - left_out - {ADDON / MANIFEST}:
         names = ", ".join(sorted(str(path.relative_to(ROOT)) for path in strays))
         raise ValueError(f"Neither shipped nor left at home: {names}. Add a pattern to {Path(__file__).name}.")
     content = {path.relative_to(ADDON).as_posix(): path.read_bytes() for path in shipped}

@@ -9,7 +9,7 @@ same ones for the same seed. Each is tried on the tests nearest to the module al
 after it, or else stand in the folder that mirrors its own. Tests that take longer than `--slowest` seconds are left
 out. A module with a line number has all mutants of that line tried.
 
-All of it happens in a copy of the tree, so that the tree may be worked on meanwhile. How long tests take is kept in
+All of it happens in a copy of the tree, so that the tree may be worked on meanwhile. Durations of tests are stored in
 `build/mutants.json`.
 """
 
@@ -296,7 +296,7 @@ def _mutant(module: str, code: str, operator: str, occurrence: int, line: int) -
 
 
 def tried(mutants: Sequence[Mutant], tests: Sequence[str], seconds: float, copies: Sequence[Path]) -> Counter[bool]:
-    """Numbers of the mutants that tests kill, in so many seconds, and that survive; each is told of."""
+    """Numbers of the mutants that tests kill within a number of seconds, and that survive; each is printed."""
     free: Queue[Path] = Queue()
     for copy in copies:
         free.put(copy)

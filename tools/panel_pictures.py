@@ -21,7 +21,7 @@ from mathutils import Vector
 
 import blender_addon
 from blender_addon.demo.character import build_character
-from blender_addon.demo.target import posed_copy, relax, remeshed, strike
+from blender_addon.demo.target import clear_pose, posed_copy, remeshed, set_pose
 from blender_addon.mesh_data import nearest_surface_point
 from blender_addon.operators import activity
 from blender_addon.scene.landmarks import set_landmark
@@ -181,11 +181,11 @@ def pair(with_landmarks: bool = False) -> tuple[Object, Object]:
         bpy.data.objects.remove(obj)
     hero, armature = build_character(EDGE)
     before = tips(armature)
-    strike(armature)
+    set_pose(armature)
     posed, after = posed_copy(hero), tips(armature)
     scan = remeshed(posed, EDGE, VERTICES)
     bpy.data.objects.remove(posed)
-    relax(armature)
+    clear_pose(armature)
     hero.name, scan.name = "Hero", "Scan"
     hero.modifiers.clear()
     hero.parent = None

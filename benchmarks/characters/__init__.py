@@ -10,7 +10,7 @@ from benchmarks.characters.cases import cases
 from benchmarks.characters.pictures import Picture, draw
 from benchmarks.characters.table import Row, badness, measured, summary
 
-# So many of the worst cases of each kind are drawn.
+# Number of the worst cases of each kind that are drawn.
 WORST = 8
 
 
@@ -26,7 +26,7 @@ def run(data: Path, pairs: int | None, picture_folder: Path | None) -> dict[str,
 
     Args:
         data: the folder of the sets, with characters among them.
-        pairs: use about so many cases of each kind, evenly spread.
+        pairs: approximate number of cases of each kind, evenly spread.
         picture_folder: where to draw the worst cases of each kind.
     """
     rows: list[Row] = []

@@ -18,7 +18,7 @@ from zoomout_core.arrays import Booleans, Floats
 
 # The kinds of cases: the same character in a pose, as one skin in that pose; another one; a body and its outfits.
 POSE, SKIN, OTHER, OUTFITS = "pose", "skin", "other", "outfits"
-# So many characters of a pack are posed.
+# Number of characters of a pack that are posed.
 OF_PACK = 3
 # A character of more loose parts than this is made into one skin.
 FEW_PARTS = 5
@@ -60,7 +60,7 @@ def cases(folder: Path, most: int | None) -> Iterator[Case]:
 
     Args:
         folder: with packs of characters under `game`, and outfits under `outfits`.
-        most: use so many of a kind; all if None.
+        most: largest number of a kind; None for all.
     """
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))]
     chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))

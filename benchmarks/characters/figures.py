@@ -19,7 +19,7 @@ WEIGHTED = 0.5
 
 
 class Figures(NamedTuple):
-    """How well a map does; None for what the truth of the case does not tell.
+    """How well a map does; None for what the truth of the case does not include.
 
     Attributes:
         dom: share of the target's vertices whose strongest bone is right.

@@ -23,7 +23,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 
 # By this number the importer knows how much to say.
 ERRORS_ALONE = 2
-# So many frames of each action are looked at for the one that differs most from the rest.
+# Number of frames of each action among which the one that differs most from the rest pose is chosen.
 FRAMES = 5
 # A frame that swells the area by more is an animation that does not fit its character.
 SWOLLEN = 1.25

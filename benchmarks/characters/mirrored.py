@@ -34,7 +34,7 @@ def mirror_cases(folder: Path, most: int | None) -> Iterator[Case]:
 
     Args:
         folder: with packs of characters under `game`, and outfits under `outfits`.
-        most: use about so many of a kind; all if None.
+        most: approximate largest number of a kind; None for all.
     """
     characters = list(chain.from_iterable(sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))))
     kinds: list[list[Maker]] = [

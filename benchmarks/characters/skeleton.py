@@ -1,7 +1,7 @@
-"""Limbs of a skeleton, from its tree, the names of its bones and the sides that these tell.
+"""Limbs of a skeleton, from its tree, the names of its bones and the sides in these names.
 
 A chain of sided bones that leaves the middle of the body is a limb of its own (an arm, a leg, a wing), however
-many there are; bones of the middle are told apart by their names.
+many there are; bones of the middle are distinguished by their names.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def limbs_of(skeleton: Skeleton) -> Limbs:
 
 
 def _side(skeleton: Skeleton, bone: int) -> int:
-    """The side that a bone's name tells, or, where it says nothing clear, that which all below it tell."""
+    """The side in a bone's name, or, where that is unclear, the one in all names below it."""
     own = _named_side(skeleton.names[bone])
     clear = re.search(r"\.\d+$", skeleton.names[bone]) is None
     below = [_named_side(skeleton.names[i]) for i in np.flatnonzero(skeleton.parent == bone)]

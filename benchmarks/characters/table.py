@@ -18,7 +18,7 @@ Row: TypeAlias = dict[str, Any]
 # Shares, and centimetres, that differ by less count as equal.
 EQUAL, EQUAL_ERRORS = 0.005, 0.1
 DIGITS = 3
-RIVAL = "DT "
+BASELINE = "DT "
 
 
 def measured(case: Case) -> tuple[Row, zo.MatchResult]:
@@ -27,7 +27,7 @@ def measured(case: Case) -> tuple[Row, zo.MatchResult]:
     begin = perf_counter()
     result = zo.match(case.source, case.target)
     seconds = perf_counter() - begin
-    ours, rival = figures(case, result.surface_map), figures(case, nearest_in_space(case))
+    ours, baseline = figures(case, result.surface_map), figures(case, nearest_in_space(case))
     row: Row = {
         "kind": case.kind,
         "case": case.name,
@@ -36,9 +36,9 @@ def measured(case: Case) -> tuple[Row, zo.MatchResult]:
         "certainty": result.certainty,
         "confidence": float(result.confidence.mean()),
         **_named(ours),
-        **_named(rival, RIVAL),
+        **_named(baseline, BASELINE),
         "right": ours.right,
-        "behind": _behind(ours, rival),
+        "behind": _behind(ours, baseline),
     }
     return row, result
 
@@ -89,10 +89,10 @@ def _named(of_map: Figures, prefix: str = "") -> Row:
     }
 
 
-def _behind(ours: Figures, rival: Figures) -> bool:
-    if ours.error is not None and rival.error is not None:
-        return ours.error > rival.error + EQUAL_ERRORS
-    return (ours.limb or 0) < (rival.limb or 0) - EQUAL
+def _behind(ours: Figures, baseline: Figures) -> bool:
+    if ours.error is not None and baseline.error is not None:
+        return ours.error > baseline.error + EQUAL_ERRORS
+    return (ours.limb or 0) < (baseline.limb or 0) - EQUAL
 
 
 def _parts(surface: zo.Surface) -> int:

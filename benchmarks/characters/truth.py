@@ -54,7 +54,7 @@ class Rest:
 
 
 def bones_of(source: Character, target: Character, body: Body) -> Bones:
-    """The weights over the bones of both, which have the limbs that the target's skeleton tells."""
+    """The weights over the bones of both, by the limbs of the target's skeleton."""
     of_source, of_target = limbs_of(source.skeleton), limbs_of(target.skeleton)
     ours = dict(zip(source.skeleton.names, _translated(source, of_source, target, of_target), strict=True))
     theirs = dict(zip(target.skeleton.names, of_target.limb, strict=True))

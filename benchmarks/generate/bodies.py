@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from blender_addon import mesh_data
 from blender_addon.demo.character import rig
 from blender_addon.demo.shape import surface_net
-from blender_addon.demo.target import posed_copy, rebuilt, strike
+from blender_addon.demo.target import posed_copy, rebuilt, set_pose
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
@@ -178,7 +178,7 @@ def draw_pose(kind: Kind, random: np.random.Generator) -> dict[str, tuple[float,
 
 
 def is_ball(surface: Surface) -> bool:
-    """Whether a surface is closed, manifold, in one piece and without handles."""
+    """Whether a surface is closed, manifold, connected and without handles."""
     edges, edge = unique_edges(surface.triangles)
     euler_characteristic = len(np.unique(surface.triangles)) - len(edges) + len(surface.triangles)
     closed = bool((np.bincount(edge.ravel()) == 2).all())
@@ -212,7 +212,7 @@ def _struck(
     mesh = template.body.data
     mesh.vertices.foreach_set("co", individual.rest.ravel().astype(np.float32))
     mesh.update()
-    strike(template.armature, pose)
+    set_pose(template.armature, pose)
     for name, (across, along) in individual.scale.items():
         template.armature.pose.bones[name].scale = (across, along, across)
     bpy.context.view_layer.update()

@@ -79,7 +79,7 @@ def _write(
 
 
 def _individuals_for(pairs: int) -> int:
-    """How many individuals are needed for so many pairs of different ones."""
+    """Number of individuals needed for a number of pairs of different ones."""
     number = 2
     while number * (number - 1) // 2 * len(POSES) ** 2 < pairs:
         number += 1

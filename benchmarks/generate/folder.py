@@ -19,7 +19,7 @@ Pair = tuple[str, str]  # target, source
 
 # A place this far from the mesh, over the square root of its area, is not on it.
 NEAR = 0.025
-# So many vertices near a place are asked whether they face as it does.
+# Number of vertices near a place whose normals are compared with its own.
 ASKED = 8
 # Places that are recorded for each class.
 PLACES = 5000
@@ -61,7 +61,7 @@ def standing_for(places: Floats, normals: Floats, mesh: Surface) -> Integers:
 
 
 def known_on_all(places: Mapping[str, Integers], random: np.random.Generator) -> dict[str, Integers]:
-    """The places of a class that no mesh lacks (none is -1), at random no more than so many."""
+    """The places of a class that no mesh lacks (none is -1), at random at most a given number."""
     known = np.flatnonzero(np.min(list(places.values()), axis=0) >= 0)
     kept = np.sort(random.permutation(known)[:PLACES])
     return {name: vertices[kept] for name, vertices in places.items()}
@@ -78,7 +78,7 @@ def class_of(name: str) -> str:
 
 
 def spread(items: list[Pair], most: int) -> list[Pair]:
-    """At most so many items, evenly spread over the list."""
+    """At most a given number of items, evenly spread over the list."""
     picked = np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).astype(int))
     return [items[i] for i in picked]
 

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array
 
 from blender_addon import mesh_data
 from blender_addon.demo.character import select_only
-from blender_addon.demo.target import posed_copy, strike
+from blender_addon.demo.target import posed_copy, set_pose
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.mirror import names_flipped
@@ -48,7 +48,7 @@ class Lopsided:
 
 
 def lopsided_characters(count: int, seed: int, kind: str = "biped") -> Iterator[Lopsided]:
-    """So many characters in random poses, which face -y."""
+    """A number of characters in random poses, which face -y."""
     random = np.random.default_rng(seed)
     for _ in range(count):
         template = build_template(KINDS[kind], CELL)
@@ -60,7 +60,7 @@ def lopsided_characters(count: int, seed: int, kind: str = "biped") -> Iterator[
         right = rest[:, 0] < RIGHT_OF
         broken = replace(truth, values=csr_array(diags_array((~right).astype(float)) @ truth.values))
         pose = draw_pose(template.kind, random)
-        strike(template.armature, {name: turn for name, turn in pose.items() if name != "hips"})
+        set_pose(template.armature, {name: turn for name, turn in pose.items() if name != "hips"})
         posed = posed_copy(template.body)
         surface = mesh_data.read_target_surface(posed, bpy.context.evaluated_depsgraph_get())
         yield Lopsided(

@@ -46,7 +46,7 @@ class Whole:
     Attributes:
         surface: the mesh.
         places: (c,) vertices that are the same places on every mesh of the class.
-        mirrored: (c,) the places' mirror images, if the set tells them.
+        mirrored: (c,) the places' mirror images, if the set has them.
     """
 
     surface: Surface

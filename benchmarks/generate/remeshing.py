@@ -16,7 +16,7 @@ Remeshing = Callable[[Surface, int, np.random.Generator], Surface]
 
 
 def isotropic(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
-    """About so many vertices with edges of about the same length (Pietroni et al. 2010)."""
+    """About a given number of vertices with edges of about the same length (Pietroni et al. 2010)."""
     import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
 
     # The area belonging to a vertex of a regular triangulation is sqrt(3) / 2 times the square of an edge.
@@ -25,7 +25,7 @@ def isotropic(surface: Surface, vertices: int, random: np.random.Generator) -> S
 
 
 def simplified(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
-    """About so many vertices, by collapsing edges where that changes the surface least (Garland and Heckbert 1997)."""
+    """Decimated to about a given number of vertices by quadric edge collapse (Garland and Heckbert 1997)."""
     return _filtered(
         surface,
         "meshing_decimation_quadric_edge_collapse",
@@ -37,7 +37,7 @@ def simplified(surface: Surface, vertices: int, random: np.random.Generator) -> 
 
 
 def noisy(surface: Surface, vertices: int, random: np.random.Generator) -> Surface:
-    """About so many vertices of even edges, moved about as a scanner's are."""
+    """About a given number of vertices of even edges, with noise like a scanner's."""
     even = isotropic(surface, vertices, random)
     edge = np.median(edge_graph(even.vertices, even.triangles).data)
     return Surface(even.vertices + random.normal(scale=NOISE * edge, size=even.vertices.shape), even.triangles)

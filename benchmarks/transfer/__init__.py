@@ -20,7 +20,7 @@ def run(data: Path, most: int | None) -> dict[str, list[dict[str, Any]]]:
 
     Args:
         data: folder of the sets.
-        most: use so many shapes; all if None.
+        most: largest number of shapes; None for all.
 
     Returns:
         `rows`: medians of the figures for each pose and way; `pairs`: those of each shape.

@@ -16,15 +16,15 @@ import zoomout_core as zo
 from benchmarks.generate.remeshing import isotropic
 from benchmarks.transfer.regions import bones, faces_of, islands, regions
 from blender_addon import mesh_data
-from blender_addon.demo.character import PAINT, UV_MAP, build_character, lay_flat, rig
-from blender_addon.demo.target import posed_copy, relax, strike
+from blender_addon.demo.character import PAINT, UV_MAP, build_character, rig, unwrap_islands
+from blender_addon.demo.target import clear_pose, posed_copy, set_pose
 from blender_addon.demo.truth import Truth, find_truth
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_normals
 from zoomout_core.transfer.uv.chart import uv_seams
 
-# Of the folders of many shapes, every so many is used.
+# Of folders of many shapes, one in this number is used.
 EVERY = 7
 # Sizes of what is made for a shape.
 BONES, ISLANDS, MATERIALS, KEYS = 20, 14, 25, 3
@@ -51,7 +51,7 @@ class Cast:
         material: (f,) the slot that each face of the target should have.
         keys: (n_t, keys, 3) the offsets that should arrive.
         seam: the length of the source's seams, measured on its surface in the target's pose.
-        aligned: (4, 4) the rigid motion that lays the target onto the source as well as one can.
+        aligned: (4, 4) the rigid motion that best aligns the target with the source.
     """
 
     name: str
@@ -95,9 +95,9 @@ def _same_vertices(folder: Path) -> Iterator[tuple[Path, Path]]:
 def _demo_character() -> tuple[bpy.types.Object, Floats]:
     """The demo's character at rest, and its vertices in the demo's pose."""
     character, armature = build_character(CELL)
-    strike(armature)
+    set_pose(armature)
     positions = _posed_positions(character)
-    relax(armature)
+    clear_pose(armature)
     _dress(character)
     return character, positions
 
@@ -151,7 +151,7 @@ def _unwrap(obj: bpy.types.Object, vertices: Floats, triangles: Integers) -> Non
     marked = {tuple(edge) for edge in edges[seam].tolist()}
     for edge in obj.data.edges:
         edge.use_seam = tuple(sorted(edge.vertices)) in marked
-    lay_flat(obj)
+    unwrap_islands(obj)
 
 
 def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:

@@ -27,7 +27,7 @@ from zoomout_core.spectral.sampling import farthest_points
 
 Record = dict[str, Any]
 
-# The target: rebuilt from voxels of this size in metres, and thinned out to so many vertices.
+# The target: rebuilt from voxels of this size in metres, and decimated to this number of vertices.
 SIZE = Size(cell=0.0134, voxel=0.004, target_vertices=100_000)
 # What the source carries.
 GROUPS, KEYS = 60, 50
@@ -53,7 +53,7 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
     Returns:
         `rows`: for each kind of data the seconds in which it is read, transferred and written, and the processor
         time of all that. What kinds share is on the account of the first that needs it. Last, how long an artist waits
-        for all of it along a match that is kept, reading and writing and checks included.
+        for all of it along a stored match, reading and writing and checks included.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     cast = make_cast(size)
@@ -127,7 +127,7 @@ def burden(source: bpy.types.Object, groups: int, keys: int) -> None:
 
 
 def _around(vertices: Floats, triangles: Integers, count: int) -> Floats:
-    """(n, count) strengths around so many evenly spread places of a surface of unit area: 1 there, 0 out of reach."""
+    """(n, count) strengths around `count` evenly spread places of a surface of unit area: 1 there, 0 out of reach."""
     places = farthest_points(vertices, count)
     distance = dijkstra(edge_graph(vertices, triangles), indices=places, limit=REACH)
     part = np.clip(1 - distance.T / REACH, 0, 1)

@@ -18,7 +18,7 @@ DEEP = 0.7
 
 
 def regions(vertices: Floats, triangles: Integers, count: int) -> Integers:
-    """(n,) the one of so many evenly spread places that each vertex is nearest to, along the surface."""
+    """(n,) the one of `count` evenly spread places that each vertex is nearest to, along the surface."""
     places = farthest_points(vertices, count)
     _, _, nearest = dijkstra(edge_graph(vertices, triangles), indices=places, min_only=True, return_predecessors=True)
     number = np.zeros(len(vertices), dtype=np.int64)
@@ -33,7 +33,7 @@ def faces_of(region: Integers, triangles: Integers) -> Integers:
 
 
 def islands(vertices: Floats, triangles: Integers, region: Integers) -> Booleans:
-    """(e,) which of `unique_edges` are seams, so that every region of triangles (m,) can be laid flat.
+    """(e,) which of `unique_edges` are seams, so that every region of triangles (m,) can be unwrapped.
 
     Between regions run seams; a region with several borders, such as a sleeve, is cut from one to the next, and
     a deep one, such as a mitten, to its tip.

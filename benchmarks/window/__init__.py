@@ -36,7 +36,7 @@ def run(data: Path, tables: tuple[str, ...] = TABLES) -> dict[str, list[Record]]
     Returns:
         `rows`: for each operator the seconds from the click to the end, by the clock and of the processor, the longest
         step before it writes and how much of that is work of the window's own thread, how long it writes with what it
-        does last before, the longest tick of the timer, and how many ticks are noticed; matching several times over,
+        does last before, the longest tick of the timer, and how many ticks are noticed; matching several times,
         medians.
         `stages`: where the time of matching goes, cold and warm.
         `escape`: for evenly spread moments at which ESC ends a match, the longest time until the window is free, of

@@ -36,7 +36,7 @@ def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Reco
         keys: shape keys.
 
     Returns:
-        For the transfer itself, the step of undo that is kept for it, undo, and redo the seconds by the clock and of
+        For the transfer itself, the undo step stored for it, undo, and redo the seconds by the clock and of
         the processor, how much memory it takes for good, and whether the target is what it is to be.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)

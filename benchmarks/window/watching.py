@@ -42,7 +42,7 @@ class Watch:
 
     Attributes:
         steps: all of them; what comes after the last yield, the writing above all, is the last one.
-        ticks: seconds that each call of the timer took, in which as many steps are taken as fit.
+        ticks: seconds that each call of the timer took, which runs steps for a fixed time.
         closing: seconds that it took to close the generator, where that was done.
         trailing: seconds from then on until the last thread had ended.
     """

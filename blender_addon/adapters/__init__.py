@@ -10,8 +10,8 @@ from .scheduling import transfer_all_steps
 from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names, parse_names
 
 # In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
-# which of these are sharp. Shape keys come last: reading them evaluates copies, which what was evaluated before need
-# not outlive.
+# which of these are sharp. Shape keys come last: reading them evaluates copies, which may invalidate meshes
+# that were evaluated before.
 COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
     layers.collect,
     edges.collect,

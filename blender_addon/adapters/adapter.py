@@ -16,7 +16,7 @@ from zoomout_core.runtime.stepping import Steps, spread
 from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_steps
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-from ..mesh_data import ObjectPair, Piece
+from ..mesh_data import EvaluatedObject, ObjectPair
 from ..storage.stored_match import Match
 from .settings import Settings
 
@@ -27,8 +27,8 @@ class TransferRequest:
 
     Attributes:
         source: the object that has the data, as it is in the file.
-        evaluated: the same as its modifiers leave it.
-        mesh: the mesh that these leave.
+        evaluated: the evaluated object.
+        mesh: the evaluated mesh.
         target: the object that receives the data.
         data: which kinds of it were asked for, see `DATA`.
         settings: how it is transferred.
@@ -43,12 +43,12 @@ class TransferRequest:
     data: Collection[str]
     settings: Settings
     blend: Blend
-    others: Sequence[Piece] = ()
+    others: Sequence[EvaluatedObject] = ()
 
     @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
+    def sources(self) -> tuple[EvaluatedObject, ...]:
         """All objects that have data, the source first."""
-        return Piece(self.source, self.evaluated, self.mesh), *self.others
+        return EvaluatedObject(self.source, self.evaluated, self.mesh), *self.others
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Remarks:
 
 @dataclass(frozen=True, eq=False)
 class TransferJob:
-    """One transfer from a source to a target: the match, both surfaces, the settings, and what has arrived so far.
+    """One transfer from a source to a target: the match, both surfaces, the settings, and UV maps so far.
 
     Attributes:
         match: leads from the target to the source.
@@ -78,7 +78,7 @@ class TransferJob:
         remarks: what the user is to know of the transfer.
         settings: how data is transferred.
         blend: how it is blended with what the target has.
-        uv_maps: those that have arrived so far, by name.
+        uv_maps: those transferred so far, by name.
     """
 
     match: Match
@@ -105,9 +105,9 @@ class TransferJob:
 
         Args:
             attribute: of the source.
-            what: it is called in the progress.
-            source: the source in another pose or space than it was matched in, and
-            target: the target, where that matters to the attribute.
+            what: its name in the progress.
+            source: the source's surface in another pose or space than it was matched in.
+            target: the same of the target.
             options: of the attribute's kind.
         """
         steps = transfer_steps(attribute, self._between(source, target), **options)
@@ -116,7 +116,7 @@ class TransferJob:
         return carried
 
     def _between(self, source: Surface | None, target: Surface | None) -> MappedTarget:
-        """The target on the source, or on others in their place; kept for the next attribute that takes the same."""
+        """The mapped target, with other surfaces in place of its own if given; cached for the next attribute."""
         if (source, target) not in self._mapped_targets:
             own = self._mapped_targets[None, None]
             self._mapped_targets[source, target] = replace(
@@ -133,9 +133,9 @@ class TransferJob:
     ) -> Attribute:
         """A transferred attribute, blended with the one that the target has, see `blend`.
 
-        What lies on sources that lack it, given by their numbers, keeps what it has.
+        Vertices that map to sources without it (`lacking`, numbers of sources) retain their values.
         """
-        how, outside = self.blend, self._lies_on(lacking)
+        how, outside = self.blend, self._on_sources(lacking)
         if outside.any():
             how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~outside)
             names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
@@ -143,7 +143,7 @@ class TransferJob:
             self.remarks.add([f"{carried.name}: {lie}, and keep what they have."])
         return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
 
-    def _lies_on(self, sources: Collection[int]) -> Booleans:
+    def _on_sources(self, sources: Collection[int]) -> Booleans:
         """(n_t,) whether each vertex of the target lies on one of some sources, given by their numbers."""
         first = np.cumsum([len(source.triangles) for source in self.pair.sources])
         return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
@@ -157,7 +157,7 @@ class TransferJob:
 class Adapter(Protocol):
     """Data of one kind that was chosen: with the source's values until `transfer`, then with the target's.
 
-    It holds no Blender data, which may be gone when a long transfer has ended.
+    It holds no Blender data, which may be freed during a long transfer.
     """
 
     @property

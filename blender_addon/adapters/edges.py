@@ -41,7 +41,7 @@ class MarkAdapter:
 
 @dataclass
 class SeamAdapter:
-    """Seams where the islands of a UV map meet that is transferred as well: others would run beside these.
+    """Seams where the islands of a UV map meet that is transferred as well; the source's would duplicate them.
 
     Attributes:
         uv_map: its name.
@@ -75,9 +75,9 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     present = {marks.name: marks for marks in mesh_data.read_marks(request.target.data)}
     found: list[Adapter] = [
-        MarkAdapter(marks, present.get(marks.name)) for marks in mesh_data.read_joined_marks(request.pieces)
+        MarkAdapter(marks, present.get(marks.name)) for marks in mesh_data.read_joined_marks(request.sources)
     ]
-    active = mesh_data.read_joined_active_layers(request.pieces).uv
+    active = mesh_data.read_joined_active_layers(request.sources).uv
     if "uv_maps" not in request.data or active is None:
         return found
     return [

@@ -21,7 +21,7 @@ class LayerAdapter:
     """One attribute.
 
     Attributes:
-        layer: its values, and how Blender keeps them.
+        layer: its values, and how Blender stores them.
         active: what the source shows and renders, of this layer.
         present: what the target has already under its name, if that can be blended with it.
         lacking: numbers of the sources that do not have it.
@@ -64,9 +64,9 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     Raises:
         MeshError: the target has no room for them.
     """
-    found, skipped = mesh_data.read_joined_layers(request.pieces, request.settings.turning)
-    for piece in request.pieces:
-        remarks.skipped |= mesh_data.data_without_a_way(piece.source, piece.mesh)
+    found, skipped = mesh_data.read_joined_layers(request.sources, request.settings.turning)
+    for source in request.sources:
+        remarks.skipped |= mesh_data.untransferable_data(source.original, source.mesh)
     if Role.GENERIC.value in request.data:
         remarks.skipped |= skipped
         _note_unturned([layer for layer, _ in found], request, remarks)
@@ -74,10 +74,10 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     layers = [layer for layer, _ in chosen]
     _check_uv_maps(layers, request.target)
     _check_names(layers, request.target, remarks)
-    active = mesh_data.read_joined_active_layers(request.pieces)
+    active = mesh_data.read_joined_active_layers(request.sources)
     at_rest = None
     if any(layer.turning for layer in layers):
-        at_rest = mesh_data.read_joined_at_rest(request.pieces), mesh_data.read_surface_at_rest(request.target)
+        at_rest = mesh_data.read_joined_at_rest(request.sources), mesh_data.read_surface_at_rest(request.target)
     return [
         LayerAdapter(
             layer,
@@ -90,11 +90,11 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     ]
 
 
-def _present(layer: Layer, request: TransferRequest, kept: bool) -> Attribute | None:
-    """The attribute of the target that a layer is blended with, or that is kept in places."""
+def _present(layer: Layer, request: TransferRequest, incomplete: bool) -> Attribute | None:
+    """The attribute of the target that a layer is blended with, or whose values some vertices retain."""
     mesh, name = request.target.data, layer.attribute.name
     if (
-        (request.blend.replaces and not kept)
+        (request.blend.replaces and not incomplete)
         or name not in mesh.attributes
         or not mesh_data.fits(mesh.attributes[name], layer)
     ):

@@ -46,7 +46,7 @@ class MaterialAdapter:
 
 def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The source's materials, if it has any."""
-    materials, face_slots, lacking = mesh_data.read_joined_materials(request.pieces)
+    materials, face_slots, lacking = mesh_data.read_joined_materials(request.sources)
     if not materials or "materials" not in request.data:
         return []
     listed = [None, *materials]
@@ -54,6 +54,6 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     if request.blend.replaces and not lacking:
         return [MaterialAdapter(listed, face_slots, None, lacking)]
     theirs, present = mesh_data.read_materials(request.target, request.target.data)
-    held = np.array([name is not None for name in theirs] or [False])[present.values]
-    present = replace(present, values=np.where(held, present.values + len(listed), 0))
+    filled = np.array([name is not None for name in theirs] or [False])[present.values]
+    present = replace(present, values=np.where(filled, present.values + len(listed), 0))
     return [MaterialAdapter(listed + theirs, face_slots, present, lacking)]

@@ -43,5 +43,5 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The source's custom normals, if it has any and they are asked for."""
     if "custom_normals" not in request.data:
         return []
-    normals = mesh_data.read_joined_normals(request.pieces)
+    normals = mesh_data.read_joined_normals(request.sources)
     return [] if normals is None else [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target))]

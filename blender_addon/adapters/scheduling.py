@@ -1,4 +1,4 @@
-"""The order in which adapters transfer their data, and which of them run side by side."""
+"""The order in which adapters transfer their data, and which of them run in parallel."""
 
 from __future__ import annotations
 

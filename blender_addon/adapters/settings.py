@@ -27,7 +27,7 @@ class Settings:
         mode: how they are blended with what the target has, see `Blend`.
         factor: how much of them is taken.
         mask_group: the vertex group of the target that limits where; empty for everywhere.
-        limit: how many weights of deforming groups a vertex may have; 0 for as many as on the source.
+        limit: largest number of weights of deforming groups per vertex; 0 for that of the source.
         flip_names: whether vertex groups change sides, from "Arm.L" to "Arm.R", for a match that does.
         group_names: new names of vertex groups by their names on the source.
         turning: names of vectors, quaternions and matrices, in the mesh's own space, that turn with the surface.

@@ -25,14 +25,14 @@ from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 class ShapeKeyAdapter:
     """Shape keys.
 
-    Keys move a mesh before it is posed, so they are transferred between both at rest, along the match of what is seen.
+    Keys move a mesh before it is posed, so they are transferred between both at rest, along the match as posed.
 
     Attributes:
         owners: the objects that have them, for their drivers, and the names of those that each has before others.
         keys: what they are.
-        offsets: how far they move each vertex, in world space.
-        source_rest: (n_s, 3) where they start from, in world space.
-        target_rest: (n_t, 3) where they start from on the target, in world space.
+        offsets: displacement of each vertex, in world space.
+        source_rest: (n_s, 3) positions at rest, in world space.
+        target_rest: (n_t, 3) positions of the target at rest, in world space.
     """
 
     owners: Sequence[tuple[str, Sequence[str]]]
@@ -63,7 +63,7 @@ class ShapeKeyAdapter:
 class ShapeAdapter:
     """The source's shape, as the modifiers leave it, on the vertices of the target.
 
-    It stands in the target's place: the origins of both objects lie on each other.
+    It is placed at the target: the origins of both objects coincide.
 
     Attributes:
         name: of the key.
@@ -111,18 +111,18 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
 
 def _collected_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     target = request.target
-    if all(_absent(piece.source) for piece in request.pieces):
+    if all(_absent(source.original) for source in request.sources):
         return []
-    bare = [_without_keys(piece) for piece in request.pieces]  # before copies are evaluated, see `COLLECTORS`
-    faces = [mesh_data.read_faces(piece.mesh) for piece in request.pieces]
-    sources = [piece.source for piece in request.pieces]
-    found = [_keys_of(source, each, remarks) for source, each in zip(sources, faces, strict=True)]
+    bare = [_without_keys(source) for source in request.sources]  # before copies are evaluated, see `COLLECTORS`
+    faces = [mesh_data.read_faces(source.mesh) for source in request.sources]
+    originals = [one.original for one in request.sources]
+    found = [_keys_of(source, each, remarks) for source, each in zip(originals, faces, strict=True)]
     joined, own = mesh_data.joined_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
     if not joined.keys:
         return []
     _check_target(target, joined.offsets.labels)
     _note_masks(joined.keys, request, remarks)
-    owners = [(source.name, names) for source, names in zip(sources, own, strict=True) if names]
+    owners = [(source.name, names) for source, names in zip(originals, own, strict=True) if names]
     for name, _ in owners:
         _note_animation(bpy.context.scene.objects[name], target, remarks)
     target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
@@ -134,12 +134,12 @@ def _absent(source: Object) -> bool:
     return present is None or len(present.key_blocks) < 2
 
 
-def _without_keys(piece: mesh_data.Piece) -> ShapeKeys:
+def _without_keys(source: mesh_data.EvaluatedObject) -> ShapeKeys:
     """An object at rest, in world space, without the keys that it may have."""
-    own = piece.source.data
-    grown = mesh_data.read_faces(piece.mesh) != mesh_data.read_faces(own)
-    rest = mesh_data.read_positions(piece.mesh) if grown else mesh_data.read_rest_positions(own)
-    rest = mesh_data.positions_in_world(piece.source, rest)
+    own = source.original.data
+    has_other_faces = mesh_data.read_faces(source.mesh) != mesh_data.read_faces(own)
+    rest = mesh_data.read_positions(source.mesh) if has_other_faces else mesh_data.read_rest_positions(own)
+    rest = mesh_data.positions_in_world(source.original, rest)
     return ShapeKeys((), mesh_data.offsets_of((), np.empty((len(rest), 0, 3))), rest)
 
 
@@ -179,7 +179,7 @@ def _check_target(target: Object, names: Sequence[str]) -> None:
 def _note_masks(keys: Sequence[ShapeKey], request: TransferRequest, remarks: Remarks) -> None:
     masks = {key.settings["vertex_group"] for key in keys} - {"", *request.target.vertex_groups.keys()}
     if "vertex_groups" in request.data:
-        masks -= {group.name for piece in request.pieces for group in piece.source.vertex_groups}
+        masks -= {group.name for source in request.sources for group in source.original.vertex_groups}
     if masks:
         remarks.notes.append(
             f"Shape keys are limited to vertex groups that '{request.target.name}' lacks ({', '.join(sorted(masks))}): "

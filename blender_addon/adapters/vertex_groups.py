@@ -54,7 +54,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     if "vertex_groups" not in request.data:
         return []
     target, settings = request.target, request.settings
-    weights, lacking = mesh_data.read_joined_weights(request.pieces)
+    weights, lacking = mesh_data.read_joined_weights(request.sources)
     locked = mesh_data.locked_groups(target)
     names = {*weights.labels, *_bones_of_sources(request)}
     weights = rename_groups(weights, {name: settings.new_name(name, names) for name in weights.labels})
@@ -82,10 +82,14 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     }
     if settings.limit:
         sharing["limit"] = settings.limit
-    held = locked & deforming
-    present = mesh_data.read_weights(target, target.data) if held or lacking or not request.blend.replaces else None
-    if held and present:
-        columns = [i for i, name in enumerate(present.labels) if name in held]
+    locked_deforming = locked & deforming
+    present = (
+        mesh_data.read_weights(target, target.data)
+        if locked_deforming or lacking or not request.blend.replaces
+        else None
+    )
+    if locked_deforming and present:
+        columns = [i for i, name in enumerate(present.labels) if name in locked_deforming]
         sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
     chosen = replace(weights, values=weights.values[:, open_columns], labels=labels)
     return [WeightAdapter(chosen, sharing, deforming, present, lacking)]
@@ -103,8 +107,8 @@ def _deforming_groups(
     bones |= mesh_data.deforming_bones(request.target)
     if bones.intersection(weights.labels) or weights.values.nnz == 0:
         return bones
-    weighted = [number not in lacking for number in range(len(request.pieces))]
-    rows = np.repeat(weighted, [len(piece.mesh.vertices) for piece in request.pieces])
+    weighted = [number not in lacking for number in range(len(request.sources))]
+    rows = np.repeat(weighted, [len(source.mesh.vertices) for source in request.sources])
     skin = sum_to_one(weights.values[rows])
     remarks.notes.append(
         f"No armature has bones with the names of the vertex groups of '{request.source.name}', which "
@@ -115,4 +119,4 @@ def _deforming_groups(
 
 def _bones_of_sources(request: TransferRequest) -> set[str]:
     """Names of the bones that deform the objects that have data."""
-    return set().union(*(mesh_data.deforming_bones(piece.source) for piece in request.pieces))
+    return set().union(*(mesh_data.deforming_bones(source.original) for source in request.sources))

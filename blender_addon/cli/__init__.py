@@ -56,7 +56,7 @@ def main(command_line: Sequence[str]) -> int:
         _check_paths(options)
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
-        if options.save and _is_worth_saving(command, len(failed), len(report[done])):
+        if options.save and _is_complete(command, len(failed), len(report[done])):
             bpy.ops.wm.save_as_mainfile(filepath=str(Path(options.save).resolve()), copy=True)
             report["saved"] = options.save
     except (ValueError, RuntimeError) as error:  # the latter are Blender's own, as of a disk that is full
@@ -86,6 +86,6 @@ def _check_paths(options: argparse.Namespace) -> None:
             raise zo.MeshError(f"{path} is a folder: name a file in it.")
 
 
-def _is_worth_saving(command: str, failed: int, entries: int) -> bool:
+def _is_complete(command: str, failed: int, entries: int) -> bool:
     """Whether what was done is whole: a target that failed is as it was, an object of several changes may not be."""
     return failed < entries if command != "symmetry" else not failed

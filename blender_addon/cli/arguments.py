@@ -1,4 +1,4 @@
-"""What may stand on the command line. Options that the sidebar has, too, are taken from where they are defined."""
+"""The arguments of the command line. Options that the sidebar has are read from their property definitions."""
 
 from __future__ import annotations
 
@@ -121,26 +121,36 @@ def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[s
     """Add the options of a group of properties, or some of them."""
     for name in names or group.__annotations__:
         option = group.__annotations__[name]
-        known, kind = option.keywords, _kind(option)
-        flag, default = "--" + name.removeprefix("use_").replace("_", "-"), known.get("default")
-        told: dict[str, Any] = {"dest": name, "default": default, "help": known["description"].replace("%", "%%")}
+        definition, kind = option.keywords, _kind(option)
+        flag, default = "--" + name.removeprefix("use_").replace("_", "-"), definition.get("default")
+        keywords: dict[str, Any] = {
+            "dest": name,
+            "default": default,
+            "help": definition["description"].replace("%", "%%"),
+        }
         if kind == "Bool" and default:
             parser.add_argument(
-                flag.replace("--", "--no-", 1), action="store_false", **told | {"help": f"turn off: {told['help']}"}
+                flag.replace("--", "--no-", 1),
+                action="store_false",
+                **keywords | {"help": f"turn off: {keywords['help']}"},
             )
         elif kind == "Bool":
-            parser.add_argument(flag, action="store_true", **told)
+            parser.add_argument(flag, action="store_true", **keywords)
         elif kind == "Enum":
-            choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in known["items"])
-            parser.add_argument(flag, choices=choices, type=str.lower, **told | {"default": default.lower()})
+            choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in definition["items"])
+            parser.add_argument(flag, choices=choices, type=str.lower, **keywords | {"default": default.lower()})
         elif kind == "String":
-            parser.add_argument(flag, metavar="TEXT", **told | {"default": ""})
+            parser.add_argument(flag, metavar="TEXT", **keywords | {"default": ""})
         else:
-            is_angle = known.get("subtype") == "ANGLE"
+            is_angle = definition.get("subtype") == "ANGLE"
             turn = math.degrees if is_angle else float if kind == "Float" else int
-            least, most = (None if known.get(end) is None else turn(known[end]) for end in ("min", "max"))
-            told |= {"default": round(turn(default), 6)} | ({"help": f"{told['help']}, in degrees"} if is_angle else {})
-            parser.add_argument(flag, type=_number(int if kind == "Int" else float, least, most), metavar="N", **told)
+            least, most = (None if definition.get(end) is None else turn(definition[end]) for end in ("min", "max"))
+            keywords |= {"default": round(turn(default), 6)} | (
+                {"help": f"{keywords['help']}, in degrees"} if is_angle else {}
+            )
+            parser.add_argument(
+                flag, type=_number(int if kind == "Int" else float, least, most), metavar="N", **keywords
+            )
 
 
 def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:

@@ -69,13 +69,13 @@ def _is_known(obj: Object) -> bool:
 
 
 def _described(obj: Object) -> dict[str, Any]:
-    """The symmetries that are kept on an object's mesh, and the number of the one that is used, from 1."""
-    kept = stored_symmetry.description(obj.data)
-    assert kept is not None  # it was found before
-    return {"vertices": kept["vertices"], "candidates": kept["candidates"], "used": kept["chosen"] + 1}
+    """The symmetries stored on an object's mesh, and the number of the one that is used, from 1."""
+    stored = stored_symmetry.description(obj.data)
+    assert stored is not None  # it was found before
+    return {"vertices": stored["vertices"], "candidates": stored["candidates"], "used": stored["chosen"] + 1}
 
 
 def _asymmetry(context: Context, name: str, check: Checked) -> dict[str, float]:
-    """How far the sides differ: in the mesh's own units, and of weights which part lies in other groups."""
+    """Difference of the sides: a length in the mesh's own units, or the share of weights in other groups."""
     values = drain(asymmetry_steps(context, name, check))
     return {"mean": float(np.mean(values)), "most": float(np.max(values, initial=0))}

@@ -25,7 +25,7 @@ from ..storage.stored_report import transfer_report
 from . import picture
 from .baseline import KINDS, transfer_best
 from .character import build_character, select_only
-from .target import posed_copy, relax, remeshed, strike
+from .target import clear_pose, posed_copy, remeshed, set_pose
 from .truth import Truth, correspondence_error, find_truth, torn_faces, unweighted_vertices
 
 UNITS = {
@@ -58,7 +58,7 @@ FULL_SIZE = Size()
 
 
 class Cast(NamedTuple):
-    """The objects of the demo, lying over each other, and what is known about them.
+    """The objects of the demo, at the same place, and their ground truth.
 
     Attributes:
         character: the source, at rest.
@@ -67,7 +67,7 @@ class Cast(NamedTuple):
         rival: the same mesh once more, which receives Data Transfer's.
         source_surface: the character's surface.
         target_surface: the target's.
-        truth: what should arrive.
+        truth: the values that a correct transfer gives.
     """
 
     character: bpy.types.Object
@@ -148,14 +148,14 @@ def summary(report: dict[str, Any]) -> list[str]:
 
 
 def make_cast(size: Size) -> Cast:
-    """Build the character, and from it the target, twice, and keep what should arrive there."""
+    """Build the character, and from it the target, twice, with the ground truth for it."""
     character, armature = build_character(size.cell)
-    strike(armature)
+    set_pose(armature)
     posed = posed_copy(character)
     target = remeshed(posed, size.voxel, size.target_vertices)
     posed_positions = mesh_data.read_positions(posed.data).astype(float)
     bpy.data.meshes.remove(posed.data)
-    relax(armature)
+    clear_pose(armature)
 
     rival = target.copy()
     rival.data = target.data.copy()

@@ -1,6 +1,6 @@
 """Blender's own Data Transfer, at its best: what the demo is measured against.
 
-It looks for the source in space, so both objects lie over each other; of its mappings, each kind of data gets
+It looks for the source in space, so both objects are at the same place; of its mappings, each kind of data gets
 the one that errs least.
 """
 

@@ -102,30 +102,30 @@ def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
     x, y, z = vertices.T
     color = np.tile(SKIN, (len(vertices), 1))
 
-    def lay(rgb: tuple[float, float, float], depth: Floats, softness: float) -> None:
-        cover = np.clip(0.5 + depth / softness, 0, 1)[:, None]
-        color[:] = color * (1 - cover) + np.multiply(rgb, cover)
+    def paint(rgb: tuple[float, float, float], depth: Floats, softness: float) -> None:
+        opacity = np.clip(0.5 + depth / softness, 0, 1)[:, None]
+        color[:] = color * (1 - opacity) + np.multiply(rgb, opacity)
 
     def inside(solid: shape.Solid) -> Floats:
         return -solid.distance(vertices)
 
-    lay(BELLY, inside(shape.Ellipsoid((0, -0.2, 0.66), (0.15, 0.16, 0.23))), 0.03)
-    lay(BELLY, inside(shape.Ellipsoid((0, -0.30, 1.11), (0.15, 0.17, 0.085))), 0.03)
+    paint(BELLY, inside(shape.Ellipsoid((0, -0.2, 0.66), (0.15, 0.16, 0.23))), 0.03)
+    paint(BELLY, inside(shape.Ellipsoid((0, -0.30, 1.11), (0.15, 0.17, 0.085))), 0.03)
     striped = np.isin(shape.nearest_part(vertices), ("torso", "tail")) & (y > 0)
     width = 0.028 - 0.15 * np.abs(x)
-    lay(STRIPE, np.where(striped, width - np.abs((y - z + 3) % 0.16 - 0.08), -1), 0.02)
+    paint(STRIPE, np.where(striped, width - np.abs((y - z + 3) % 0.16 - 0.08), -1), 0.02)
     for side, rgb in ((1, LEFT), (-1, RIGHT)):
-        lay(rgb, side * x - 0.50, 0.05)  # mitten
-        lay(rgb, np.minimum(side * x - 0.24, z - 1.45), 0.05)  # ear
-        lay(rgb, np.minimum(side * x, 0.12 - z), 0.05)  # shoe
+        paint(rgb, side * x - 0.50, 0.05)  # mitten
+        paint(rgb, np.minimum(side * x - 0.24, z - 1.45), 0.05)  # ear
+        paint(rgb, np.minimum(side * x, 0.12 - z), 0.05)  # shoe
     for solid in (shape.EYE_LEFT, shape.EYE_LEFT.mirrored()):
         middle = np.array(solid.centre)
         inwards = -np.sign(middle[0])
-        lay(EYE, 0.007 + inside(solid), 0.012)
-        lay(PUPIL, 0.055 - np.linalg.norm(vertices - middle - (0.015 * inwards, -0.06, -0.005), axis=1), 0.015)
-        lay(EYE, 0.018 - np.linalg.norm(vertices - middle - (0.01, -0.06, 0.025), axis=1), 0.012)
+        paint(EYE, 0.007 + inside(solid), 0.012)
+        paint(PUPIL, 0.055 - np.linalg.norm(vertices - middle - (0.015 * inwards, -0.06, -0.005), axis=1), 0.015)
+        paint(EYE, 0.018 - np.linalg.norm(vertices - middle - (0.01, -0.06, 0.025), axis=1), 0.012)
     for solid in (shape.NOSTRIL_LEFT, shape.NOSTRIL_LEFT.mirrored()):
-        lay(STRIPE, inside(solid), 0.015)
+        paint(STRIPE, inside(solid), 0.015)
 
     layer = mesh.color_attributes.new(PAINT, "FLOAT_COLOR", "POINT")
     layer.data.foreach_set("color", np.column_stack([color, np.ones(len(color))]).ravel())
@@ -135,16 +135,16 @@ def _paint(mesh: bpy.types.Mesh, vertices: Floats) -> None:
 
 
 def _unwrap(character: bpy.types.Object, vertices: Floats, faces: Integers) -> None:
-    """Cut the body open along its seams and lay it flat."""
+    """Mark seams and unwrap the body."""
     mesh = character.data
     edges, face_edges = np.empty(2 * len(mesh.edges), dtype=np.int32), np.empty(faces.size, dtype=np.int32)
     mesh.edges.foreach_get("vertices", edges)
     mesh.loops.foreach_get("edge_index", face_edges)
     mesh.edges.foreach_set("use_seam", seam_edges(vertices, faces, edges.reshape(-1, 2), face_edges.reshape(-1, 4)))
-    lay_flat(character)
+    unwrap_islands(character)
 
 
-def lay_flat(obj: bpy.types.Object) -> None:
+def unwrap_islands(obj: bpy.types.Object) -> None:
     """Give an object an atlas of the islands between its seams."""
     obj.data.uv_layers.new(name=UV_MAP)
     select_only(obj)

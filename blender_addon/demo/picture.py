@@ -187,7 +187,7 @@ def _attribute_material(attribute: str) -> bpy.types.Material:
 
 
 def checker_material() -> bpy.types.Material:
-    """Blender's own colour grid: letters and numbers tell where in the atlas, and whether mirrored."""
+    """Blender's own colour grid: letters and numbers identify places in the atlas and mirrored islands."""
     image = bpy.data.images.new("Color Grid", 1536, 1536)
     image.generated_type = "COLOR_GRID"
     material, shader = _material("UV")

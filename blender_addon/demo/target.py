@@ -42,7 +42,7 @@ POSE: dict[str, tuple[float, float, float]] = {
 }
 
 
-def strike(armature: bpy.types.Object, pose: Mapping[str, tuple[float, float, float]] = POSE) -> None:
+def set_pose(armature: bpy.types.Object, pose: Mapping[str, tuple[float, float, float]] = POSE) -> None:
     """Put the armature into a pose, given as the table above."""
     for name, degrees in pose.items():
         bone = armature.pose.bones[name]
@@ -54,7 +54,7 @@ def strike(armature: bpy.types.Object, pose: Mapping[str, tuple[float, float, fl
     bpy.context.view_layer.update()
 
 
-def relax(armature: bpy.types.Object) -> None:
+def clear_pose(armature: bpy.types.Object) -> None:
     """Put the armature back to rest."""
     for bone in armature.pose.bones:
         bone.rotation_quaternion = (1, 0, 0, 0)
@@ -99,7 +99,7 @@ def bind(target: bpy.types.Object, armature: bpy.types.Object) -> bpy.types.Obje
     rig.data = armature.data.copy()
     rig.name = f"{target.name} Armature"
     bpy.context.scene.collection.objects.link(rig)
-    strike(rig)
+    set_pose(rig)
     select_only(rig)
     bpy.ops.object.mode_set(mode="POSE")
     bpy.ops.pose.armature_apply()

@@ -5,30 +5,9 @@ Whole arrays go through `foreach_get` and `foreach_set`.
 
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
-from .layers import (
-    MATCH_ATTRIBUTES,
-    MOST_UV_MAPS,
-    SCULPTED,
-    SYMMETRY_ATTRIBUTES,
-    ActiveLayers,
-    Layer,
-    Role,
-    count_layers,
-    data_without_a_way,
-    fits,
-    read_active_layers,
-    read_layer,
-    read_layers,
-    write_active_layers,
-    write_layer,
-)
-from .marks import MARKS, SEAMS, read_marks, write_marks
-from .materials import read_materials, write_materials
-from .normals import read_custom_normals, write_custom_normals
-from .object_pair import Fingerprint, ObjectPair
-from .pieces import (
+from .joined import (
+    EvaluatedObject,
     JoinedLayer,
-    Piece,
     read_joined_active_layers,
     read_joined_active_uv_map,
     read_joined_at_rest,
@@ -38,6 +17,27 @@ from .pieces import (
     read_joined_normals,
     read_joined_weights,
 )
+from .layers import (
+    MATCH_ATTRIBUTES,
+    MOST_UV_MAPS,
+    SCULPTED,
+    SYMMETRY_ATTRIBUTES,
+    ActiveLayers,
+    Layer,
+    Role,
+    count_layers,
+    fits,
+    read_active_layers,
+    read_layer,
+    read_layers,
+    untransferable_data,
+    write_active_layers,
+    write_layer,
+)
+from .marks import MARKS, SEAMS, read_marks, write_marks
+from .materials import read_materials, write_materials
+from .normals import read_custom_normals, write_custom_normals
+from .object_pair import Fingerprint, ObjectPair
 from .selection import read_selection, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -95,13 +95,13 @@ __all__ = [
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
+    "EvaluatedObject",
     "Faces",
     "Fingerprint",
     "JoinedLayer",
     "Layer",
     "MeshFacts",
     "ObjectPair",
-    "Piece",
     "Role",
     "ShapeKey",
     "ShapeKeys",
@@ -109,7 +109,6 @@ __all__ = [
     "change_of_vertices",
     "content_hash",
     "count_layers",
-    "data_without_a_way",
     "deforming_bones",
     "directions_in_world",
     "divided_steps",
@@ -157,6 +156,7 @@ __all__ = [
     "surface_point_in_face",
     "surface_point_of_vertex",
     "to_object",
+    "untransferable_data",
     "update_weights",
     "write_active_layers",
     "write_animation",

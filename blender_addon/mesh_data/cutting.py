@@ -23,7 +23,7 @@ def divided_steps(mesh: Mesh, cut: SeamCut) -> Generator[float, None, BMesh]:
     New vertices come after those that the mesh has, in the order of the cut, and so do further parts of faces.
 
     Args:
-        mesh: read at the first step; it may be gone at the others.
+        mesh: read at the first step; it may be freed before the others.
         cut: where to divide it.
 
     Yields:

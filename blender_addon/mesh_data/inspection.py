@@ -24,14 +24,14 @@ class MeshFacts:
 
     Attributes:
         content: changes when a vertex moves or faces connect others, see `content_hash`.
-        parts: how many loose parts its faces make; vertices in one place count as one.
-        crowded_edges: how many edges belong to more than two faces.
+        parts: number of loose parts of its faces; vertices at equal positions count as one.
+        non_manifold_edges: number of edges of more than two faces.
         marks: labels of the marks that it has, see `read_marks`.
     """
 
     content: str
     parts: int
-    crowded_edges: int
+    non_manifold_edges: int
     marks: tuple[str, ...]
 
 
@@ -47,12 +47,12 @@ def facts_steps(mesh: Mesh) -> Generator[float, None, MeshFacts]:
     edge_of_corner = read_array(mesh.loops, "edge_index", np.int32)
     marks = tuple(attribute.name for attribute in read_marks(mesh))
 
-    def looked_at() -> MeshFacts:
+    def inspected() -> MeshFacts:
         faces_at_edge = np.bincount(edge_of_corner, minlength=len(edges))
         parts = _count_parts(positions, edges[faces_at_edge > 0])
         return MeshFacts(_content(positions, faces), parts, int((faces_at_edge > 2).sum()), marks)
 
-    return (yield from in_background(looked_at))
+    return (yield from in_background(inspected))
 
 
 def _content(positions: np.ndarray, faces: Faces) -> str:
@@ -60,7 +60,7 @@ def _content(positions: np.ndarray, faces: Faces) -> str:
 
 
 def _count_parts(positions: np.ndarray, edges: Integers) -> int:
-    """How many parts edges (e, 2) make; only where they are several, it is looked for vertices in one place."""
+    """Number of parts that edges (e, 2) form; only if there are several are vertices at equal positions merged."""
     count = _count_components(len(positions), edges)
     if count < 2:
         return count

@@ -1,4 +1,4 @@
-"""Attributes of meshes: UV maps, colours and whatever else is kept by name."""
+"""Attributes of meshes: UV maps, colours and other named layers."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .normals import CUSTOM_NORMAL
 
 # Blender refuses more UV maps in its panels, and draws no more than these.
 MOST_UV_MAPS = 8
-# What a match that is kept on a mesh consists of: for each vertex a triangle of the source, a point in it, and trust.
+# The attributes of a stored match: for each vertex a triangle of the source, barycentric coordinates, and confidence.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
-# How the attributes begin in which a mesh's own symmetry is kept.
+# Prefix of the names of the attributes that store a mesh's own symmetry.
 SYMMETRY_ATTRIBUTES = ".zoomout_symmetry_"
 # Attributes that are read and written elsewhere: faces' materials, marks of edges and vertices, and custom normals.
 READ_ELSEWHERE = MARK_ATTRIBUTES | {"material_index", CUSTOM_NORMAL}
@@ -132,7 +132,7 @@ def read_layers(mesh: Mesh, turning: Collection[str] = ()) -> tuple[list[Layer],
 
 
 def count_layers(mesh: Mesh) -> dict[Role, int]:
-    """How many attributes of each role `read_layers` would read; their values are not looked at."""
+    """How many attributes of each role `read_layers` would read; their values are not read."""
     return Counter(role for _, role, reason in _listed(mesh) if reason is None)
 
 
@@ -147,7 +147,7 @@ def _listed(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
             yield name, role, _obstacle(attribute, role)
 
 
-def data_without_a_way(obj: Object, mesh: Mesh) -> dict[str, str]:
+def untransferable_data(obj: Object, mesh: Mesh) -> dict[str, str]:
     """What else an object carries, besides attributes, that cannot be transferred, each with the reason.
 
     Args:
@@ -217,7 +217,7 @@ def _read_values(attribute: bpy.types.Attribute) -> np.ndarray:
 
 
 def _transposed(matrices: np.ndarray) -> np.ndarray:
-    """Matrices (count, 16), column by column, row by row; or the other way round."""
+    """Matrices (count, 16), column by column, row by row, or the reverse."""
     return matrices.reshape(-1, 4, 4).transpose(0, 2, 1).reshape(-1, 16)
 
 

@@ -13,7 +13,7 @@ from .arrays import read_array
 
 
 class MarkRow(NamedTuple):
-    """How Blender keeps one kind of mark.
+    """How Blender stores one kind of mark.
 
     Attributes:
         attribute: the attribute's name since Blender 5.0.

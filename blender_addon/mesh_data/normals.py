@@ -10,7 +10,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 from .arrays import read_array
 
 CUSTOM_NORMAL = "custom_normal"
-# Since Blender 4.5 normals may also be kept as they are; these are what the others are stored as.
+# The type of encoded custom normals; since Blender 4.5 they may also be stored as plain vectors.
 ENCODED = "INT16_2D"
 
 
@@ -20,9 +20,9 @@ def read_custom_normals(obj: Object, mesh: Mesh) -> Attribute | None:
 
 
 def read_normals(obj: Object, mesh: Mesh) -> Attribute:
-    """The normals of a mesh's corners in world space, as they are seen."""
+    """The normals of a mesh's corners in world space, as displayed."""
     normals = read_array(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)
-    # Normals stand on tangents, so they go the other way; they keep pointing out of what is mirrored.
+    # Normals transform by the inverse transpose; they point outwards on mirrored objects as well.
     normals = normals @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return Attribute(CUSTOM_NORMAL, Domain.CORNER, Kind.NORMAL, normals)

@@ -1,4 +1,4 @@
-"""The surfaces of two objects of a match, and the fingerprints that tell whether one was edited since.
+"""The surfaces of two objects of a match, and the fingerprints by which later edits are noticed.
 
 A target that is a part of a character may receive from several objects: then these are the source, joined in order.
 """
@@ -13,14 +13,14 @@ import zoomout_core as zo
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What tells whether an object was edited, without its surface; it is the same in every pose.
+    """Identifies the state of an object, so that edits are noticed; it does not depend on the pose.
 
     Attributes:
         name: of the object.
         digest: hash of its content, whether it is mirrored, and the faces of its surface.
         content: of its own mesh, see `mesh_data.content_hash`.
         mirrored: whether its matrix mirrors it.
-        size: how many vertices and faces its surface has.
+        size: number of vertices and of faces of its surface.
     """
 
     name: str
@@ -35,8 +35,8 @@ class ObjectPair:
     """The surfaces of two objects, or of several sources and a target.
 
     Attributes:
-        sources: as their modifiers leave them; they have the data. The first one gives most.
-        target: its own mesh, where modifiers move it; it receives them.
+        sources: evaluated; they have the data. The first one gives the largest share.
+        target: its own mesh at the evaluated positions; it receives the data.
         source_fingerprints: those of the sources, when they were read.
         target_fingerprint: that of the target.
     """

@@ -1,6 +1,6 @@
 """Which vertices, edges and faces are selected in Edit Mode.
 
-They are written as the attributes that Blender keeps them in. Blender 5.0 gives meshes made by `from_pydata` an
+They are written as the attributes that Blender stores them in. Blender 5.0 gives meshes made by `from_pydata` an
 attribute of another type under the name of selected edges, and `foreach_set` on edges then writes past its end.
 """
 

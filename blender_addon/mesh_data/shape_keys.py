@@ -19,7 +19,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
-from .surfaces import KEEPING_VERTICES, Faces, read_faces, read_positions
+from .surfaces import VERTEX_PRESERVING, Faces, read_faces, read_positions
 
 # Properties of a key besides its place and the key that it is relative to; the range comes before the value in it.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
@@ -96,7 +96,7 @@ def read_shape_keys(obj: Object, faces: Faces) -> ShapeKeys | None:
     if faces == read_faces(obj.data):
         return read_own_shape_keys(obj.data)
     keys = _keys(obj.data.shape_keys)
-    with _growing_copy(obj) as copy:
+    with _undeformed_copy(obj) as copy:
         found = _evaluated_offsets(copy, keys, faces)
     return None if found is None else _shape_keys(keys, *found)
 
@@ -257,15 +257,15 @@ def _ends(block: bpy.types.ShapeKey, key: Key) -> bool:
 
 
 @contextmanager
-def _growing_copy(obj: Object) -> Iterator[Object]:
-    """A copy of an object for a while, whose modifiers give it its vertices but do not deform it."""
+def _undeformed_copy(obj: Object) -> Iterator[Object]:
+    """A temporary copy of an object without deforming modifiers; those that generate vertices stay."""
     copy = obj.copy()
     copy.data = obj.data.copy()
     try:
         for owner in (copy, copy.data.shape_keys):
             owner.animation_data_clear()
         copy.parent = None  # which may be an armature that deforms it without a modifier
-        for modifier in [modifier for modifier in copy.modifiers if modifier.type in KEEPING_VERTICES]:
+        for modifier in [modifier for modifier in copy.modifiers if modifier.type in VERTEX_PRESERVING]:
             copy.modifiers.remove(modifier)
         copy.show_only_shape_key = False
         for block in copy.data.shape_keys.key_blocks:

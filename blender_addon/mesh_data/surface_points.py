@@ -39,7 +39,7 @@ class SurfacePoint:
     counts: tuple[int, int]
 
     def on(self, mesh: Mesh) -> Vector | None:
-        """Where it is on the mesh that its object shows now, in the object's own space; None if its face is gone."""
+        """Its position on the evaluated mesh, in the object's own space; None if its face no longer exists."""
         if self.counts != _counts(mesh) or not set(self.vertices) <= set(mesh.polygons[self.face].vertices):
             return None
         return sum((w * mesh.vertices[v].co for w, v in zip(self.weights, self.vertices, strict=True)), Vector())
@@ -64,7 +64,7 @@ def surface_point_in_face(mesh: Mesh, face: int, point: Vector) -> SurfacePoint:
 def raycast_surface_point(
     obj: Object, origin: Vector, direction: Vector, depsgraph: Depsgraph
 ) -> tuple[SurfacePoint, float] | None:
-    """Where a ray in world space first meets what an object shows, and how far along it; None if it misses."""
+    """The first hit of a ray in world space on an evaluated object, and its distance; None if it misses."""
     inverse = obj.matrix_world.inverted_safe()
     start = inverse @ origin
     hit, point, _, face = obj.ray_cast(start, inverse.to_3x3() @ direction, depsgraph=depsgraph)
@@ -91,8 +91,8 @@ def surface_point_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> S
         MeshError: the modifiers leave nothing there, or the object is disabled.
     """
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        keeps = len(mesh.vertices) == len(obj.data.vertices)
-        point = (mesh if keeps else obj.data).vertices[vertex].co.copy()
+        same_vertices = len(mesh.vertices) == len(obj.data.vertices)
+        point = (mesh if same_vertices else obj.data).vertices[vertex].co.copy()
         most = PLACEMENT.off_surface * extent(mesh)
     place = nearest_surface_point(obj, point, most, depsgraph)
     if place is None:

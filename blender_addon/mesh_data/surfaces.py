@@ -15,7 +15,7 @@ from zoomout_core.arrays import Floats, Integers
 from .arrays import read_array
 
 # Modifiers that move vertices or change data, but neither add nor remove vertices.
-KEEPING_VERTICES = frozenset(
+VERTEX_PRESERVING = frozenset(
     {
         "ARMATURE", "CAST", "CLOTH", "COLLISION", "CORRECTIVE_SMOOTH", "CURVE", "DATA_TRANSFER", "DISPLACE",
         "HOOK", "LAPLACIANDEFORM", "LAPLACIANSMOOTH", "LATTICE", "MESH_CACHE", "MESH_DEFORM",
@@ -25,7 +25,7 @@ KEEPING_VERTICES = frozenset(
     }
 )  # fmt: skip
 # Those without which a mesh is but a part of its shape, such as one half: to disable them is no help.
-MAKING_SHAPE = frozenset({"ARRAY", "BOOLEAN", "MIRROR", "SCREW", "SKIN"})
+SHAPE_GENERATING = frozenset({"ARRAY", "BOOLEAN", "MIRROR", "SCREW", "SKIN"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Faces:
     """How the faces of a mesh connect its vertices.
 
     Attributes:
-        vertices: how many there are.
+        vertices: their number.
         start: (f,) the first corner of each face.
         corner_vertex: (c,) the vertex of each corner.
     """
@@ -139,7 +139,7 @@ def read_positions(mesh: Mesh) -> np.ndarray:
 
 
 def read_faces(mesh: Mesh) -> Faces:
-    """What tells whether two meshes have the same faces of as many vertices."""
+    """Number of vertices, and vertices of faces: equal for meshes of the same topology."""
     return Faces(
         len(mesh.vertices),
         read_array(mesh.polygons, "loop_start", np.int32),
@@ -200,7 +200,7 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
 
 
 def _read_corner_vertices(mesh: Mesh) -> Integers:
-    """(c,) the vertex of each corner: from the attribute that they are kept in, which is copied as a whole.
+    """(c,) the vertex of each corner: from the attribute that stores them, which is copied as a whole.
 
     Through `loops` Blender calls a function for each, which takes many times as long.
     """
@@ -223,8 +223,8 @@ def is_mirrored(obj: Object) -> bool:
 
 def change_of_vertices(obj: Object) -> str:
     """Why an object whose modifiers add or remove vertices cannot receive data, and what to do."""
-    suspects = [m for m in obj.modifiers if m.show_viewport and m.type not in KEEPING_VERTICES]
-    making = [m for m in suspects if m.type in MAKING_SHAPE]
+    suspects = [m for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
+    making = [m for m in suspects if m.type in SHAPE_GENERATING]
     names = " and ".join(f"'{m.name}'" for m in making or suspects) or "modifiers"
     if making:
         return f"Apply {names} on '{obj.name}': data is written to the mesh itself, which is another shape without it."

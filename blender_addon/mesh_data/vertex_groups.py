@@ -20,7 +20,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A weight of a vertex in a group, as it is read.
 ENTRY = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])
-# Vertices whose weights are read in a step: some ten milliseconds' work, of dozens where many groups overlap.
+# Vertices whose weights are read in a step: about 10 ms, or some times 10 ms where many groups overlap.
 A_STEP = 2000
 
 
@@ -74,7 +74,7 @@ def write_weights(obj: Object, weights: Attribute) -> None:
     """Write vertex groups in the order of their labels, in place of those of the same names."""
     groups = obj.vertex_groups
     columns = csc_array(weights.values)
-    with _active_kept(obj):
+    with _preserved_active_group(obj):
         for name in weights.labels:
             if name in groups:
                 groups.remove(groups[name])
@@ -92,7 +92,7 @@ def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
     """
     groups = obj.vertex_groups
     old, new = csc_array(before.values), csc_array(after.values)
-    with _active_kept(obj):
+    with _preserved_active_group(obj):
         for column, name in enumerate(after.labels):
             group = groups.get(name) or groups.new(name=name)
             (was_in, had), (is_in, has) = _members(old, column), _members(new, column)
@@ -116,8 +116,8 @@ def _add(group: VertexGroup, vertices: Indices, weight: SingleFloats) -> None:
 
 
 @contextmanager
-def _active_kept(obj: Object) -> Iterator[None]:
-    """Have the active vertex group of an object, which groups that come and go would change, be so again."""
+def _preserved_active_group(obj: Object) -> Iterator[None]:
+    """Restore the active vertex group of an object, which adding and removing groups changes."""
     groups = obj.vertex_groups
     active = groups.active.name if groups.active else None
     yield

@@ -1,11 +1,11 @@
-"""The operator that works in a window: panels show how far it is, and no other begins meanwhile."""
+"""Progress of the running operator: panels show it, and no other operator starts meanwhile."""
 
 from __future__ import annotations
 
 from zoomout_core.runtime.stepping import Progress
 
-# Why no other work can begin meanwhile, in words for a button.
+# Why no other operator can start meanwhile, as a text for a button.
 AT_WORK = "ZoomOut is at work: wait, or press ESC"
 
-# How far the work is, None where there is none.
+# The progress, or None where no operator is running.
 running: Progress | None = None

@@ -17,7 +17,7 @@ from .stepped import SteppedOperator
 
 
 class CandidateOperator(SteppedOperator):
-    """The base of operators that put another candidate in the place of the match that is kept."""
+    """The base of operators that put another candidate in place of the stored match."""
 
     def place(self, listing: CandidateList) -> int:
         """Which candidate of a list to use.

@@ -24,6 +24,6 @@ class ZOOMOUT_OT_cut_seams(SourceName, SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         target = context.active_object
-        kept = stored_match.description(target.data) or {"source": ""}
-        source = choose_source(context, target, self.source, otherwise=kept["source"])
+        stored = stored_match.description(target.data) or {"source": ""}
+        source = choose_source(context, target, self.source, otherwise=stored["source"])
         return (yield from cut_seams_steps(context, source.name, target.name))

@@ -1,4 +1,4 @@
-"""Match the active mesh, and others that are selected, with a source, and keep the results on them."""
+"""Match the active mesh, and others that are selected, with a source, and store the results on them."""
 
 from __future__ import annotations
 

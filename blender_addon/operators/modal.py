@@ -1,4 +1,4 @@
-"""Modal operators that are under way, so that disabling the extension can end them.
+"""Running modal operators, so that disabling the extension can end them.
 
 Blender frees a running operator whose class is unregistered, but does not call its `cancel`: timers, status bar and
 cursor would stay as they are.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 from bpy.types import Context, Operator, Window
 
-_under_way: list[tuple[Operator, Window]] = []
+_running: list[tuple[Operator, Window]] = []
 
 
 def can_begin(window: Window | None) -> bool:
@@ -27,16 +27,16 @@ def can_begin(window: Window | None) -> bool:
 def begin(context: Context, operator: Operator) -> None:
     """Have an operator receive the events of the window, until it ends."""
     context.window_manager.modal_handler_add(operator)
-    _under_way.append((operator, context.window))
+    _running.append((operator, context.window))
 
 
 def end(operator: Operator) -> None:
     """Take note that an operator has ended."""
-    _under_way[:] = [entry for entry in _under_way if entry[0] is not operator]
+    _running[:] = [entry for entry in _running if entry[0] is not operator]
 
 
 def cancel_all() -> None:
     """Cancel all that are under way."""
-    for operator, window in list(_under_way):
+    for operator, window in list(_running):
         with bpy.context.temp_override(window=window):
             operator.cancel(bpy.context)

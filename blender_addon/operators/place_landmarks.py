@@ -57,7 +57,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
-        """Place, drag or end; whatever else is pressed goes on to the view."""
+        """Place, drag or end; other events pass through to the view."""
         if event.type in ("ESC", "RIGHTMOUSE", "RET") and event.value == "PRESS":
             self.cancel(context)
             return {"FINISHED"} if self._placed else {"CANCELLED"}
@@ -87,7 +87,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
             self._dragged = dot.number, dot.obj.name
             return {"RUNNING_MODAL"}
         objects = self._present(context)
-        hit = _seen(context, objects, pointed)
+        hit = _first_hit(context, objects, pointed)
         if hit is None:
             names = " or ".join(f"'{obj.name}'" for obj in objects)
             self.report({"INFO"}, f"Nothing was hit there: click on {names}")
@@ -101,7 +101,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
 
     def _drag(self, context: Context, pointed: Pointed) -> set[str]:
         number, name = self._dragged
-        hit = _seen(context, [obj for obj in self._present(context) if obj.name == name], pointed)
+        hit = _first_hit(context, [obj for obj in self._present(context) if obj.name == name], pointed)
         if hit is not None:
             set_landmark(context.scene, *hit, number)
         return self._show(context)
@@ -154,7 +154,7 @@ def _advice(context: Context, objects: list[Object]) -> str:
 
 
 def _pointed(context: Context, event: Event) -> Pointed | None:
-    """Where the mouse is in a 3D view, or None over anything else, such as a sidebar."""
+    """The place of the mouse in a 3D view, or None elsewhere, as over a sidebar."""
     for area in context.window.screen.areas if context.window else ():
         if area.type == "VIEW_3D" and _inside(area, event):
             found = [region for region in area.regions if region.width > 1 and _inside(region, event)]
@@ -168,8 +168,8 @@ def _inside(box: Area | Region, event: Event) -> bool:
     return 0 <= event.mouse_x - box.x < box.width and 0 <= event.mouse_y - box.y < box.height
 
 
-def _seen(context: Context, objects: list[Object], pointed: Pointed) -> tuple[Object, SurfacePoint] | None:
-    """Which of some objects is seen first at a place in a view, and where on it that is."""
+def _first_hit(context: Context, objects: list[Object], pointed: Pointed) -> tuple[Object, SurfacePoint] | None:
+    """The object that is nearest to the viewer at a place in a view, and the surface point there."""
     view = pointed.area.spaces.active
     origin = region_2d_to_origin_3d(pointed.region, view.region_3d, pointed.place)
     direction = region_2d_to_vector_3d(pointed.region, view.region_3d, pointed.place)

@@ -110,7 +110,7 @@ class SteppedOperator(Operator):
 
 
 def _show_progress(context: Context, progress: Progress | None) -> None:
-    """Tell the status bar and the sidebars how far the work is, now and then, or that there is none."""
+    """Show the progress in status bar and sidebars, at most every `REDRAWN` seconds; None when the work ends."""
     global _drawn
     goes_on = activity.running is not None and progress is not None
     activity.running = progress

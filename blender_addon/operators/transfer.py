@@ -45,8 +45,8 @@ class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions,
 def _one_source(context: Context, named: str) -> dict[str, str]:
     """The source for the names of all targets."""
     target = context.active_object
-    kept = stored_match.description(target.data) or {"source": ""}
-    source = choose_source(context, target, named, otherwise=kept["source"])
+    stored = stored_match.description(target.data) or {"source": ""}
+    source = choose_source(context, target, named, otherwise=stored["source"])
     return dict.fromkeys(target_names(context, source), source.name)
 
 
@@ -56,8 +56,8 @@ def _own_sources(context: Context) -> dict[str, str]:
     Raises:
         MeshError: one was not.
     """
-    kept = {obj.name: stored_match.description(obj.data) for obj in chosen_targets(context)}
-    for name, description in kept.items():
+    stored = {obj.name: stored_match.description(obj.data) for obj in chosen_targets(context)}
+    for name, description in stored.items():
         if description is None:
             raise zo.MeshError(f"'{name}' was not matched yet: match it first.")
-    return {name: description["source"] for name, description in kept.items() if description}
+    return {name: description["source"] for name, description in stored.items() if description}

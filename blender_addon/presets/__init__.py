@@ -1,6 +1,6 @@
-"""Sets of options that an artist keeps by name, as Blender keeps presets: in the user's own folder, for all files.
+"""Named sets of options, stored as Blender stores presets: in the user's folder, for all files.
 
-A few come along, in the folder `zoomout`; their names are those of their files.
+Some are shipped in the folder `zoomout`; their names are those of their files.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ZOOMOUT_PT_transfer_presets(PresetPanel, Panel):
 
 
 class SettingsPreset(AddPresetBase):
-    """The base of operators that keep or remove a preset of some options of the scene's settings."""
+    """The base of operators that add or remove a preset of some options of the scene's settings."""
 
     preset_defines = ("settings = bpy.context.scene.zoomout",)
 
@@ -69,7 +69,7 @@ CLASSES = (
 
 
 def register() -> None:
-    """Let Blender know of those that come along."""
+    """Register the shipped presets with Blender."""
     bpy.utils.register_preset_path(HOME)
 
 

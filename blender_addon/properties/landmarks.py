@@ -1,4 +1,4 @@
-"""Landmarks, kept on the scene: they outlive saving and undo, and renaming of the objects.
+"""Landmarks, stored on the scene: they persist through saving, undo, and renaming of the objects.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.
 """
@@ -29,12 +29,12 @@ class ZOOMOUT_PG_place(PropertyGroup):
     counts: IntVectorProperty(name="Counts", description="Vertices and faces that the mesh had then", size=2)
 
     def take(self, place: SurfacePoint) -> None:
-        """Become a place."""
+        """Take the values of a surface point."""
         for name in SurfacePoint.__annotations__:
             setattr(self, name, getattr(place, name))
 
     def place(self) -> SurfacePoint:
-        """The place that is kept."""
+        """The stored surface point."""
         return SurfacePoint(
             self.face, tuple(self.vertices), tuple(self.weights), tuple(self.position), tuple(self.counts)
         )

@@ -1,4 +1,4 @@
 """How the options of operators behave."""
 
-# An operator's own options hold for one call only; what is left open comes from the scene.
+# An operator's own options hold for one call only; options that are not set come from the scene.
 ONCE = {"SKIP_SAVE"}

@@ -1,4 +1,4 @@
-"""The settings of a scene, which stand in for what is left open when an operator is called.
+"""The settings of a scene, which are the defaults of operators' options.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.
 """
@@ -62,7 +62,7 @@ class ZOOMOUT_PG_settings(
 
 
 def take_settings(operator: Operator, settings: PropertyGroup) -> None:
-    """Give an operator a group of the scene's settings, for all options that its caller left open."""
+    """Set the options of an operator that its caller did not set from a group of the scene's settings."""
     for options in type(settings).__bases__:
         for name in options.__annotations__ if isinstance(operator, options) else ():
             if not operator.properties.is_property_set(name):

@@ -1,6 +1,6 @@
 """Landmarks: numbered places on objects, of which those of the same number correspond.
 
-They are kept on the scene, each with a place on every object that it was set on: one source may have many targets.
+They are stored on the scene, each with a place on every object that it was set on: one source may have many targets.
 """
 
 from __future__ import annotations
@@ -96,8 +96,8 @@ def surface_points_on(scene: Scene, obj: Object) -> dict[int, SurfacePoint]:
     """The surface points of all landmarks on an object, by their numbers."""
     settings = getattr(scene, "zoomout", None)  # none where the functions are used without the extension
     landmarks = settings.landmarks if settings else ()
-    found = ((landmark.number, _kept_place(landmark, obj)) for landmark in landmarks)
-    return {number: kept.place() for number, kept in found if kept is not None}
+    found = ((landmark.number, _stored_place(landmark, obj)) for landmark in landmarks)
+    return {number: stored.place() for number, stored in found if stored is not None}
 
 
 def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Depsgraph) -> dict[int, Floats | None]:
@@ -126,9 +126,9 @@ def set_landmark(scene: Scene, obj: Object, place: SurfacePoint, number: int, na
     landmark = _landmark(scene, number)
     if name:
         landmark.name = name
-    kept = _kept_place(landmark, obj) or landmark.places.add()
-    kept.object = obj
-    kept.take(place)
+    stored = _stored_place(landmark, obj) or landmark.places.add()
+    stored.object = obj
+    stored.take(place)
 
 
 def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
@@ -146,7 +146,7 @@ def remove_landmark(scene: Scene, number: int, objects: Sequence[Object]) -> Non
     landmarks = scene.zoomout.landmarks
     for index in [i for i, landmark in enumerate(landmarks) if landmark.number == number]:
         places = landmarks[index].places
-        for other in reversed([i for i, kept in enumerate(places) if kept.object in objects]):
+        for other in reversed([i for i, stored in enumerate(places) if stored.object in objects]):
             places.remove(other)
     forget_removed_objects(scene)
 
@@ -155,7 +155,7 @@ def forget_removed_objects(scene: Scene) -> None:
     """Drop places on objects that are no longer in the scene, and landmarks that have no place."""
     landmarks = scene.zoomout.landmarks
     for landmark in landmarks:
-        for i in reversed([i for i, kept in enumerate(landmark.places) if not _in_scene(scene, kept)]):
+        for i in reversed([i for i, stored in enumerate(landmark.places) if not _in_scene(scene, stored)]):
             landmark.places.remove(i)
     for index in reversed([i for i, landmark in enumerate(landmarks) if not landmark.places]):
         landmarks.remove(index)
@@ -174,9 +174,9 @@ def _landmark(scene: Scene, number: int) -> ZOOMOUT_PG_landmark:
     return landmarks[index]
 
 
-def _kept_place(landmark: ZOOMOUT_PG_landmark, obj: Object) -> ZOOMOUT_PG_place | None:
-    return next((kept for kept in landmark.places if kept.object == obj), None)
+def _stored_place(landmark: ZOOMOUT_PG_landmark, obj: Object) -> ZOOMOUT_PG_place | None:
+    return next((stored for stored in landmark.places if stored.object == obj), None)
 
 
-def _in_scene(scene: Scene, kept: ZOOMOUT_PG_place) -> bool:
-    return kept.object is not None and scene.objects.get(kept.object.name) == kept.object
+def _in_scene(scene: Scene, stored: ZOOMOUT_PG_place) -> bool:
+    return stored.object is not None and scene.objects.get(stored.object.name) == stored.object

@@ -33,7 +33,7 @@ def facts(obj: Object) -> MeshFacts | None:
 
 
 def forget(meshes: Iterable[Mesh]) -> None:
-    """Let go of what was known of meshes that may have been edited."""
+    """Remove cached facts of meshes that may have been edited."""
     for mesh in meshes:
         number = mesh.session_uid
         _known.pop(number, None)
@@ -41,15 +41,15 @@ def forget(meshes: Iterable[Mesh]) -> None:
 
 
 def forget_all() -> None:
-    """Let go of everything, and leave off what is under way."""
+    """Clear the cache, and stop a running inspection."""
     global _work
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
     if _work is not None:
         _work.close()
         _work = None
-    for kept in (_known, _wanted, _edits):
-        kept.clear()
+    for cache in (_known, _wanted, _edits):
+        cache.clear()
 
 
 def inspect_now() -> None:

@@ -1,7 +1,7 @@
 """The two objects of a match: choosing them, reading them, and recognising them when time has passed.
 
-A target that is a piece of a character may lie on several objects of another one: then these are the source, one after
-another, as if they were joined.
+A target that is a part of a character may map to several objects of another one: then these, joined in order, are the
+source.
 
 An object of another name, or a mesh with other attributes, is still the same surface. What a match depends on
 is how elements are numbered and what was modelled, so that is what a fingerprint is taken of: topology and
@@ -92,7 +92,7 @@ def read_pair_steps(
 ) -> Steps[ObjectPair]:
     """`read_pair` as a generator, which holds no Blender data while it is suspended.
 
-    What tells an edit is read before the first yield, so that all edits from then on are noticed. There may be others
+    Fingerprints are read before the first yield, so that all edits from then on are noticed. There may be others
     that the target receives from besides the source.
     """
     names = source_name, *others
@@ -131,32 +131,32 @@ def check_same(before: Fingerprint, now: Fingerprint) -> None:
 
 
 def edited(name: str) -> zo.MeshError:
-    """What is said when an object of a name was edited meanwhile."""
+    """The error for an object that was edited during the work."""
     return zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
 
 
 @contextmanager
 def source_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Mesh]]:
-    """The first of the evaluated sources and its mesh, see `source_pieces`."""
-    with source_pieces(context, pair) as (first, *_):
+    """The first of the evaluated sources and its mesh, see `evaluated_sources`."""
+    with evaluated_sources(context, pair) as (first, *_):
         yield first.evaluated, first.mesh
 
 
 @contextmanager
-def source_pieces(context: Context, pair: ObjectPair) -> Iterator[list[mesh_data.Piece]]:
+def evaluated_sources(context: Context, pair: ObjectPair) -> Iterator[list[mesh_data.EvaluatedObject]]:
     """The sources of a pair, as they are and as the modifiers leave them, for what they carry.
 
     Raises:
         MeshError: one was removed, or its mesh has other elements since the pair was read.
     """
     with ExitStack() as stack:
-        pieces = []
+        found = []
         for name, surface in zip(pair.source_names, pair.sources, strict=True):
             source = find_mesh(context, name)
             seen = stack.enter_context(mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()))
-            pieces.append(mesh_data.Piece(source, *seen))
-            check_elements(name, surface, pieces[-1].mesh)
-        yield pieces
+            found.append(mesh_data.EvaluatedObject(source, *seen))
+            check_elements(name, surface, found[-1].mesh)
+        yield found
 
 
 @contextmanager
@@ -179,7 +179,7 @@ def check_elements(name: str, surface: zo.Surface, mesh: Mesh) -> None:
 
 
 def users_of_mesh(context: Context, target: Object) -> int:
-    """How many objects of the file show the target's mesh."""
+    """Number of objects of the file that use the target's mesh."""
     return sum(obj.data == target.data for obj in context.blend_data.objects)
 
 

@@ -61,8 +61,8 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
         MeshError: there is no telling which is the source, or it is none.
     """
     active = context.active_object
-    kept = stored_match.description(active.data) if active and active.type == "MESH" else None
-    name = source_name(context, active, otherwise=kept["source"] if kept else "")
+    stored = stored_match.description(active.data) if active and active.type == "MESH" else None
+    name = source_name(context, active, otherwise=stored["source"] if stored else "")
     source = context.scene.objects.get(name)
     if source is None or source.type != "MESH":
         raise zo.MeshError(f"There is no mesh '{name}' in the scene: choose another source.")

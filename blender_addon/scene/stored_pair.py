@@ -14,31 +14,31 @@ from .selection import choose_source
 
 
 def stored_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
-    """`read_pair_steps` with the others that the target lies on by the match with the source that is kept on it.
+    """`read_pair_steps` with the others that the target lies on by the match with the source stored on it.
 
     Raises:
         MeshError: one of them cannot be used, or the target cannot be written to.
     """
-    kept = description(find_mesh(context, target_name).data)
-    names = [other["name"] for other in others(kept)] if kept else []
-    if kept and names and kept["source"] != source_name:
-        renamed = fingerprint_source(context, source_name).digest == kept["source_fingerprint"]
+    stored = description(find_mesh(context, target_name).data)
+    names = [other["name"] for other in others(stored)] if stored else []
+    if stored and names and stored["source"] != source_name:
+        renamed = fingerprint_source(context, source_name).digest == stored["source_fingerprint"]
         names = names if renamed else []
     return (yield from read_pair_steps(context, source_name, target_name, names))
 
 
 def read_stored_match_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:
-    """The match that is kept on a target, and its two objects as they are now.
+    """The match stored on a target, and its two objects as they are now.
 
     Raises:
         MeshError: there is none, or one of them was edited since.
     """
     target = find_mesh(context, target_name)
-    kept = description(target.data)
-    if kept is None:
+    stored = description(target.data)
+    if stored is None:
         raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
-    renamed = kept["source"] not in context.scene.objects
-    source_name = choose_source(context, target).name if renamed else kept["source"]
+    renamed = stored["source"] not in context.scene.objects
+    source_name = choose_source(context, target).name if renamed else stored["source"]
     pair = yield from stored_pair_steps(context, source_name, target_name)
     match = read(find_mesh(context, target_name).data, pair)
     if match is None:

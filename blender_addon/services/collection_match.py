@@ -1,7 +1,7 @@
 """Characters of several objects: body, eyes, teeth, clothes, each with its counterpart in another collection.
 
-All objects of a collection are matched as one surface, of which the core pairs the parts; then each target keeps the
-match with the source that it lies on, as if the two had been matched alone, or with several that it lies on.
+All objects of a collection are matched as one surface, of which the core pairs the parts; then each target
+stores the match with the source that it maps to, as if the two had been matched alone, or with several sources.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ NEAR = 0.02
 # Weight of a vertex with a confidence of 0.
 LEAST_CONFIDENCE = 1e-6
 
-# Numbers of sources and targets that are called alike.
+# Numbers of sources and targets with matching names.
 Pairs: TypeAlias = Sequence[tuple[int, int]]
 
 
@@ -87,7 +87,7 @@ class Parts:
 def match_collections(
     context: Context, source: Collection, target: Collection, **options: Any
 ) -> dict[str, tuple[str, StoredMatch]]:
-    """Match the meshes of two collections, and keep on each of the target's the match with its counterpart.
+    """Match the meshes of two collections, and store on each of the target's the match with its counterpart.
 
     Args:
         context: Blender's; the objects are in its scene.
@@ -115,15 +115,17 @@ def match_collections_steps(
 def prepare_collections_steps(
     context: Context, source: str, target: str, detail: str = "balanced", **options: Any
 ) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
-    """The same without the end: it returns what keeps the matches."""
+    """`match_collections_steps` without the writing: returns a function that stores the matches."""
     sources = yield from _read_steps(context, source, fingerprint_source, mesh_data.read_source_surface)
     targets = yield from _read_steps(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
-    alike = paired_by_name(sources.names, targets.names)
-    arguments = DETAIL[detail] | {"regions": _regions(sources, targets, alike)} | options
+    namesakes = paired_by_name(sources.names, targets.names)
+    arguments = DETAIL[detail] | {"regions": _regions(sources, targets, namesakes)} | options
     result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
-    pairing = for_each(lambda i: _match_of_own(result, sources, targets, i, alike), range(len(targets.fingerprints)))
+    pairing = for_each(
+        lambda i: _match_of_target(result, sources, targets, i, namesakes), range(len(targets.fingerprints))
+    )
     matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
@@ -156,7 +158,7 @@ def _read_steps(
     names = [obj.name for obj in reversed(objects.values())]
     if not names:
         raise zo.MeshError(f"There is no mesh in the collection '{collection}': choose another one.")
-    del found, objects  # Blender data, which may be gone after a yield
+    del found, objects  # Blender data, which may be freed after a yield
     fingerprints, surfaces = [], []
     for name in names:
         fingerprints.append(fingerprint(context, name))
@@ -166,21 +168,21 @@ def _read_steps(
     return Parts.of(fingerprints, surfaces)
 
 
-def _regions(sources: Parts, targets: Parts, alike: Pairs) -> list[tuple[Integers, Integers]]:
-    """Vertices of the joined surfaces for each two objects that are called alike."""
+def _regions(sources: Parts, targets: Parts, namesakes: Pairs) -> list[tuple[Integers, Integers]]:
+    """Vertices of the joined surfaces for each two objects with matching names."""
     return [
-        (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2])) for j, i in alike
+        (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2])) for j, i in namesakes
     ]
 
 
 @dataclass(frozen=True, eq=False)
-class _Own:
-    """Where the vertices of one of the targets lie.
+class _TargetMap:
+    """The map of one of the targets to the joined source.
 
     Attributes:
         surface_map: on the joined source.
         confidence: (n,) of each.
-        owner: (n,) the number of the source that each lies on.
+        owner: (n,) the number of the source that each maps to.
         part: (n,) the loose part that each belongs to, -1 for none.
         weight: (n,) its part of the area.
     """
@@ -191,45 +193,48 @@ class _Own:
     part: Integers
     weight: Floats
 
-    def givers(self, sources: int) -> list[int]:
-        """Numbers of the sources that the target is to receive from, the one that most of it lies on first."""
+    def contributors(self, sources: int) -> list[int]:
+        """Numbers of the sources that the target receives from, by decreasing share of its area."""
         share = np.bincount(self.owner, self.weight * (self.confidence + LEAST_CONFIDENCE), minlength=sources)
         share /= share.sum()
         largest = int(np.argmax(share))
-        wanted = {largest, *self._holders(sources)}
+        wanted = {largest, *self._sources_of_loose_parts(sources)}
         if share[largest] < NEARLY_ALL:
             wanted |= set(np.flatnonzero(share >= SMALLEST_SHARE).tolist())
         return sorted(wanted, key=lambda number: -share[number])
 
-    def _holders(self, sources: int) -> list[int]:
-        """Of a number of sources those that most of a loose part surely lies on."""
+    def _sources_of_loose_parts(self, sources: int) -> list[int]:
+        """Numbers of the sources that most of a loose part maps to, with a mean confidence above `LOW_CONFIDENCE`."""
         used = self.part >= 0
         place = self.part[used] * sources + self.owner[used]
         count = (self.part.max() + 1) * sources
-        area, held = (
+        area, confident_area = (
             np.bincount(place, weight[used], minlength=count).reshape(-1, sources)
             for weight in (self.weight, self.weight * self.confidence)
         )
-        sure = held.sum(axis=1) > LOW_CONFIDENCE * area.sum(axis=1)
-        return np.unique(np.argmax(held[sure], axis=1)).tolist()
+        confident = confident_area.sum(axis=1) > LOW_CONFIDENCE * area.sum(axis=1)
+        return np.unique(np.argmax(confident_area[confident], axis=1)).tolist()
 
 
-def _match_of_own(
-    result: zo.MatchResult, sources: Parts, targets: Parts, number: int, alike: Pairs
+def _match_of_target(
+    result: zo.MatchResult, sources: Parts, targets: Parts, number: int, namesakes: Pairs
 ) -> tuple[ObjectPair, StoredMatch]:
     """One of the targets with the sources that it lies on, and the match with these."""
-    own = _on_its_like(_own(result, sources, targets, number), sources, number, alike)
-    givers = own.givers(len(sources.names))
-    surfaces, fingerprints = tuple(sources.surfaces[i] for i in givers), tuple(sources.fingerprints[i] for i in givers)
+    own = _moved_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
+    contributors = own.contributors(len(sources.names))
+    surfaces, fingerprints = (
+        tuple(sources.surfaces[i] for i in contributors),
+        tuple(sources.fingerprints[i] for i in contributors),
+    )
     pair = ObjectPair(surfaces, targets.surfaces[number], fingerprints, targets.fingerprints[number])
-    moved = np.full(len(sources.names), -1)  # to what a source's triangles are shifted
-    moved[givers] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
+    moved = np.full(len(sources.names), -1)  # offset of each source's triangles in the pair, -1 for others
+    moved[contributors] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
     triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + moved[own.owner]
     barycentric, confidence = own.surface_map.barycentric.copy(), own.confidence.copy()
     elsewhere = np.flatnonzero(moved[own.owner] < 0)
     names = ", ".join(f"'{name}'" for name in pair.source_names)
     notes = list(result.notes)
-    if len(givers) > 1:
+    if len(contributors) > 1:
         notes.append(f"'{pair.target_name}' lies on several objects, and receives from all of them: {names}.")
     if len(elsewhere):
         images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
@@ -244,11 +249,11 @@ def _match_of_own(
     return pair, StoredMatch(surface_map, confidence, tuple(notes), others=pair.source_names[1:])
 
 
-def _own(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> _Own:
-    """Where the vertices of one of the targets lie."""
+def _target_map(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> _TargetMap:
+    """The map of one of the targets to the joined source."""
     own = slice(*targets.first_vertex[number : number + 2])
     whole, surface = result.surface_map, targets.surfaces[number]
-    return _Own(
+    return _TargetMap(
         zo.SurfaceMap(whole.triangle[own], whole.barycentric[own], whole.source_triangles),
         result.confidence[own],
         np.searchsorted(sources.first_triangle, whole.triangle[own], side="right") - 1,
@@ -257,22 +262,22 @@ def _own(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) ->
     )
 
 
-def _on_its_like(own: _Own, sources: Parts, number: int, alike: Pairs) -> _Own:
-    """The same, moved onto the source that is called like the target where that is near.
+def _moved_to_namesake(own: _TargetMap, sources: Parts, number: int, namesakes: Pairs) -> _TargetMap:
+    """The same, projected onto the source whose name matches the target's where that is within `NEAR`.
 
-    Only what lies on the like of another target is moved, as boots that have come to lie on trousers.
+    Only vertices that map to the counterpart of another target are moved, as those of boots that map to trousers.
     """
-    like = next((j for j, i in alike if i == number), None)
-    astray = np.flatnonzero(np.isin(own.owner, [j for j, i in alike if i != number]))
-    if like is None or not len(astray):
+    namesake = next((j for j, i in namesakes if i == number), None)
+    misplaced = np.flatnonzero(np.isin(own.owner, [j for j, i in namesakes if i != number]))
+    if namesake is None or not len(misplaced):
         return own
-    surface, mapped = sources.surfaces[like], own.surface_map
-    images = mapped.interpolate(sources.joined.vertices)[astray]
+    surface, mapped = sources.surfaces[namesake], own.surface_map
+    images = mapped.interpolate(sources.joined.vertices)[misplaced]
     found, weights = closest_points(images, surface.vertices, surface.triangles)
     apart = zo.SurfaceMap(found, weights, surface.triangles).interpolate(surface.vertices) - images
     near = np.linalg.norm(apart, axis=1) < NEAR * np.sqrt(sources.joined.area)
     triangle, barycentric, owner = mapped.triangle.copy(), mapped.barycentric.copy(), own.owner.copy()
-    moved = astray[near]
-    triangle[moved], barycentric[moved] = found[near] + sources.first_triangle[like], weights[near]
-    owner[moved] = like
+    moved = misplaced[near]
+    triangle[moved], barycentric[moved] = found[near] + sources.first_triangle[namesake], weights[near]
+    owner[moved] = namesake
     return replace(own, surface_map=zo.SurfaceMap(triangle, barycentric, mapped.source_triangles), owner=owner)

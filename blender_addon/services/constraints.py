@@ -1,4 +1,4 @@
-"""What two objects tell of their match beside their shapes: landmarks, shared names, the up axis, the last match.
+"""Constraints on a match beside the shapes: landmarks, shared names, the up axis, the last match.
 
 Everything here is a soft constraint, which `zoomout_core` weighs: where it contradicts the shapes, these may win.
 """
@@ -69,7 +69,7 @@ def matching_steps(
         names: whether vertex groups, and materials, of the same name lie at corresponding places. Those
             that the target has from an earlier transfer are not used: they would prove the match that it followed.
         same_up: whether both objects stand upright in the world.
-        from_last: whether the match that is kept on the target is a good one to start from.
+        from_last: whether the match stored on the target is a good one to start from.
         use_landmarks: whether an automatic start weighs the landmarks that both objects have.
         exact_landmarks: whether the match is to hit these, or those of the options.
         map_file: a map that `zoomout match` wrote.
@@ -116,7 +116,7 @@ def matching_steps(
     return replace(result, notes=(*notes, *result.notes))
 
 
-def settings_to_keep(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:
+def settings_to_store(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:
     """What `matching_steps` is called with, and which landmarks it then finds, so that a change of them is noticed."""
     weighed = options.get("use_landmarks", True) and "landmarks" not in options
     if not weighed or options.get("initial", "auto") not in OF_LANDMARKS:
@@ -223,15 +223,15 @@ def _smaller_share(region: tuple[np.ndarray, np.ndarray], pair: ObjectPair) -> f
 
 
 def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
-    """The map of the match that is kept on the target's mesh, if it is one of this pair as it is now."""
+    """The map of the match stored on the target's mesh, if it is one of this pair as it is now."""
     try:
-        kept = stored_match.read(mesh, pair)
+        stored = stored_match.read(mesh, pair)
     except zo.MeshError:  # one of them was edited since
         return None
-    return None if kept is None else kept.surface_map
+    return None if stored is None else stored.surface_map
 
 
 def _counted(regions: Collection[tuple[str, str]]) -> str:
-    """How many there are of each sort, in words."""
+    """The number of each sort, as a text."""
     numbers = {noun: sum(what == noun for what, _ in regions) for noun in (GROUP, MATERIAL)}
     return " and ".join(f"{n} {noun}{'s' if n > 1 else ''}" for noun, n in numbers.items() if n)

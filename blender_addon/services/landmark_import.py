@@ -72,7 +72,7 @@ def points_of_groups(context: Context, obj: Object, objects: list[Object]) -> di
 
 
 def points_of_empties(context: Context, obj: Object, objects: list[Object]) -> dict[str, SurfacePoint]:
-    """Where on an object the empties are that are its children, or that lie near its surface and nobody else's child.
+    """Surface points of empties that are the object's children, or near its surface and no other object's child.
 
     They are named without the number that Blender appends.
     """

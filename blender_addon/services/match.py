@@ -13,12 +13,12 @@ from ..storage import stored_match
 from ..viewport import preview
 from . import previews
 from .candidates import store_match
-from .constraints import matching_steps, settings_to_keep
+from .constraints import matching_steps, settings_to_store
 from .targets import Write
 
 
 def match_objects(context: Context, source: Object, target: Object, **options: Any) -> stored_match.Match:
-    """Match two mesh objects, and keep the result on the target's mesh.
+    """Match two mesh objects, and store the result on the target's mesh.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -42,9 +42,9 @@ def match_steps(context: Context, source_name: str, target_name: str, **options:
 def prepare_match_steps(
     context: Context, source_name: str, target_name: str, **options: Any
 ) -> Steps[Write[stored_match.Match]]:
-    """The same without the end: it returns what keeps the match on the target."""
+    """`match_steps` without the writing: returns a function that stores the match on the target."""
     pair = yield from read_pair_steps(context, source_name, target_name)
-    settings = settings_to_keep(context, pair, options)
+    settings = settings_to_store(context, pair, options)
     result = yield from matching_steps(context, pair, **options)
     following = yield from previews.following_steps(context, pair, result)
 

@@ -1,7 +1,7 @@
-"""Objects of two characters that are called alike: `King_Body` and `Casual_Body`, `visor` and `visor.001`.
+"""Objects of two characters whose names match: `King_Body` and `Casual_Body`, `visor` and `visor.001`.
 
-Names are told by the words that they have in common, of which rare ones count for more. The character's own name, which
-most of its objects share, is no such word. Only what is clear is told: a wrong pair does more harm than none.
+Names are compared by their common words, weighted by rarity. The character's own name, which most of its objects share,
+is ignored. Only clear matches are returned: a wrong pair does more harm than none.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from zoomout_core.arrays import Floats
 
 # What Blender appends to a name that is taken.
 COPY = re.compile(r"\.\d{3,}$")
-# Where a word begins in the midst of letters: armUpper, LEye.
+# Where a word begins within letters: armUpper, LEye.
 NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 WORD = re.compile(r"[^\W\d_]+|\d+")
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
@@ -25,7 +25,7 @@ SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 OWN_NAME = 0.75
 # Smallest similarity, the weighted part of words in common, at which names match; and the largest similarity of any
 # other name, as a part of that.
-ALIKE, RIVAL = 0.6, 0.75
+LEAST_SIMILARITY, MOST_RUNNER_UP = 0.6, 0.75
 
 
 class Words(NamedTuple):
@@ -113,5 +113,5 @@ def _clear_winners(similarity: Floats) -> list[int]:
         i = int(np.argmax(similarity[:, j]))
         best = similarity[i, j]
         others = max(np.delete(similarity[:, j], i).max(initial=0), np.delete(similarity[i], j).max(initial=0))
-        winners.append(i if best >= ALIKE and others <= RIVAL * best else -1)
+        winners.append(i if best >= LEAST_SIMILARITY and others <= MOST_RUNNER_UP * best else -1)
     return winners

@@ -1,4 +1,4 @@
-"""What stands in the way of a match or a transfer, and what makes one doubtful, found fast.
+"""Obstacles to a match or a transfer, and reasons to doubt one, by fast checks.
 
 All functions may be called each time the sidebar is drawn: they compare counts and flags; what takes longer is cached
 by `mesh_facts`.
@@ -78,32 +78,36 @@ def findings(context: Context, otherwise: str = "") -> list[Finding]:
     except zo.MeshError as error:
         return [Finding(str(error), True)]
     blocking = [Finding(text, True) for text in _blocking(context, source, target)]
-    doubtful = [*_left_out(context, source, target), *_pieces(context, source), *_doubtful(context, source, target)]
+    doubtful = [
+        *_left_out(context, source, target),
+        *_parts_of_characters(context, source),
+        *_doubtful(context, source, target),
+    ]
     return blocking or [Finding(text, False) for text in doubtful]
 
 
-def seen_mesh(context: Context, obj: Object) -> Mesh | None:
+def evaluated_data(context: Context, obj: Object) -> Mesh | None:
     """An object's mesh as its modifiers leave it, or None where it is disabled; it is up to date before drawing."""
     evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
     return evaluated.data if evaluated.is_evaluated else None
 
 
 def stale(context: Context, target: Object) -> str:
-    """Why the match that is kept on a target holds no longer, as far as can be told in passing; or nothing.
+    """Why the match stored on a target is no longer valid, as far as fast checks show; or "".
 
     Operators compare fingerprints, which is exact but slower.
     """
-    kept = stored_match.description(target.data)
-    if kept is None:
+    stored = stored_match.description(target.data)
+    if stored is None:
         return ""
     recorded = {
-        role: {what: kept[what][role] for what in ("size", "mirrored", "content")} for role in ("source", "target")
+        role: {what: stored[what][role] for what in ("size", "mirrored", "content")} for role in ("source", "target")
     }
-    for then in ({"name": kept["source"], **recorded["source"]}, *stored_match.others(kept)):
+    for then in ({"name": stored["source"], **recorded["source"]}, *stored_match.others(stored)):
         source = context.scene.objects.get(then["name"])
         if source is None or source.type != "MESH":
             return f"Its source '{then['name']}' is not in the scene: choose the source, then match again."
-        if _edited(source, seen_mesh(context, source), then):
+        if _edited(source, evaluated_data(context, source), then):
             return f"The source '{source.name}' was edited since: match again."
     if _edited(target, target.data, recorded["target"]):
         return f"The target '{target.name}' was edited since: match again."
@@ -122,13 +126,13 @@ def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
 
 def outdated(context: Context, target: Object) -> list[str]:
     """Sentences about what is other than when a target was matched, though its match still holds."""
-    kept = stored_match.description(target.data)
-    source = likely_source(context, kept["source"]) if kept else None
-    if kept is None or source is None:
+    stored = stored_match.description(target.data)
+    source = likely_source(context, stored["source"]) if stored else None
+    if stored is None or source is None:
         return []
-    if source.name != kept["source"]:
+    if source.name != stored["source"]:
         return [f"The source is now '{source.name}': match again to go by it."]
-    then = kept.get("settings", {}).get(stored_match.LANDMARKS)
+    then = stored.get("settings", {}).get(stored_match.LANDMARKS)
     if then is not None and then != landmarks_fingerprint(context.scene, source, target):
         return ["Landmarks were placed, moved or removed since: match again to go by them."]
     return []
@@ -136,7 +140,7 @@ def outdated(context: Context, target: Object) -> list[str]:
 
 def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]:
     for obj in (source, target):
-        seen = seen_mesh(context, obj)
+        seen = evaluated_data(context, obj)
         if seen is None:
             yield f"'{obj.name}' or its collection is disabled in the viewport: enable it."
         elif not len(seen.polygons):
@@ -152,8 +156,8 @@ def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]
             yield f"{reason} Until then '{other.name}' is left out."
 
 
-def _pieces(context: Context, source: Object) -> Iterator[str]:
-    """Which targets are pieces of one character, though each is matched alone."""
+def _parts_of_characters(context: Context, source: Object) -> Iterator[str]:
+    """Targets that are parts of one character, but are matched individually."""
     if context.scene.zoomout.initial != "AUTO":
         return
     characters = Counter(obj.find_armature() or obj.parent for obj in chosen_targets(context, source))
@@ -177,10 +181,10 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
         count, known = len(obj.data.vertices), facts(obj)
         if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
             yield f"'{obj.name}' has {count} vertices, too few to know it by: subdivide it, or start at Nearest Points."
-        if known is not None and known.crowded_edges:
+        if known is not None and known.non_manifold_edges:
             yield (
-                f"'{obj.name}' has edges with more than two faces ({known.crowded_edges}): Select > All by Trait > Non "
-                "Manifold shows them, to be mended if the match goes wrong there."
+                f"'{obj.name}' has edges with more than two faces ({known.non_manifold_edges}): Select > All by Trait "
+                "> Non Manifold shows them, to be mended if the match goes wrong there."
             )
     parts = {obj.name: known.parts for obj in both if (known := facts(obj))}
     if max(parts.values(), default=1) > 1:
@@ -193,7 +197,7 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
         yield f"{users} objects share the mesh of '{target.name}', and all receive the data, or make it single-user."
 
 
-def is_reshaped(obj: Object, kept: dict[str, Any]) -> bool:
+def is_reshaped(obj: Object, stored: dict[str, Any]) -> bool:
     """Whether, as far as is known, vertices of an object's mesh were moved since."""
     known = facts(obj)
-    return known is not None and known.content != kept.get("content", known.content)
+    return known is not None and known.content != stored.get("content", known.content)

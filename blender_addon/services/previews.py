@@ -25,13 +25,13 @@ from ..mesh_data import (
     read_positions,
 )
 from ..mesh_data.arrays import hash_of
-from ..scene.pair import find_mesh, source_pieces
+from ..scene.pair import evaluated_sources, find_mesh
 from ..scene.stored_pair import read_stored_match_steps
 from ..storage import stored_symmetry
 from ..storage.stored_candidates import CandidateList
 from ..storage.stored_match import Match
 from ..viewport import overlay, preview
-from ..viewport.overlay import Coat
+from ..viewport.overlay import Overlay
 from ..viewport.preview import ASYMMETRY, CONFIDENCE, OF_MATCH, OF_SYMMETRY, PAIRS, PLACES, SIDES, Preview
 
 
@@ -49,23 +49,23 @@ def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
         on_source = place_colors(pair.source.vertices, pair.source.vertices)
         on_target = match.surface_map.interpolate(on_source)
     else:
-        with source_pieces(context, pair) as pieces:
-            uv = read_joined_active_uv_map(pieces)
+        with evaluated_sources(context, pair) as sources:
+            uv = read_joined_active_uv_map(sources)
         carrying = transfer_steps(uv, map_target(match, pair.source, pair.target))
         on_source, on_target = uv.values, (yield from spread(carrying, 0.1, 1, "Laying the checker")).values
     target = find_mesh(context, pair.target_name)
-    coats = [Coat(target.session_uid, on_target, pair.target_fingerprint.content)]
+    overlays = [Overlay(target.session_uid, on_target, pair.target_fingerprint.content)]
     if on_source is not None:
-        coats.extend(_coats_of_sources(context, pair, on_source))
-    kept = hash_of("", match.surface_map.triangle.astype(np.int32))
-    return Preview(kind, target.session_uid, OF_MATCH[kind].legend, tuple(coats), kept)
+        overlays.extend(_overlays_of_sources(context, pair, on_source))
+    stored_hash = hash_of("", match.surface_map.triangle.astype(np.int32))
+    return Preview(kind, target.session_uid, OF_MATCH[kind].legend, tuple(overlays), stored_hash)
 
 
 @contextmanager
-def foreseen(obj: Object, listing: CandidateList, place: int) -> Iterator[None]:
-    """Where places are shown of a match, those that another candidate leads to, approximately, until it is computed.
+def approximate_candidate(obj: Object, listing: CandidateList, place: int) -> Iterator[None]:
+    """While a candidate is computed, show an approximation of its map, where the preview shows places.
 
-    If it comes to nothing, what was shown before is shown again.
+    On an error or a cancel the previous preview is shown again.
 
     Args:
         obj: the target.
@@ -85,12 +85,12 @@ def foreseen(obj: Object, listing: CandidateList, place: int) -> Iterator[None]:
         raise
 
 
-def _coats_of_sources(context: Context, pair: ObjectPair, values: Floats) -> list[Coat]:
+def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> list[Overlay]:
     """Colours (n, 3) of vertices, or UVs (c, 2) of corners, of all sources of a match, for each of them."""
     elements = "vertices" if values.shape[1] == 3 else "corner_vertex"
     ends = np.cumsum([len(getattr(source, elements)) for source in pair.sources])[:-1]
     return [
-        Coat(find_mesh(context, source.name).session_uid, own, source.content)
+        Overlay(find_mesh(context, source.name).session_uid, own, source.content)
         for source, own in zip(pair.source_fingerprints, np.split(values, ends), strict=True)
     ]
 
@@ -104,17 +104,17 @@ def following_steps(context: Context, pair: ObjectPair, match: Match) -> Steps[P
 
 
 def follow_match(context: Context, obj: Object) -> None:
-    """Bring up to date what is shown of an object's match, after its mesh got more vertices and kept its match."""
+    """Bring up to date what is shown of an object's match, after its mesh and its match were subdivided."""
     before = preview.shown(obj)
     if before is not None and before.kind in OF_MATCH:
         preview.show(drain(_again_steps(context, obj, before.kind)))
 
 
 def symmetry_steps(context: Context, name: str, kind: str) -> Steps[Preview]:
-    """The symmetry that is kept on an object's mesh by colours.
+    """The symmetry stored on an object's mesh by colours.
 
     Raises:
-        MeshError: there is none, or none any more, or for sides, it has none.
+        MeshError: there is none, it is outdated, or, for a preview of sides, it has none.
     """
     obj = find_mesh(context, name)
     symmetry, order, bare = stored_symmetry.read(obj), stored_symmetry.order(obj.data), _of_mesh(obj, kind)
@@ -130,12 +130,12 @@ def symmetry_steps(context: Context, name: str, kind: str) -> Steps[Preview]:
 
 
 def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
-    """How far both sides of an object's mesh differ by colours, from values (n,) of which `most` and more is red."""
+    """The asymmetry of an object's mesh by colours, from values (n,); red stands for `most` and above."""
     return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
 
 
 def follow_symmetry(context: Context, obj: Object) -> None:
-    """Bring up to date what is shown of an object's symmetry, after another one was kept or chosen."""
+    """Bring up to date what is shown of an object's symmetry, after another one was stored or chosen."""
     before = preview.shown(obj)
     if before is None or before.kind in OF_MATCH:
         return
@@ -150,7 +150,7 @@ def follow_symmetry(context: Context, obj: Object) -> None:
 
 
 def follow_undo(context: Context) -> None:
-    """Show what is kept now, after something was undone or done again."""
+    """Update the preview to what is stored, after undo or redo."""
     before = preview.current()
     if before is None:
         return
@@ -159,10 +159,10 @@ def follow_undo(context: Context) -> None:
         return
     if before.kind == ASYMMETRY:
         preview.outdate(before)
-    elif _kept(obj.data, before.kind) != before.kept:
+    elif _stored_hash(obj.data, before.kind) != before.stored_hash:
         try:
             preview.show(drain(_again_steps(context, obj, before.kind)))
-        except zo.MeshError:  # nothing is kept any more
+        except zo.MeshError:  # nothing is stored any more
             preview.clear()
 
 
@@ -175,11 +175,11 @@ def _again_steps(context: Context, obj: Object, kind: str) -> Steps[Preview]:
 
 def _of_mesh(obj: Object, kind: str) -> Preview:
     """A preview of an object's own mesh, as it is now, without any colours yet."""
-    coat = Coat(obj.session_uid, np.empty((0, 3)), content_hash(obj.data))
-    return Preview(kind, obj.session_uid, OF_SYMMETRY[kind].legend, (coat,), _kept(obj.data, kind))
+    uncolored = Overlay(obj.session_uid, np.empty((0, 3)), content_hash(obj.data))
+    return Preview(kind, obj.session_uid, OF_SYMMETRY[kind].legend, (uncolored,), _stored_hash(obj.data, kind))
 
 
-def _kept(mesh: Mesh, kind: str) -> str:
-    """What tells the match or the symmetry that is kept on a mesh from others."""
+def _stored_hash(mesh: Mesh, kind: str) -> str:
+    """A hash of the match or the symmetry stored on a mesh."""
     names = MATCH_ATTRIBUTES[:1] if kind in OF_MATCH else stored_symmetry.attributes_of_chosen(mesh)
     return hash_of("", *(read_layer(mesh, name).attribute.values for name in names if name in mesh.attributes))

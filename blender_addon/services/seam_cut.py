@@ -15,7 +15,7 @@ from zoomout_core.transfer import map_target
 from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
 from ..mesh_data import ObjectPair, divided_steps, read_joined_active_uv_map, write_divided
-from ..scene.pair import check_unedited, find_mesh, fingerprint_target, source_pieces
+from ..scene.pair import check_unedited, evaluated_sources, find_mesh, fingerprint_target
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
 from . import previews
@@ -31,7 +31,7 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
     Args:
         context: Blender's; both objects are in its scene.
         source: has the UV map; read as its modifiers leave it.
-        target: is cut; its match is kept.
+        target: is cut; its match is updated.
 
     Returns:
         A sentence for the user.
@@ -45,12 +45,12 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
 def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Steps[str]:
     """`cut_seams` as a generator, which holds no Blender data while it is suspended."""
     pair = yield from stored_pair_steps(context, source_name, target_name)
-    kept = stored_match.read(find_mesh(context, target_name).data, pair)
-    if kept is None:
+    stored = stored_match.read(find_mesh(context, target_name).data, pair)
+    if stored is None:
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
-    with source_pieces(context, pair) as pieces:
-        uv = read_joined_active_uv_map(pieces)
-    mapped = map_target(kept, pair.source, pair.target)
+    with evaluated_sources(context, pair) as sources:
+        uv = read_joined_active_uv_map(sources)
+    mapped = map_target(stored, pair.source, pair.target)
     cut = yield from spread(in_background(partial(seam_cut, uv, mapped)), 0, DIVIDING, "Following the seams")
     _, target = check_unedited(context, pair)
     divided = yield from spread(divided_steps(target.data, cut), DIVIDING, 1, "Dividing faces")
@@ -60,18 +60,18 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
         write_divided(target.data, divided)
     finally:
         divided.free()
-    _keep_match(context, pair, kept, cut)
+    _store_match(context, pair, stored, cut)
     previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
     whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
     return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
 
 
-def _keep_match(context: Context, before: ObjectPair, kept: stored_match.StoredMatch, cut: SeamCut) -> None:
-    """Keep the match on the mesh that was cut: new vertices are trusted as the least trusted of those around them."""
-    # The target's surface is no longer its own, but a match that was kept before needs the fingerprints alone.
+def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:
+    """Store the match on the mesh that was cut: a new vertex has the least confidence of its neighbours."""
+    # The target's surface is no longer its own, but storing a `StoredMatch` needs the fingerprints alone.
     pair = replace(before, target_fingerprint=fingerprint_target(context, before.target_name))
-    of_new = [kept.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
-    confidence = np.concatenate([kept.confidence, *of_new])
-    match = stored_match.StoredMatch(cut.surface_map, confidence, kept.notes, kept.settings)
-    store_match(find_mesh(context, before.target_name).data, match, pair, kept.settings)
+    of_new = [stored.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
+    confidence = np.concatenate([stored.confidence, *of_new])
+    match = stored_match.StoredMatch(cut.surface_map, confidence, stored.notes, stored.settings)
+    store_match(find_mesh(context, before.target_name).data, match, pair, stored.settings)

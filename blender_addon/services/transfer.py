@@ -29,15 +29,15 @@ from ..properties.match import option_label
 from ..scene.pair import (
     READING,
     check_unedited,
+    evaluated_sources,
     find_mesh,
-    source_pieces,
     target_mesh,
     users_of_mesh,
 )
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match, stored_report
 from .candidates import store_match
-from .constraints import matching_steps, settings_to_keep
+from .constraints import matching_steps, settings_to_store
 from .targets import Write
 
 # Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
@@ -52,7 +52,7 @@ def transfer_objects(
     settings: Settings = DEFAULT,
     **match_options: Any,
 ) -> dict[str, Any]:
-    """Transfer data between two mesh objects, along the match that is kept on the target, or a new one.
+    """Transfer data between two mesh objects, along the match stored on the target, or a new one.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -60,7 +60,7 @@ def transfer_objects(
         target: receives it.
         data: which kinds of it, of `DATA`; all but the source's own shape, when not given.
         settings: how it is transferred.
-        match_options: of `match_objects`, where no match of these two is kept.
+        match_options: of `match_objects`, where no match of these two is stored.
 
     Returns:
         The report, see `stored_report.transfer_report`.
@@ -92,23 +92,23 @@ def prepare_transfer_steps(
     settings: Settings = DEFAULT,
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
-    """The same without the end: it returns what writes the data to the target."""
+    """`transfer_steps` without the writing: returns a function that writes the data to the target."""
     pair = yield from stored_pair_steps(context, source_name, target_name)
-    kept = stored_match.read(find_mesh(context, target_name).data, pair)
+    stored = stored_match.read(find_mesh(context, target_name).data, pair)
     adapters, remarks, blend = yield from _collected_steps(context, pair, data, settings)
     match: stored_match.Match
-    if kept is None:
-        made_with = settings_to_keep(context, pair, match_options)
+    if stored is None:
+        made_with = settings_to_store(context, pair, match_options)
         match = yield from within(matching_steps(context, pair, **match_options), 0, MATCHING)
     else:
-        match = kept
-        remarks.notes.extend(_unused_settings(kept, match_options))
+        match = stored
+        remarks.notes.extend(_unused_settings(stored, match_options))
     job = TransferJob(match, pair, remarks, settings, blend)
-    yield from within(transfer_all_steps(adapters, job), MATCHING if kept is None else 0, 1)
+    yield from within(transfer_all_steps(adapters, job), MATCHING if stored is None else 0, 1)
 
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
-        if kept is None:
+        if stored is None:
             store_match(target.data, match, pair, made_with)
         for one in adapters:
             one.write(target)
@@ -118,9 +118,9 @@ def prepare_transfer_steps(
     return write
 
 
-def _unused_settings(kept: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
-    """A sentence about settings that the kept match was not made with, as far as is known."""
-    unused = [name for name, value in settings.items() if name not in kept.settings or kept.settings[name] != value]
+def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
+    """A sentence about settings that differ from those of the stored match, as far as these are known."""
+    unused = [name for name, value in settings.items() if name not in stored.settings or stored.settings[name] != value]
     if not unused:
         return []
     labels = ", ".join(option_label(name) for name in unused)
@@ -138,7 +138,7 @@ def _collected_steps(
         blend = settings.blend(target)
     for collect in COLLECTORS:
         yield READING
-        with source_pieces(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
+        with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
             adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
     if not adapters:
         raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")

@@ -23,7 +23,7 @@ MATCHING = 0.7
 
 
 def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResult:
-    """Put another candidate in the place of the match that is kept on a target.
+    """Store another candidate in place of the match on a target.
 
     Args:
         context: Blender's; the target and its source are in its scene.
@@ -41,25 +41,25 @@ def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps
     target = find_mesh(context, target_name)
     listing = stored_list(target)
     note = f"Candidate {place + 1} of {len(listing.candidates)} was chosen."
-    with previews.foreseen(target, listing, place):
-        pair, kept = yield from read_stored_match_steps(context, target_name)
-        result = yield from _result_steps(context, pair, listing, place, kept)
+    with previews.approximate_candidate(target, listing, place):
+        pair, stored = yield from read_stored_match_steps(context, target_name)
+        result = yield from _result_steps(context, pair, listing, place, stored)
         result = replace(result, notes=(note, *result.notes))
         following = yield from previews.following_steps(context, pair, result)
         _, target = check_unedited(context, pair)
-    candidates.store_match(target.data, result, pair, kept.settings)
+    candidates.store_match(target.data, result, pair, stored.settings)
     if following is not None:
         preview.show(following)
     return result
 
 
 def _result_steps(
-    context: Context, pair: ObjectPair, listing: CandidateList, place: int, kept: stored_match.StoredMatch
+    context: Context, pair: ObjectPair, listing: CandidateList, place: int, stored: stored_match.StoredMatch
 ) -> Steps[zo.MatchResult]:
     """The result of a candidate; where it is not cached, the two are matched anew, as they were before."""
     if candidates.is_cached(listing):
         return (yield from candidates.result_steps(listing, place))
-    settings = kept.settings | {"initial": "auto", "from_last": False}
+    settings = stored.settings | {"initial": "auto", "from_last": False}
     settings.pop(stored_match.LANDMARKS, None)
     anew = yield from within(matching_steps(context, pair, **settings), 0, MATCHING)
     assert isinstance(anew, zo.MatchResult)  # an automatic start

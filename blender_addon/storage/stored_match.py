@@ -1,10 +1,10 @@
-"""A match, kept on the target's mesh: three attributes, and a custom property that says what they belong to.
+"""A match, stored on the target's mesh as three attributes and a custom property that describes it.
 
-Triangles are numbered like Blender's `loop_triangles` of the source, its own where the modifiers keep its faces,
-else those that they leave, and barycentric coordinates follow their corners; those of a mirrored object count in
-the opposite order, see `mesh_data`. Where a target lies on several objects, their triangles follow each other.
-Where the modifiers make faces of their own, and a later pose folds one of these so that Blender divides it another
-way, points move within that face.
+Triangles are numbered like Blender's `loop_triangles` of the source: of its own mesh where the modifiers leave its
+faces as they are, else of the evaluated mesh. Barycentric coordinates follow the triangles' corners, which are in
+opposite order on a mirrored object, see `mesh_data`. Where a target maps to several objects, their triangles are
+numbered one object after another. Where modifiers make other faces, and a later pose folds one of these so that Blender
+triangulates it differently, points move within that face.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..mesh_data import MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, 
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
-# Among the settings that are kept: a fingerprint of the landmarks that were weighed.
+# Among the stored settings: a fingerprint of the landmarks that were weighed.
 LANDMARKS = "landmarks_fingerprint"
 # Vertices below this confidence are counted in reports.
 LOW_CONFIDENCE = 0.5
@@ -32,13 +32,13 @@ LOW_CONFIDENCE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class StoredMatch:
-    """What transfer needs of a match.
+    """The part of a match that a transfer needs.
 
     Attributes:
         surface_map: for each vertex of the target a point on the source, or on several, one after another.
-        confidence: (n_t,) how far to trust it, in [0, 1].
+        confidence: (n_t,) of each vertex, in [0, 1].
         notes: sentences for the user.
-        settings: what it was made with, by the names of the arguments of `match_objects`, as far as known.
+        settings: arguments of `match_objects` that it was computed with, as far as known.
         others: names of the objects that the target lies on besides its source.
     """
 
@@ -53,13 +53,13 @@ Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
 
 
 def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
-    """Keep a match on the target's mesh, in place of an earlier one.
+    """Store a match on the target's mesh, in place of an earlier one.
 
     Args:
         mesh: the target's.
         match: the match.
         pair: its two objects.
-        settings: what it was made with; of these, those that are a number or a word are kept.
+        settings: what it was made with; of these, numbers and strings are stored.
     """
     surface_map, (source, *further), target = match.surface_map, pair.source_fingerprints, pair.target_fingerprint
     for name, kind, data_type, values in (
@@ -73,7 +73,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "source": source.name,
             "source_fingerprint": source.digest,
             "target_fingerprint": target.digest,
-            # What can be compared in passing, see `preflight.stale`.
+            # For fast checks, see `preflight.stale`.
             "content": {"source": source.content, "target": target.content},
             "size": {"source": source.size, "target": target.size},
             "mirrored": {"source": source.mirrored, "target": target.mirrored},
@@ -88,23 +88,23 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
 
 
 def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
-    """The match of this pair that is kept on the target's mesh, or None if there is none, or one with another source.
+    """The match of this pair stored on the target's mesh, or None if there is none, or one with another source.
 
     Raises:
         MeshError: the source or the target was edited since.
     """
-    kept = description(mesh)
-    if kept is None:
+    stored = description(mesh)
+    if stored is None:
         return None
-    digests = [kept["source_fingerprint"], *(other["fingerprint"] for other in others(kept))]
+    digests = [stored["source_fingerprint"], *(other["fingerprint"] for other in others(stored))]
     if len(digests) != len(pair.source_fingerprints):
         return None
     for digest, source in zip(digests, pair.source_fingerprints, strict=True):
         if digest != source.digest:
-            if kept["source"] != pair.source_name:
+            if stored["source"] != pair.source_name:
                 return None
             raise zo.MeshError(f"The source '{source.name}' was edited since it was matched: match again.")
-    if kept["target_fingerprint"] != pair.target_fingerprint.digest:
+    if stored["target_fingerprint"] != pair.target_fingerprint.digest:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
     # Stored in single precision: brought back to a sum of one.
@@ -112,8 +112,8 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     return StoredMatch(
         zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
         confidence.astype(np.float64),
-        tuple(kept["notes"]),
-        kept.get("settings", {}),
+        tuple(stored["notes"]),
+        stored.get("settings", {}),
         pair.source_names[1:],
     )
 
@@ -125,13 +125,13 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     return json.loads(mesh[PROPERTY])
 
 
-def others(kept: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What `_described` tells of the objects that a target lies on besides its source."""
-    return kept.get("others", [])
+def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The objects that a target maps to besides its source, as `_described` describes them."""
+    return stored.get("others", [])
 
 
 def low_confidence(confidence: np.ndarray) -> int:
-    """How many vertices are of low confidence."""
+    """The number of vertices of low confidence."""
     return int((confidence < LOW_CONFIDENCE).sum())
 
 

@@ -1,4 +1,4 @@
-"""The report of the last transfer, kept on the target's mesh as a custom property."""
+"""The report of the last transfer, stored on the target's mesh as a custom property."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PROPERTY = "zoomout_report"
 
 
 def write(target: Object, report: dict[str, Any]) -> None:
-    """Keep a report in place of an earlier one."""
+    """Store a report in place of an earlier one."""
     target.data[PROPERTY] = json.dumps(report)
 
 
@@ -20,8 +20,8 @@ def transfer_report(target: Object) -> dict[str, Any] | None:
 
     Returns:
         `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`:
-        a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: how many
-        vertices the target has, and how many of them are of low confidence.
+        a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: the
+        number of the target's vertices, and of those of low confidence.
     """
     text = target.data.get(PROPERTY)
     return None if text is None else json.loads(text)

@@ -1,8 +1,8 @@
-"""The symmetries of a mesh, kept on it: attributes for each candidate, and a custom property that says what they are.
+"""The symmetries of a mesh, stored on it as attributes for each candidate and a custom property that describes them.
 
 Symmetries are found on the mesh itself, as it is without its modifiers, so neither a pose nor a subdivision matters.
-Attributes are named with a leading dot, which Blender's lists leave out. With them are kept the positions of the
-vertices, which tell what was sculpted since.
+Attributes are named with a leading dot, which Blender's lists leave out. The positions of the
+vertices are stored as well, so that later sculpting is known.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from ..mesh_data.arrays import from_text, hash_of, to_text
 
 PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
-# Number of vertices in the picture of a candidate.
+# Number of vertices in the thumbnail of a candidate.
 PICTURED = 800
-# What each candidate consists of, and how Blender keeps it.
+# What each candidate consists of, and its type in Blender.
 PARTS = {
     "triangle": (Kind.LABEL, "INT"),
     "barycentric": (Kind.VECTOR, "FLOAT_VECTOR"),
@@ -57,17 +57,17 @@ def rest_surface(obj: Object) -> zo.Surface:
 
 
 def fingerprint_of(surface: zo.Surface) -> str:
-    """What tells a surface from one that was edited."""
+    """A hash of a surface, by which edits are noticed."""
     return hash_of("", surface.vertices, surface.corner_vertex, surface.face_start)
 
 
 def fingerprint(obj: Object) -> str:
-    """That of the surface which `rest_surface` would give, in a fraction of its time."""
+    """`fingerprint_of` the `rest_surface`, without building it."""
     return hash_of("", *_elements(obj))
 
 
 def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
-    """Keep the symmetries of an object's mesh, the most likely first, in place of earlier ones.
+    """Store the symmetries of an object's mesh, the most likely first, in place of earlier ones.
 
     Args:
         obj: the object.
@@ -92,11 +92,11 @@ def write(obj: Object, found: Sequence[zo.Symmetry], left: str) -> None:
             "faces": len(mesh.polygons),
         }
     )
-    keep_shape(obj)
+    store_shape(obj)
 
 
-def keep_shape(obj: Object) -> None:
-    """Take an object's mesh for symmetric as it is now."""
+def store_shape(obj: Object) -> None:
+    """Store the shape that an object's mesh has now as the one that its symmetry refers to."""
     mesh, (vertices, *faces) = obj.data, _elements(obj)
     _write(mesh, REST, Kind.VECTOR, "FLOAT_VECTOR", vertices)
     fingerprint, content = hash_of("", vertices, *faces), content_hash(mesh)
@@ -115,13 +115,13 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     """
     if PROPERTY not in mesh:
         return None
-    kept = json.loads(mesh[PROPERTY])
-    needed = [REST, *(_name(number, part) for number in range(len(kept["candidates"])) for part in PARTS)]
-    return kept if all(name in mesh.attributes for name in needed) else None
+    stored = json.loads(mesh[PROPERTY])
+    needed = [REST, *(_name(number, part) for number in range(len(stored["candidates"])) for part in PARTS)]
+    return stored if all(name in mesh.attributes for name in needed) else None
 
 
 def described(symmetry: zo.Symmetry) -> dict[str, Any]:
-    """What is kept of a symmetry beside its map and picture, one of the candidates of `description`."""
+    """The description of a symmetry, without map and thumbnail, one of the candidates of `description`."""
     turn = "Half turn" if symmetry.order == 2 else f"Turn of order {symmetry.order}" if symmetry.order else "Turn"
     reflection = "Reflection" if symmetry.order == 2 else "Mirrored turn"
     return {
@@ -134,36 +134,36 @@ def described(symmetry: zo.Symmetry) -> dict[str, Any]:
     }
 
 
-def is_outdated(mesh: Mesh, kept: dict[str, Any]) -> bool:
-    """Whether a glance tells that a mesh has other vertices or faces since; `read` looks closer."""
-    return (kept["vertices"], kept["faces"]) != (len(mesh.vertices), len(mesh.polygons))
+def is_outdated(mesh: Mesh, stored: dict[str, Any]) -> bool:
+    """Whether the number of vertices or faces changed since; `read` compares their content."""
+    return (stored["vertices"], stored["faces"]) != (len(mesh.vertices), len(mesh.polygons))
 
 
-def pictured(kept: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
-    """For each candidate of a `description` the name of its picture, points (s, 3), and their colours, 0 to 255."""
-    if "pictures" not in kept:
+def pictured(stored: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
+    """For each candidate of a `description` the name of its thumbnail, points (s, 3), and their colours, 0 to 255."""
+    if "pictures" not in stored:
         return []
-    points = from_text(kept["points"], np.float32, 3)
-    colors = [from_text(picture, np.uint8, 3) for picture in kept["pictures"]]
-    return [(f"{kept['key']} {number}", points, color) for number, color in enumerate(colors)]
+    points = from_text(stored["points"], np.float32, 3)
+    colors = [from_text(picture, np.uint8, 3) for picture in stored["pictures"]]
+    return [(f"{stored['key']} {number}", points, color) for number, color in enumerate(colors)]
 
 
 def attributes_of_chosen(mesh: Mesh) -> list[str]:
-    """The names of the attributes that the symmetry that is chosen is kept in; none without one."""
-    kept = description(mesh)
-    return [] if kept is None else [_name(kept["chosen"], part) for part in PARTS]
+    """The names of the attributes that store the chosen symmetry; none without one."""
+    stored = description(mesh)
+    return [] if stored is None else [_name(stored["chosen"], part) for part in PARTS]
 
 
 def has_sides(mesh: Mesh) -> bool:
-    """Whether the symmetry that is chosen tells a left side from a right one."""
-    kept = description(mesh)
-    return kept is not None and bool(kept["candidates"][kept["chosen"]]["sides"])
+    """Whether the chosen symmetry has a left and a right side."""
+    stored = description(mesh)
+    return stored is not None and bool(stored["candidates"][stored["chosen"]]["sides"])
 
 
 def order(mesh: Mesh) -> int:
-    """How often the symmetry that is chosen has to be repeated to lead back; 0 where no small number does."""
-    kept = description(mesh)
-    return int(kept["candidates"][kept["chosen"]].get("order", 0)) if kept else 0
+    """Order of the chosen symmetry, the number of repetitions that give the identity; 0 if no small number does."""
+    stored = description(mesh)
+    return int(stored["candidates"][stored["chosen"]].get("order", 0)) if stored else 0
 
 
 def read(obj: Object) -> SelfMap:
@@ -172,12 +172,12 @@ def read(obj: Object) -> SelfMap:
     Raises:
         MeshError: there is none, or the mesh was edited since.
     """
-    kept, now = _kept(obj), _surface_now(obj)
-    if kept["fingerprint"] != fingerprint_of(now):
+    stored, now = _required_description(obj), _surface_now(obj)
+    if stored["fingerprint"] != fingerprint_of(now):
         raise zo.MeshError(
             f"'{obj.name}' was reshaped since its symmetry was detected: mirror what was sculpted, or detect it again."
         )
-    return _chosen(obj.data, kept, now)
+    return _chosen(obj.data, stored, now)
 
 
 def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
@@ -186,9 +186,9 @@ def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
     Raises:
         MeshError: there is none, or the mesh has other vertices or faces since.
     """
-    kept, now = _kept(obj), _surface_now(obj)
+    stored, now = _required_description(obj), _surface_now(obj)
     before = now.with_vertices(read_layer(obj.data, REST).attribute.values)
-    return _chosen(obj.data, kept, before), now.vertices - before.vertices
+    return _chosen(obj.data, stored, before), now.vertices - before.vertices
 
 
 def choose(mesh: Mesh, number: int) -> None:
@@ -202,8 +202,8 @@ def swap_sides(obj: Object) -> None:
     Raises:
         MeshError: there is none, or it has no sides.
     """
-    number = _kept(obj)["chosen"]
-    if not _kept(obj)["candidates"][number]["sides"]:
+    number = _required_description(obj)["chosen"]
+    if not _required_description(obj)["candidates"][number]["sides"]:
         raise zo.MeshError("This symmetry has no left and right side: choose a reflection.")
     distance = read_layer(obj.data, _name(number, "distance")).attribute.values
     _write_parts(obj.data, number, {"distance": -distance})
@@ -211,7 +211,7 @@ def swap_sides(obj: Object) -> None:
 
 
 def forget(mesh: Mesh) -> None:
-    """Remove all that is kept of a mesh's symmetries."""
+    """Remove the stored symmetries of a mesh."""
     for name in [one.name for one in mesh.attributes if one.name.startswith(SYMMETRY_ATTRIBUTES)]:
         mesh.attributes.remove(mesh.attributes[name])
     if PROPERTY in mesh:
@@ -230,14 +230,14 @@ def _pictures(obj: Object, found: Sequence[zo.Symmetry]) -> tuple[Floats, list[B
 def _surface_now(obj: Object) -> zo.Surface:
     """The surface of a mesh that has the faces which it had when its symmetry was detected."""
     surface = rest_surface(obj)
-    if _kept(obj)["topology"] != hash_of("", surface.corner_vertex, surface.face_start):
+    if _required_description(obj)["topology"] != hash_of("", surface.corner_vertex, surface.face_start):
         raise zo.MeshError(f"The mesh of '{obj.name}' was edited since its symmetry was detected: detect it again.")
     return surface
 
 
-def _chosen(mesh: Mesh, kept: dict[str, Any], surface: zo.Surface) -> SelfMap:
+def _chosen(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
     """The chosen symmetry of a mesh, whose surface this was when it was detected."""
-    values = {name: read_layer(mesh, _name(kept["chosen"], name)).attribute.values for name in PARTS}
+    values = {name: read_layer(mesh, _name(stored["chosen"], name)).attribute.values for name in PARTS}
     # Stored in single precision: brought back to a sum of one.
     barycentric = values["barycentric"].astype(np.float64)
     barycentric /= barycentric.sum(axis=1, keepdims=True)
@@ -245,7 +245,7 @@ def _chosen(mesh: Mesh, kept: dict[str, Any], surface: zo.Surface) -> SelfMap:
         surface=surface,
         surface_map=zo.SurfaceMap(values["triangle"].astype(np.int64), barycentric, surface.triangles),
         confidence=values["confidence"].astype(np.float64),
-        reverses_orientation=kept["candidates"][kept["chosen"]]["reverses_orientation"],
+        reverses_orientation=stored["candidates"][stored["chosen"]]["reverses_orientation"],
         distance=values["distance"].astype(np.float64),
     )
 
@@ -257,11 +257,11 @@ def _elements(obj: Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return read_rest_positions(obj.data).astype(np.float64), faces.corner_vertex.astype(np.int64), start
 
 
-def _kept(obj: Object) -> dict[str, Any]:
-    kept = description(obj.data)
-    if kept is None:
+def _required_description(obj: Object) -> dict[str, Any]:
+    stored = description(obj.data)
+    if stored is None:
         raise zo.MeshError(f"The symmetry of '{obj.name}' was not detected yet: detect it first.")
-    return kept
+    return stored
 
 
 def _name(number: int, part: str) -> str:

@@ -16,7 +16,7 @@ LANGUAGES = {"de": german.MESSAGES}
 
 
 def register() -> None:
-    """Make them known to Blender, which keeps its own translations of words that it has itself."""
+    """Register them with Blender; its own translations of its own words take precedence."""
     known = bpy.app.translations.contexts
     contexts = known.default, known.operator_default, CONTEXT
     table = {

@@ -1,1 +1,1 @@
-"""The interface: panels of the sidebar, menus, small pictures in lists, the pages of the manual."""
+"""The interface: panels of the sidebar, menus, thumbnails, the pages of the manual."""

@@ -59,11 +59,11 @@ class ZOOMOUT_MT_symmetry(Menu):
             if operator is not symmetry.ZOOMOUT_OT_choose_symmetry:
                 layout.operator(operator.bl_idname)
         obj = context.active_object
-        kept = stored_symmetry.description(obj.data) if obj and obj.type == "MESH" else None
-        if kept is None:
+        stored = stored_symmetry.description(obj.data) if obj and obj.type == "MESH" else None
+        if stored is None:
             return
         layout.separator()
-        for number, candidate in enumerate(kept["candidates"]):
+        for number, candidate in enumerate(stored["candidates"]):
             text = f"Use {summary(candidate)}"
             layout.operator(symmetry.ZOOMOUT_OT_choose_symmetry.bl_idname, text=text).number = number
 
@@ -92,7 +92,7 @@ def unregister() -> None:
 
 
 def invoking(layout: UILayout) -> UILayout:
-    """A layout whose operators show how far they are, and can be cancelled, whatever menu it is in."""
+    """A layout whose operators are invoked, so that they show progress and can be cancelled, in any menu."""
     layout.operator_context = "INVOKE_DEFAULT"
     return layout
 

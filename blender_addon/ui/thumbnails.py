@@ -1,4 +1,4 @@
-"""Small pictures of candidates: a mesh as each of them colours it, and the source that the colours come from."""
+"""Thumbnails of candidates: the target in the position colours of each map, and the source in its own."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from zoomout_core.arrays import Bytes, Floats
 from ..storage.stored_candidates import CandidateList
 
 SIZE = 64
-# Radius of the dot that stands for each sample, and the border that stays free, in pixels.
+# Radius of the disc of each sample, and width of the empty border, in pixels.
 DOT, BORDER = 3, 5
-# Where it is looked from: from the front, a little from the left and from above, so that no shape hides a side.
+# Direction of view, in radians: from the front, a little from the left and from above, so that neither side is hidden.
 TURN, TILT = np.radians(30), np.radians(15)
-# How dark what is farthest away becomes.
+# Brightness of the farthest points, relative to the nearest.
 SHADE = 0.6
 
 _previews: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
 def icon_of_candidate(listing: CandidateList, place: int) -> int:
-    """Blender's number of the picture of the target as a candidate colours it."""
+    """Icon number of the target's thumbnail in a candidate's colours."""
     return _icon(f"{listing.key} {place}", listing.points, listing.candidates[place].colors)
 
 
 def icon_of_source(listing: CandidateList) -> int:
-    """Blender's number of the picture of the source."""
+    """Icon number of the source's thumbnail."""
     colors = np.concatenate([candidate.colors for candidate in listing.candidates])
     return _icon(f"{listing.key} source", colors / 255 * listing.box, colors)
 
 
 def icon_of_symmetry(name: str, points: Floats, colors: Bytes) -> int:
-    """Blender's number of the picture of a mesh as one of its symmetries colours it, see `stored_symmetry.pictured`."""
+    """Icon number of a mesh's thumbnail in the colours of one of its symmetries, see `stored_symmetry.pictured`."""
     return _icon(name, points, colors)
 
 
 def unregister() -> None:
-    """Let go of all pictures."""
+    """Remove all thumbnails."""
     global _previews
     if _previews is not None:
         bpy.utils.previews.remove(_previews)
@@ -46,8 +46,8 @@ def unregister() -> None:
 
 
 def picture(points: Floats, colors: Floats) -> Floats:
-    """A picture (SIZE, SIZE, 4), its rows from below, of points (s, 3), each a dot of its colour (s, 3)."""
-    across, depth, up = _seen(points).T
+    """An RGBA image (SIZE, SIZE, 4), bottom row first, of points (s, 3) as discs in their colours (s, 3)."""
+    across, depth, up = _in_view(points).T
     scale = (SIZE - 1 - 2 * BORDER) / max(np.ptp(across), np.ptp(up), 1e-12)
     column = (across - (across.max() + across.min()) / 2) * scale + (SIZE - 1) / 2
     row = (up - (up.max() + up.min()) / 2) * scale + (SIZE - 1) / 2
@@ -65,8 +65,8 @@ def picture(points: Floats, colors: Floats) -> Floats:
     return pixels
 
 
-def _seen(points: Floats) -> Floats:
-    """(s, 3) points as seen: to the right, away from the eye, and up."""
+def _in_view(points: Floats) -> Floats:
+    """(s, 3) points in view space: right, away from the viewer, up."""
     turn, tilt = (
         np.array([[np.cos(TURN), np.sin(TURN), 0], [-np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]]),
         np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]]),

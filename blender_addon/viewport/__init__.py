@@ -1,1 +1,1 @@
-"""What is drawn in the 3D views: colours over objects, numbered landmarks."""
+"""Drawing in the 3D views: colours over objects, numbered landmarks."""

@@ -35,7 +35,7 @@ _handle: Any = None
 
 @dataclass(frozen=True)
 class Dot:
-    """A landmark as it is seen in a view.
+    """A landmark in a view.
 
     Attributes:
         number: of the landmark.
@@ -83,7 +83,7 @@ def dots(context: Context, region: Region, view: RegionView3D, space: SpaceView3
         evaluated = obj.evaluated_get(depsgraph)
         for one, place in places.items():
             position = place.on(evaluated.data)
-            if position is None:  # the surface cannot be told, as in Edit Mode
+            if position is None:  # the face is unknown, as in Edit Mode
                 position = Vector(place.position)
             pixel = location_3d_to_region_2d(region, view, evaluated.matrix_world @ position)
             if pixel is not None:

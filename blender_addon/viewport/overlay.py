@@ -1,8 +1,8 @@
 """Colours drawn over objects in the 3D views: nothing of the file is touched, so nothing has to be put back.
 
-A coat of colour lies over an object as its modifiers leave it, a hair nearer to the eye, whatever the viewport's
-shading is; it follows the object, its pose and its name. It is hidden with the viewport's other overlays, while its
-mesh is being edited, painted or sculpted, and as long as a mesh is not the one that its coat was made for.
+An overlay is drawn on the evaluated mesh of an object, with a small depth offset towards the viewer, in any viewport
+shading; it follows the object's transform, pose and name. It is hidden with the viewport's other overlays, while its
+mesh is being edited, painted or sculpted, and while a mesh is not the one that its overlay was computed for.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..mesh_data.arrays import read_array
 from ..scene.mesh_facts import facts
 from ..scene.redraw import redraw_views
 
-# By how much of the depth range a coat is nearer than what it covers.
+# Depth offset of overlays towards the viewer, as a fraction of the depth range.
 NEARER = 2e-5
 # Squares of the checker across the UV map.
 SQUARES = 16
@@ -38,7 +38,7 @@ void main()
   gl_Position.z -= nearer * gl_Position.w;
 }
 """
-# Colours are UVs where there are squares: dark and light ones take turns, and the hue tells where in the map.
+# With `squares` above 0, colours are UVs, drawn as a checker whose hue varies with the position in the UV map.
 FRAGMENT = """
 void main()
 {
@@ -56,11 +56,11 @@ void main()
 
 
 @dataclass(frozen=True, eq=False)
-class Coat:
+class Overlay:
     """Colours for one object.
 
     Attributes:
-        object_uid: the session's number of the object, which it keeps when it is renamed.
+        object_uid: `session_uid` of the object, which renaming does not change.
         values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the mesh that its modifiers leave.
         content: of the object's own mesh, see `mesh_data.content_hash`.
     """
@@ -75,18 +75,18 @@ class Coat:
         return self.values.shape[1] == 2
 
 
-_coats: tuple[Coat, ...] = ()
-# What is drawn of each coat, by the object's number; None where it does not fit the object.
+_overlays: tuple[Overlay, ...] = ()
+# GPU batches of overlays, by the object's `session_uid`; None where the overlay does not fit the mesh.
 _batches: dict[int, gpu.types.GPUBatch | None] = {}
-# What objects were called when they were last looked for, by their numbers.
+# Names of objects when they were last found, by their `session_uid`.
 _names: dict[int, str] = {}
 _handler: Any = None
 
 
-def show(coats: Sequence[Coat]) -> None:
-    """Draw coats, in place of others."""
-    global _coats, _handler
-    _coats = tuple(coats)
+def show(overlays: Sequence[Overlay]) -> None:
+    """Draw overlays, in place of others."""
+    global _overlays, _handler
+    _overlays = tuple(overlays)
     _batches.clear()
     if _handler is None:
         _handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
@@ -95,19 +95,19 @@ def show(coats: Sequence[Coat]) -> None:
 
 def clear() -> None:
     """Draw none."""
-    global _coats, _handler
+    global _overlays, _handler
     if _handler is None:
         return
     bpy.types.SpaceView3D.draw_handler_remove(_handler, "WINDOW")
-    _coats, _handler = (), None
+    _overlays, _handler = (), None
     _batches.clear()
     _names.clear()
     redraw_views()
 
 
-def shown() -> tuple[Coat, ...]:
+def shown() -> tuple[Overlay, ...]:
     """What is drawn."""
-    return _coats
+    return _overlays
 
 
 def find(uid: int) -> Object | None:
@@ -122,43 +122,43 @@ def find(uid: int) -> Object | None:
 
 
 def repose(uids: Iterable[int] | None = None) -> None:
-    """Have coats of objects, or of all, laid on anew: their modifiers move them."""
+    """Rebuild the batches of objects, or of all, whose modifiers may have moved them."""
     for uid in list(_batches) if uids is None else uids:
         _batches.pop(uid, None)
 
 
-def covered() -> list[tuple[Coat, Object]]:
-    """The coats that may be seen, each with the object that it lies over; if one is outdated, none may be seen."""
-    return [] if is_outdated() else [(coat, obj) for coat, obj in _found() if obj.mode == "OBJECT"]
+def visible() -> list[tuple[Overlay, Object]]:
+    """The overlays that are drawn, each with its object; none if one is outdated."""
+    return [] if is_outdated() else [(overlay, obj) for overlay, obj in _found() if obj.mode == "OBJECT"]
 
 
 def is_outdated() -> bool:
-    """Whether one of the meshes is known to be another one than its coat was made for."""
-    return any((known := facts(obj)) is not None and known.content != coat.content for coat, obj in _found())
+    """Whether one of the meshes is known to be another one than its overlay was computed for."""
+    return any((known := facts(obj)) is not None and known.content != overlay.content for overlay, obj in _found())
 
 
-def surface_of(mesh: Mesh, coat: Coat) -> dict[str, np.ndarray] | None:
+def surface_of(mesh: Mesh, overlay: Overlay) -> dict[str, np.ndarray] | None:
     """What is drawn of a mesh, as arrays: `position`, `normal` and `color` (p, 3), and `triangles` (m, 3) of these.
 
-    None where the coat is one of another mesh.
+    None where the overlay belongs to another mesh.
     """
     vertices, corners = len(mesh.vertices), len(mesh.loops)
-    if len(coat.values) != (corners if coat.on_corners else vertices):
+    if len(overlay.values) != (corners if overlay.on_corners else vertices):
         return None
     mesh.calc_loop_triangles()
     position = read_array(mesh.vertices, "co", np.float32, 3)
     normal = read_array(mesh.vertex_normals, "vector", np.float32, 3)
-    color = coat.values.astype(np.float32)
-    if coat.on_corners:
+    color = overlay.values.astype(np.float32)
+    if overlay.on_corners:
         vertex = read_array(mesh.loops, "vertex_index", np.int32)
         position, normal = position[vertex], normal[vertex]
         color = np.column_stack([color, np.zeros(corners, np.float32)])
-    triangles = read_array(mesh.loop_triangles, "loops" if coat.on_corners else "vertices", np.int32, 3)
+    triangles = read_array(mesh.loop_triangles, "loops" if overlay.on_corners else "vertices", np.int32, 3)
     return {"position": position, "normal": normal, "color": color, "triangles": triangles}
 
 
-def _found() -> list[tuple[Coat, Object]]:
-    return [(coat, obj) for coat in _coats if (obj := find(coat.object_uid)) is not None]
+def _found() -> list[tuple[Overlay, Object]]:
+    return [(overlay, obj) for overlay in _overlays if (obj := find(overlay.object_uid)) is not None]
 
 
 def _draw() -> None:
@@ -167,33 +167,33 @@ def _draw() -> None:
         return
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
-    for coat, obj in covered():
+    for overlay, obj in visible():
         if obj.visible_in_viewport_get(context.space_data):
-            _draw_coat(coat, obj.evaluated_get(context.evaluated_depsgraph_get()))
+            _draw_overlay(overlay, obj.evaluated_get(context.evaluated_depsgraph_get()))
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
 
 
-def _draw_coat(coat: Coat, evaluated: Object) -> None:
-    if coat.object_uid not in _batches:
-        surface = surface_of(evaluated.data, coat)
-        _batches[coat.object_uid] = None if surface is None else _batch(surface)
-    batch = _batches[coat.object_uid]
+def _draw_overlay(overlay: Overlay, evaluated: Object) -> None:
+    if overlay.object_uid not in _batches:
+        surface = surface_of(evaluated.data, overlay)
+        _batches[overlay.object_uid] = None if surface is None else _batch(surface)
+    batch = _batches[overlay.object_uid]
     if batch is None:
         return
     seen_from = bpy.context.region_data.view_rotation @ Vector((0, 0, 1))
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(evaluated.matrix_world)
-        _draw_batch(batch, coat, evaluated.matrix_world.to_3x3().transposed() @ seen_from)
+        _draw_batch(batch, overlay, evaluated.matrix_world.to_3x3().transposed() @ seen_from)
 
 
-def _draw_batch(batch: gpu.types.GPUBatch, coat: Coat, towards: Vector) -> None:
-    """Draw what `_batch` made of a coat, seen from a direction in the object's space."""
+def _draw_batch(batch: gpu.types.GPUBatch, overlay: Overlay, towards: Vector) -> None:
+    """Draw the batch of an overlay, seen from a direction in the object's space."""
     shader = _shader()
     shader.bind()
     shader.uniform_float("towards", towards.normalized())
     shader.uniform_float("nearer", NEARER)
-    shader.uniform_float("squares", SQUARES if coat.on_corners else 0)
+    shader.uniform_float("squares", SQUARES if overlay.on_corners else 0)
     batch.draw(shader)
 
 

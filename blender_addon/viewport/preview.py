@@ -14,7 +14,7 @@ from bpy.types import Mesh, Object
 from zoomout_core.arrays import Floats
 
 from . import overlay
-from .overlay import Coat
+from .overlay import Overlay
 
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
@@ -73,20 +73,20 @@ class Preview:
         kind: one of those above.
         object_uid: the session's number of the object that it is of.
         legend: what the colours mean.
-        coats: what is drawn.
-        kept: tells what was kept on the object's mesh from what is kept later.
+        overlays: what is drawn.
+        stored_hash: hash of the match or symmetry stored on the object's mesh, by which a later one is noticed.
     """
 
     kind: str
     object_uid: int
     legend: str
-    coats: tuple[Coat, ...]
-    kept: str
+    overlays: tuple[Overlay, ...]
+    stored_hash: str
 
     def with_colors(self, colors: Floats) -> Preview:
         """The same with other colours (n, 3) on the object itself."""
-        coat, *others = self.coats
-        return replace(self, coats=(replace(coat, values=colors), *others))
+        first, *others = self.overlays
+        return replace(self, overlays=(replace(first, values=colors), *others))
 
 
 _shown: Preview | None = None
@@ -111,7 +111,7 @@ def show(preview: Preview) -> None:
     """Show a preview, in place of another one."""
     global _shown
     _shown = preview
-    overlay.show(preview.coats)
+    overlay.show(preview.overlays)
 
 
 def clear() -> None:
@@ -135,4 +135,4 @@ def follow_edit(meshes: Iterable[Mesh]) -> None:
 
 def outdate(preview: Preview) -> None:
     """Replace a preview by the sentence that it is outdated, without colours."""
-    show(replace(preview, legend=OUTDATED, coats=()))
+    show(replace(preview, legend=OUTDATED, overlays=()))

@@ -196,7 +196,7 @@ def _there_and_back_steps(
     source: Layer, target: Layer, found: Correspondence, detail: str, seed: int
 ) -> Steps[tuple[Floats, list[str]]]:
     """(n_t,) by how far going there and back misses the start, and what to say of the way back."""
-    # The inverse is evidence, not the start: it tells sides apart, and leaves the way back to be found on its own.
+    # The inverse is evidence, not the start: it distinguishes the sides, and the inverse map is computed independently.
     inverse = found.surface_map.invert(source.surface, target.surface)
     sizes: dict[str, Any] = {**DETAIL[detail]}
     back = yield from zo.match_steps(target.surface, source.surface, initial_map=inverse, seed=seed, **sizes)

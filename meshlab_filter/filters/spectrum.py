@@ -33,7 +33,7 @@ def compute_laplacian_eigenfunctions(
 
     Raises:
         MeshError: there is no mesh, it has too few vertices or lies on a line, or has an attribute of that name.
-        ValueError: there are not so many functions, or there is none of the number to show.
+        ValueError: there are fewer functions, or none of the number to show.
     """
     mesh_id = current_id(ms)
     shape, mesh = read_shape(ms, mesh_id), ms.mesh(mesh_id)

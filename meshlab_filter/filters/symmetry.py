@@ -38,10 +38,10 @@ DIM, BRIGHT = 70, 235
 def compute_symmetry_by_zoomout(
     ms: MeshSet, *, left: str, candidate: int, colorsides: bool, name: str, detail: str, seed: int
 ) -> Steps[dict[str, Any]]:
-    """Find the symmetry of the current mesh, in whatever pose, and tell its left from its right.
+    """Find the symmetry of the current mesh, in any pose, and its left and right side.
 
     It is stored as a correspondence is, and in the custom attribute NAME_side, which becomes the quality, too: the
-    signed distance from the symmetry line, positive on the left. If wanted, sides are told by colours, too.
+    signed distance from the symmetry line, positive on the left. If wanted, sides are also shown by colours.
 
     Returns:
         `triangle`, `barycentric`, `confidence` and `side`, arrays; `candidates`, for each what it came from, whether

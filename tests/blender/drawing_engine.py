@@ -16,16 +16,16 @@ SIZE = 32
 SQUARE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
 
 
-def pixels(coat):
+def pixels(one):
     """(SIZE, SIZE, 4) the square that a coat lies over, which fills the buffer, seen from above."""
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata(SQUARE, [], [(0, 1, 2, 3)])
-    batch, buffer = overlay._batch(overlay.surface_of(mesh, coat)), gpu.types.GPUOffScreen(SIZE, SIZE)
+    batch, buffer = overlay._batch(overlay.surface_of(mesh, one)), gpu.types.GPUOffScreen(SIZE, SIZE)
     with buffer.bind(), gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
         gpu.matrix.load_matrix(Matrix.Identity(4))
         gpu.matrix.load_projection_matrix(Matrix.Identity(4))
         gpu.state.active_framebuffer_get().clear(color=(0, 0, 0, 0), depth=1)
-        overlay._draw_batch(batch, coat, Vector((0, 0, 1)))
+        overlay._draw_batch(batch, one, Vector((0, 0, 1)))
         drawn = gpu.state.active_framebuffer_get().read_color(0, 0, SIZE, SIZE, 4, 0, "FLOAT")
     buffer.free()
     return np.array(drawn.to_list()).reshape(SIZE, SIZE, 4).tolist()
@@ -40,8 +40,11 @@ class DrawingEngine(bpy.types.RenderEngine):
 
     def render(self, depsgraph):
         colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
-        coats = {"colors": overlay.Coat(1, colors, ""), "checker": overlay.Coat(1, np.array(SQUARE)[:, :2] / 2, "")}
-        print("DRAWN", json.dumps({name: pixels(coat) for name, coat in coats.items()}))
+        overlays = {
+            "colors": overlay.Overlay(1, colors, ""),
+            "checker": overlay.Overlay(1, np.array(SQUARE)[:, :2] / 2, ""),
+        }
+        print("DRAWN", json.dumps({name: pixels(one) for name, one in overlays.items()}))
 
 
 if __name__ == "__main__":

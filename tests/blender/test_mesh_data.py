@@ -175,9 +175,9 @@ def test_what_a_mesh_has_is_read_or_has_a_reason_why_not():
 
 def test_what_is_no_attribute_has_a_reason():
     source = ellipsoid("Source", 2)
-    assert mesh_data.data_without_a_way(source, source.data) == {}
+    assert mesh_data.untransferable_data(source, source.data) == {}
     source.modifiers.new("Multires", "MULTIRES")
-    assert set(mesh_data.data_without_a_way(source, source.data)) == {"multires displacement"}
+    assert set(mesh_data.untransferable_data(source, source.data)) == {"multires displacement"}
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def target(source):
 
 
 def shown():
-    return {overlay.find(coat.object_uid).name: coat.values for coat in overlay.shown()}
+    return {overlay.find(one.object_uid).name: one.values for one in overlay.shown()}
 
 
 def test_confidence_is_seen_on_the_target(target):
@@ -131,7 +131,7 @@ def test_a_preview_ends_with_its_file_and_with_the_extension(target):
     bpy.ops.zoomout.preview(kind="PLACES")
     bpy.ops.wm.read_homefile(use_empty=True)
     assert (overlay.shown(), preview.current(), overlay._handler) == ((), None, None)
-    overlay.show((overlay.Coat(1, np.zeros((3, 3)), ""),))
+    overlay.show((overlay.Overlay(1, np.zeros((3, 3)), ""),))
     assert set(handlers().values()) == {1}
     assert overlay._handler is not None
     blender_addon.unregister()
@@ -146,31 +146,31 @@ def test_a_coat_follows_the_name_of_its_object_and_goes_with_it(source, target):
     source.name = "Target"  # a name that was another's
     assert set(shown()) == {"Renamed", "Target"}
     assert preview.shown(target).kind == "PLACES"
-    (coat, _), uid = overlay.shown(), target.session_uid
+    (one, _), uid = overlay.shown(), target.session_uid
     bpy.data.objects.remove(target)
     assert overlay.find(uid) is None
-    assert coat.object_uid == uid
+    assert one.object_uid == uid
 
 
-def covered():
+def visible():
     """The names of the objects whose coats are to be seen, once their meshes were looked at."""
     bpy.context.view_layer.update()
-    overlay.covered()
+    overlay.visible()
     mesh_facts.inspect_now()
-    return {obj.name for _, obj in overlay.covered()}
+    return {obj.name for _, obj in overlay.visible()}
 
 
 def test_coats_are_hidden_while_a_mesh_is_another_one(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
-    assert covered() == {"Target", "Source"}
+    assert visible() == {"Target", "Source"}
     for edited in (target, source):
         edited.data.vertices[3].co.x += 0.5
-        assert covered() == set()
+        assert visible() == set()
         edited.data.vertices[3].co.x -= 0.5
-        assert covered() == {"Target", "Source"}
+        assert visible() == {"Target", "Source"}
     target.location.x += 1
     target.modifiers.new("Bend", "SIMPLE_DEFORM")
-    assert covered() == {"Target", "Source"}
+    assert visible() == {"Target", "Source"}
 
 
 def test_a_mesh_that_is_edited_painted_or_sculpted_has_no_coat(source, target):
@@ -178,9 +178,9 @@ def test_a_mesh_that_is_edited_painted_or_sculpted_has_no_coat(source, target):
     activate(target)  # alone
     for mode in ("EDIT", "SCULPT", "WEIGHT_PAINT"):
         bpy.ops.object.mode_set(mode=mode)
-        assert covered() == {"Source"}
+        assert visible() == {"Source"}
         bpy.ops.object.mode_set(mode="OBJECT")
-    assert covered() == {"Target", "Source"}
+    assert visible() == {"Target", "Source"}
 
 
 def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target):
@@ -195,7 +195,7 @@ def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target
     drain(use_candidate_steps(bpy.context, "Target", 1))
     final = shown()["Target"]
     assert np.abs(rough - final).mean() < 0.05
-    assert np.abs(before.coats[0].values - final).mean() > 0.1
+    assert np.abs(before.overlays[0].values - final).mean() > 0.1
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
     next(use_candidate_steps(bpy.context, "Target", 0))
     assert preview.shown(target).kind == "CONFIDENCE"
@@ -239,17 +239,17 @@ def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):
     bpy.context.view_layer.update()
     mesh = source.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     colors = np.random.default_rng(0).random((len(mesh.vertices), 3))
-    surface = overlay.surface_of(mesh, overlay.Coat(1, colors, ""))
+    surface = overlay.surface_of(mesh, overlay.Overlay(1, colors, ""))
     np.testing.assert_allclose(surface["position"], positions(mesh))
     np.testing.assert_allclose(surface["color"], colors, atol=1e-6)
     corners = surface["position"][surface["triangles"]]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(sum(polygon.area for polygon in mesh.polygons), rel=1e-4)
     uv = np.random.default_rng(0).random((len(mesh.loops), 2))
-    by_corner = overlay.surface_of(mesh, overlay.Coat(1, uv, ""))
+    by_corner = overlay.surface_of(mesh, overlay.Overlay(1, uv, ""))
     np.testing.assert_allclose(by_corner["position"][by_corner["triangles"]], corners)
     np.testing.assert_allclose(by_corner["color"][:, :2], uv, atol=1e-6)
-    assert overlay.surface_of(source.data, overlay.Coat(1, colors, "")) is None  # another mesh
+    assert overlay.surface_of(source.data, overlay.Overlay(1, colors, "")) is None  # another mesh
 
 
 def test_a_coat_is_laid_on_anew_when_its_object_moves(source, target):

@@ -241,6 +241,6 @@ def test_previews_color_all_sources_and_seams_are_cut_of_all(front, back, whole)
     pair, match = zo.drain(read_stored_match_steps(bpy.context, "Whole"))
     for kind in (preview.PLACES, preview.CHECKER):
         shown = zo.drain(previews.match_steps(bpy.context, pair, match, kind))
-        assert [overlay.find(coat.object_uid).name for coat in shown.coats] == ["Whole", "Front", "Back"]
+        assert [overlay.find(one.object_uid).name for one in shown.overlays] == ["Whole", "Front", "Back"]
     assert "Cut 'Whole' along the seams of 'UVMap'" in cut_seams(bpy.context, front, whole)
     assert stored_match.read(whole.data, joined_pair()).others == ("Back",)

@@ -66,7 +66,7 @@ def window(monkeypatch):
     monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: None)
     monkeypatch.setattr("blender_addon.operators.stepped.SLICE", 0.0)  # one step a tick
     monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 0.0)
-    monkeypatch.setattr(modal, "_under_way", [])
+    monkeypatch.setattr(modal, "_running", [])
     return Window()
 
 

@@ -28,8 +28,8 @@ ANY = np.random.default_rng(0).permutation(len(X))
 
 def colors():
     """What is shown on the one object that is coloured."""
-    (coat,) = overlay.shown()
-    return coat.values
+    (one,) = overlay.shown()
+    return one.values
 
 
 def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):

@@ -1,4 +1,4 @@
-"""What the operators have in common that work along a symmetry kept on the active mesh."""
+"""What the operators have in common that work along a symmetry stored on the active mesh."""
 
 from __future__ import annotations
 

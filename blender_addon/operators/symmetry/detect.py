@@ -1,4 +1,4 @@
-"""Find the symmetries of the active mesh, keep them on it, and choose among them."""
+"""Find the symmetries of the active mesh, store them on it, and choose among them."""
 
 from __future__ import annotations
 

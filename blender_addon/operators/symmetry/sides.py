@@ -22,10 +22,10 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
     def steps(self, context: Context) -> Steps[str]:
         obj = writable_mesh(context, context.active_object.name)
         yield Progress(0.0, "Selecting")
-        told = select_symmetry_line(obj)
-        if not context.tool_settings.mesh_select_mode[0]:  # Edit Mode would let go of vertices
+        result = select_symmetry_line(obj)
+        if not context.tool_settings.mesh_select_mode[0]:  # Edit Mode would deselect vertices
             context.tool_settings.mesh_select_mode = (True, False, False)
-        return told
+        return result
 
 
 class ZOOMOUT_OT_name_sides(SideOptions, SymmetryOperator):

@@ -25,13 +25,13 @@ from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
 from .shape_keys import read_key
 
 Checked: TypeAlias = Literal["shape", "weights", "key"]
-# The hottest colour stands for the largest value but that of a few vertices, and for no less than these: of lengths
-# over the square root of the area, and of parts of weights.
+# Red stands for the percentile 100 - FEW of the values, and for no less than these: lengths over the square root of the
+# area, and shares of weights.
 FEW, LEAST_LENGTH, LEAST_WEIGHT = 0.2, 2e-3, 0.05
 
 
 def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key: str = "") -> str:
-    """Show by colours how asymmetric an object's mesh is, along the symmetry that is kept on it.
+    """Show by colours how asymmetric an object's mesh is, along the symmetry stored on it.
 
     Args:
         context: Blender's; the object is in its scene.
@@ -61,7 +61,7 @@ def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) 
 
 
 def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") -> Steps[Floats]:
-    """The values (n,) that `check_symmetry` shows: lengths in the mesh's own units, or parts of weights.
+    """The values (n,) that `check_symmetry` shows: lengths in the mesh's own units, or shares of weights.
 
     Raises:
         MeshError: there is no symmetry, or no such key.
@@ -89,12 +89,12 @@ def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") 
 
 
 def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Floats:
-    """(n,) how far a key moves vertices otherwise than its partner moves them on the other side."""
+    """(n,) distance between a key's displacements and the mirrored ones of its partner."""
     return np.asarray(np.linalg.norm(mirrored_offsets(partner, symmetry) - offsets, axis=1))
 
 
 def _described(check: Checked, key: str, values: Floats, most: float) -> str:
-    """The values in words, and what the hottest colour stands for."""
+    """The values in words, and the value that red stands for."""
     head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
     show = "{:.0%}".format if check == "weights" else _length
     mean, largest, hottest = (show(value) for value in (values.mean(), values.max(initial=0), most))
@@ -102,5 +102,5 @@ def _described(check: Checked, key: str, values: Floats, most: float) -> str:
 
 
 def _length(value: float) -> str:
-    """A length to two digits, which is as far as it can be told in passing."""
+    """A length to two significant digits."""
     return np.format_float_positional(value, precision=2, fractional=False, trim="-")

@@ -16,12 +16,12 @@ from .. import previews
 from ..targets import WRITING
 from .mesh_access import unedited, writable_mesh
 
-# Number of candidates that are kept at most: objects such as wheels have many symmetries.
+# Largest number of stored candidates: objects such as wheels have many symmetries.
 MOST = 6
 
 
 def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.Symmetry, ...]:
-    """Find the symmetries of an object's mesh, and keep them on it.
+    """Find the symmetries of an object's mesh, and store them on it.
 
     Args:
         context: Blender's; the object is in its scene.
@@ -51,13 +51,13 @@ def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps
 
 
 def choose_symmetry(context: Context, obj: Object, number: int) -> str:
-    """Use another one of the symmetries that are kept on an object's mesh; a sentence for the user.
+    """Use another one of the symmetries stored on an object's mesh; a sentence for the user.
 
     Raises:
         MeshError: there is none of that number.
     """
-    kept = stored_symmetry.description(obj.data)
-    candidates = kept["candidates"] if kept else []
+    stored = stored_symmetry.description(obj.data)
+    candidates = stored["candidates"] if stored else []
     if number >= len(candidates):
         raise zo.MeshError(
             f"'{obj.name}' has {_count(len(candidates))}, not the one that is asked for: choose another."

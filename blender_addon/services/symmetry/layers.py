@@ -69,7 +69,7 @@ def mirror_attributes_steps(
         raise zo.MeshError(f"There is no mean of {', '.join(skipped)}: copy the left or the right side, or exchange.")
     made = []
     for i, one in enumerate(found):
-        work = in_background(partial(_made, one, symmetry, direction, uv_layout))
+        work = in_background(partial(_symmetrised, one, symmetry, direction, uv_layout))
         values = yield from spread(work, i / len(found), (i + 1) / len(found), f"Mirroring '{one.attribute.name}'")
         made.append(replace(one, attribute=values))
     obj = unedited(context, name, symmetry.surface)
@@ -131,7 +131,7 @@ def _write_materials(names: Sequence[str | None], obj: Object, slots: Attribute)
     mesh_data.write_materials(obj, names, slots)
 
 
-def _made(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
+def _symmetrised(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:
     attribute = one.attribute
     if attribute.kind is Kind.UV:
         return symmetrised_uv(attribute, symmetry, direction, uv_layout)

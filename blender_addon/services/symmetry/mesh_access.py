@@ -1,4 +1,4 @@
-"""Reading and writing the mesh of one object, with checks that nobody edited it in between."""
+"""Reading and writing the mesh of one object, with checks that it was not edited in between."""
 
 from __future__ import annotations
 

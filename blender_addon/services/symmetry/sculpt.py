@@ -47,7 +47,7 @@ def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> St
     wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
     obj = unedited(context, name, now)
     mesh_data.move_vertices(obj.data, wanted - moved)
-    stored_symmetry.keep_shape(obj)
+    stored_symmetry.store_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
     return f"Carried the sculpt of '{name}' over: {count} vertices moved"
 

@@ -37,7 +37,7 @@ def mirror_shape_key(
     direction: Direction = "left_to_right",
     blend: float = BLEND,
 ) -> str:
-    """Make shape keys along the symmetry that is kept on an object's mesh.
+    """Make shape keys along the symmetry stored on an object's mesh.
 
     Args:
         context: Blender's; the object is in its scene.
@@ -75,17 +75,17 @@ def mirror_shape_key_steps(
         keys, work = [key, partner], partial(_mirrored, [theirs, offsets], symmetry)
     else:
         keys = [replace(key, name=new) for new in names]
-        work = partial(_made, offsets, symmetry, mode, direction, blend)
+        work = partial(_new_offsets, offsets, symmetry, mode, direction, blend)
     made = yield from spread(in_background(work), 0, 1, "Mirroring the key")
     obj = unedited(context, name, symmetry.surface)
     for one, shape in zip(keys, made, strict=True):
         _write(obj, one, shape, mode, in_place=both or mode == "symmetrise")
     obj.data.update()
-    return _told(key_name, names, mode, direction)
+    return _summary(key_name, names, mode, direction)
 
 
 def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
-    """A shape key of an object, and how far it moves each vertex (n, 3) from the key that it is relative to.
+    """A shape key of an object, and its displacements (n, 3) from the key that it is relative to.
 
     Raises:
         MeshError: there is no such key, or none is active, or keys are absolute.
@@ -122,8 +122,8 @@ def _check_unlocked(obj: Object, names: Collection[str]) -> None:
             )
 
 
-def _told(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
-    """What was done, in a sentence."""
+def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
+    """A sentence that says what was done."""
     made, exchanged = " and ".join(f"{name!r}" for name in names), direction == "exchange"
     if mode == "symmetrise":
         return f"Exchanged the sides of {made}" if exchanged else f"Made {made} symmetric"
@@ -135,7 +135,7 @@ def _mirrored(offsets: list[Floats], symmetry: SelfMap) -> list[Floats]:
     return [_without_noise(mirrored_offsets(one, symmetry), one) for one in offsets]
 
 
-def _made(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
+def _new_offsets(offsets: Floats, symmetry: SelfMap, mode: KeyMode, direction: Direction, blend: float) -> list[Floats]:
     """The displacements (n, 3) of each key that is made."""
     if mode == "mirror":
         return _mirrored([offsets], symmetry)
@@ -151,13 +151,13 @@ def _without_noise(made: Floats, offsets: Floats) -> Floats:
 
 
 def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place: bool) -> None:
-    """Write a key with displacements from the key that it is relative to; one of its name keeps its value.
+    """Write a key with displacements from the key that it is relative to; an existing key's value is retained.
 
     Args:
         obj: the object.
         key: as it was read, under its new name.
         offsets: (n, 3).
-        mode: what is made of it. The other side's key goes with what else belongs to that side.
+        mode: see `mirror_shape_key`; with "mirror", vertex group and relative key are those of the other side.
         in_place: whether it is written where it was read, so that all else stays.
     """
     blocks, settings, base = obj.data.shape_keys.key_blocks, dict(key.settings), key.relative_to

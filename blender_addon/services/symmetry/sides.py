@@ -19,7 +19,7 @@ LEFT, RIGHT, MIDDLE = "Side.L", "Side.R", "Side Middle"
 
 
 def select_symmetry_line(obj: Object) -> str:
-    """Select what lies nearest to the symmetry line that is kept on an object's mesh, and nothing else.
+    """Select the vertices nearest to the symmetry line stored on an object's mesh, and nothing else.
 
     Returns:
         A sentence for the user.
@@ -52,7 +52,7 @@ def name_sides(obj: Object, width: float) -> str:
 
     Args:
         obj: a mesh object.
-        width: how far from the line the middle reaches, over the square root of the surface's area.
+        width: distance from the line to the edge of the middle, over the square root of the surface's area.
 
     Returns:
         A sentence for the user.

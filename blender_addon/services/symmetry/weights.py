@@ -55,12 +55,12 @@ def symmetrise_weights_steps(context: Context, name: str, direction: Direction, 
     obj = unedited(context, name, symmetry.surface)
     mesh_data.update_weights(obj, chosen.weights, weights)
     obj.data.update()
-    return _told(name, chosen, direction)
+    return _summary(name, chosen, direction)
 
 
 @dataclass(frozen=True, eq=False)
 class _Chosen:
-    """The groups that are made symmetric, and what holds for them.
+    """The groups that are made symmetric, and their constraints.
 
     Attributes:
         weights: of these groups and their partners.
@@ -79,9 +79,11 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
     if only and only not in weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
-    held = mesh_data.locked_groups(obj)
+    locked_groups = mesh_data.locked_groups(obj)
     locked = [
-        label for label in weights.labels if label in wanted and {label, partner_of(label, weights.labels)} & held
+        label
+        for label in weights.labels
+        if label in wanted and {label, partner_of(label, weights.labels)} & locked_groups
     ]
     columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
     if not columns:
@@ -98,7 +100,7 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     return _Chosen(replace(weights, values=csr_array(values[:, columns]), labels=labels), sharing, locked)
 
 
-def _told(name: str, chosen: _Chosen, direction: Direction) -> str:
+def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
     """What was done with an object's groups, in a sentence."""
     labels = chosen.weights.labels
     groups = f"{len(labels)} vertex groups of '{name}'"

@@ -41,7 +41,7 @@ class ZOOMOUT_UL_landmarks(UIList):
         number.ui_units_x = 1.2
         number.label(text=str(landmark.number))
         row.prop(landmark, "name", text="", emboss=False)
-        having = {kept.object for kept in landmark.places}
+        having = {stored.object for stored in landmark.places}
         for obj in _pair(context):
             row.label(text="", icon="CHECKMARK" if obj in having else "REMOVE")
 

@@ -1,4 +1,4 @@
-"""The panel to match: who is matched, how, what stands in the way, and the button."""
+"""The panel to match: objects, options, obstacles and the button."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Below the match: what it goes by beside the shapes, and what is seldom changed."""
+"""Subpanels of the match: evidence beside the shapes, and advanced options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Below the match: what came of it, to be seen in the viewport, and what else it might have been."""
+"""Subpanel of the match: its result, previews in the viewport, and other candidates."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ..thumbnails import icon_of_candidate, icon_of_source
 from .match import ZOOMOUT_PT_match
 from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_findings
 
-# From this part of its vertices in doubt on, a match bears no check mark.
+# Share of vertices of low confidence from which on a match has no check mark.
 DOUBTFUL = 0.25
-# How many pictures of candidates stand side by side.
+# Number of thumbnails in a row.
 COLUMNS = 3
 
 
@@ -32,8 +32,8 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object
-        kept = stored_match.description(target.data)
-        if kept is None:
+        stored = stored_match.description(target.data)
+        if stored is None:
             return
         reason = stale(context, target)
         if reason:
@@ -41,9 +41,9 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             box.alert = True
             sentences(context, box, [reason], "ERROR")
         else:
-            doubtful = kept["low_confidence"] / kept["vertices"]
-            others = (source["name"] for source in stored_match.others(kept))
-            names = ", ".join(f"'{name}'" for name in (kept["source"], *others))
+            doubtful = stored["low_confidence"] / stored["vertices"]
+            others = (source["name"] for source in stored_match.others(stored))
+            names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
             text = f"Matched with {names}, {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
@@ -53,7 +53,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         listing = stored_candidates.read(target.data)
         if listing is not None:
             _draw_candidates(usable, listing)
-        sentences(context, layout, kept["notes"], "DOT")
+        sentences(context, layout, stored["notes"], "DOT")
 
 
 def _draw_candidates(layout: UILayout, listing: CandidateList) -> None:

@@ -21,7 +21,7 @@ from .. import manual
 LETTER, BORDER = 6.5, 60
 # The button of a panel is taller than what it depends on.
 BUTTON = 1.5
-# Size of the pictures of candidates, in icons.
+# Size of the thumbnails of candidates, in icons.
 PICTURE = 3.2
 
 
@@ -45,7 +45,7 @@ def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: st
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
-    """What stands in the way, and what is doubtful, above the button that it concerns."""
+    """Obstacles and doubts, above the button that they concern."""
     for finding in found:
         box = layout.box()
         box.alert = finding.blocks
@@ -77,7 +77,7 @@ def preview_buttons(
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:
-    """The button that a panel is about; while there is work in a window, how far it is."""
+    """The main button of a panel; while an operator is running, its progress."""
     if activity.running is not None:
         layout.progress(text=activity.running.stage, factor=activity.running.fraction)
         layout.label(text="ESC cancels", icon="X")

@@ -28,7 +28,7 @@ from .sidebar import (
 EDITED = Finding("The mesh was edited since: detect its symmetry again.", True)
 RESHAPED = Finding("Reshaped since: Mirror Sculpt carries it over to the other side, or detect again.", False)
 FEW = Finding("Few vertices: if a symmetry is not found, subdivide the mesh and detect again.", False)
-# How many pictures of candidates stand side by side.
+# Number of thumbnails in a row.
 COLUMNS = 2
 
 
@@ -43,21 +43,21 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         layout, settings = self.layout, context.scene.zoomout.symmetry
         split_properties(layout)
         layout.prop(settings, "left")
-        kept, target = _kept(context), context.active_object
+        stored, target = _description(context), context.active_object
         if target is None or target.type != "MESH":
             sentences(context, layout, ["Make a mesh active."], "INFO")
         else:
             show_findings(context, layout, _doubts(target))
-        again = "Detect Symmetry" if kept is None else "Detect Again"
+        again = "Detect Symmetry" if stored is None else "Detect Again"
         main_button(layout, operators.ZOOMOUT_OT_detect_symmetry.bl_idname, again, "MOD_MIRROR", True)
-        if kept is None:
+        if stored is None:
             return
-        if stored_symmetry.is_outdated(target.data, kept):
+        if stored_symmetry.is_outdated(target.data, stored):
             show_findings(context, layout, [EDITED])
             return
-        if is_reshaped(target, kept):
+        if is_reshaped(target, stored):
             show_findings(context, layout, [RESHAPED])
-        _draw_candidates(context, layout, kept)
+        _draw_candidates(context, layout, stored)
         preview_buttons(context, layout, preview.OF_SYMMETRY)
         layout.prop(settings, "check", text="Asymmetry Of")
         layout.prop(settings, "direction")
@@ -73,8 +73,8 @@ class SymmetrySubpanel(SidebarPanel):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active mesh has a symmetry to work along."""
-        kept = _kept(context)
-        return kept is not None and not stored_symmetry.is_outdated(context.active_object.data, kept)
+        stored = _description(context)
+        return stored is not None and not stored_symmetry.is_outdated(context.active_object.data, stored)
 
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout.symmetry
@@ -144,25 +144,25 @@ def _doubts(target: Object) -> list[Finding]:
     return found + [Finding(f"'{name}' makes the mesh's other half: apply it first.", False) for name in halves]
 
 
-def _draw_candidates(context: Context, layout: UILayout, kept: dict[str, Any]) -> None:
-    """A picture and a button for each symmetry that was found, the chosen one marked, and what is to know of it."""
+def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
+    """A thumbnail and a button for each symmetry that was found, the chosen one pressed, and its notes."""
     grid = layout.grid_flow(row_major=True, columns=COLUMNS, even_columns=True, align=True)
-    pictures = stored_symmetry.pictured(kept)
-    for number, candidate in enumerate(kept["candidates"]):
+    pictures = stored_symmetry.pictured(stored)
+    for number, candidate in enumerate(stored["candidates"]):
         column = grid.column(align=True)
         if pictures:
             column.template_icon(icon_of_symmetry(*pictures[number]), scale=PICTURE)
-        chosen = number == kept["chosen"]
+        chosen = number == stored["chosen"]
         button = column.operator(
             operators.ZOOMOUT_OT_choose_symmetry.bl_idname, text=summary(candidate), depress=chosen
         )
         button.number = number
-    candidate = kept["candidates"][kept["chosen"]]
+    candidate = stored["candidates"][stored["chosen"]]
     if candidate["sides"]:
         layout.operator(operators.ZOOMOUT_OT_swap_sides.bl_idname, text="Swap Sides", icon="ARROW_LEFTRIGHT")
     sentences(context, layout, candidate["notes"], "DOT")
 
 
-def _kept(context: Context) -> dict[str, Any] | None:
+def _description(context: Context) -> dict[str, Any] | None:
     obj = context.active_object
     return stored_symmetry.description(obj.data) if obj and obj.type == "MESH" else None

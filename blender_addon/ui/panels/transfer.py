@@ -1,4 +1,4 @@
-"""The panel to transfer: what the source has, what stands in the way, the button, and the report."""
+"""The panel to transfer: the source's data, obstacles, the button, and the report."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object
-        kept = stored_match.description(target.data) if target and target.type == "MESH" else None
-        known = kept["source"] if kept else ""
+        stored = stored_match.description(target.data) if target and target.type == "MESH" else None
+        known = stored["source"] if stored else ""
         source = likely_source(context, known) if target else None
         _draw_choice(layout, context, source)
         # What is merely doubtful of the meshes stands above, in the panel to match.
         found = [finding for finding in findings(context, known) if finding.blocks]
-        matched = bool(kept and source and source.name == known)
+        matched = bool(stored and source and source.name == known)
         if matched and (reason := stale(context, target)):
             found = [Finding(reason, True)]
         elif matched:

@@ -1,4 +1,4 @@
-"""Below the transfer: how it is blended, what becomes of names, and seams that are cut before it."""
+"""Subpanels of the transfer: blending, naming, and cutting along seams."""
 
 from __future__ import annotations
 

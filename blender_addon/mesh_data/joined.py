@@ -27,16 +27,16 @@ from .vertex_groups import read_weights
 ELEMENTS = {Domain.POINT: "vertices", Domain.EDGE: "edges", Domain.FACE: "polygons", Domain.CORNER: "loops"}
 
 
-class Piece(NamedTuple):
-    """An object that has data.
+class EvaluatedObject(NamedTuple):
+    """An object and its evaluated state.
 
     Attributes:
-        source: as it is in the file.
-        evaluated: the same as its modifiers leave it.
-        mesh: the mesh that these leave.
+        original: the object as it is in the file.
+        evaluated: the same after its modifiers.
+        mesh: the evaluated mesh.
     """
 
-    source: Object
+    original: Object
     evaluated: Object
     mesh: Mesh
 
@@ -54,79 +54,79 @@ class JoinedLayer(NamedTuple):
 
 
 def read_joined_layers(
-    pieces: Sequence[Piece], turning: Collection[str] = ()
+    objects: Sequence[EvaluatedObject], turning: Collection[str] = ()
 ) -> tuple[list[JoinedLayer], dict[str, str]]:
     """`read_layers` of several objects; what they show as their UV maps is one, under the first one's name."""
-    shown, skipped = read_joined_active_layers(pieces).uv, dict[str, str]()
+    shown, skipped = read_joined_active_layers(objects).uv, dict[str, str]()
     found: list[dict[str, Layer]] = []
-    for piece in pieces:
-        layers, reasons = read_layers(piece.mesh, turning)
-        found.append(_with_shown_as(shown, piece.mesh, {layer.attribute.name: layer for layer in layers}))
+    for obj in objects:
+        layers, reasons = read_layers(obj.mesh, turning)
+        found.append(_with_shown_as(shown, obj.mesh, {layer.attribute.name: layer for layer in layers}))
         skipped = reasons | skipped
     joined = []
     for name in dict.fromkeys(name for layers in found for name in layers):
         first = next(layers[name] for layers in found if name in layers)
         parts = [layers.get(name) for layers in found]
-        for piece, part in zip(pieces, parts, strict=True):
+        for obj, part in zip(objects, parts, strict=True):
             if part is not None and not _alike(part, first):
-                skipped[f"{name} of '{piece.source.name}'"] = "it is of another type than on other objects"
+                skipped[f"{name} of '{obj.original.name}'"] = "it is of another type than on other objects"
         of_one_type = [part if part is not None and _alike(part, first) else None for part in parts]
         joined.append(
             JoinedLayer(
-                replace(first, attribute=_joined([part and part.attribute for part in of_one_type], pieces)),
+                replace(first, attribute=_joined([part and part.attribute for part in of_one_type], objects)),
                 tuple(number for number, part in enumerate(of_one_type) if part is None),
             )
         )
     return joined, skipped
 
 
-def read_joined_active_layers(pieces: Sequence[Piece]) -> ActiveLayers:
+def read_joined_active_layers(objects: Sequence[EvaluatedObject]) -> ActiveLayers:
     """What is shown and rendered of the first object that has such layers."""
-    of_each = [astuple(read_active_layers(piece.mesh)) for piece in pieces]
+    of_each = [astuple(read_active_layers(obj.mesh)) for obj in objects]
     return ActiveLayers(*(next(filter(None, names), None) for names in zip(*of_each, strict=True)))
 
 
-def read_joined_active_uv_map(pieces: Sequence[Piece]) -> Attribute:
+def read_joined_active_uv_map(objects: Sequence[EvaluatedObject]) -> Attribute:
     """The UV maps that the objects show.
 
     Raises:
         MeshError: none has one.
     """
-    name = read_joined_active_layers(pieces).uv
+    name = read_joined_active_layers(objects).uv
     if name is None:
-        raise zo.MeshError(f"'{pieces[0].source.name}' has no UV map: unwrap it, or choose another source.")
+        raise zo.MeshError(f"'{objects[0].original.name}' has no UV map: unwrap it, or choose another source.")
     parts = []
-    for piece in pieces:
-        own = name if name in piece.mesh.uv_layers else read_active_layers(piece.mesh).uv
-        parts.append(own and replace(read_layer(piece.mesh, own, Role.UV_MAP).attribute, name=name))
-    return _joined([part or None for part in parts], pieces)
+    for obj in objects:
+        own = name if name in obj.mesh.uv_layers else read_active_layers(obj.mesh).uv
+        parts.append(own and replace(read_layer(obj.mesh, own, Role.UV_MAP).attribute, name=name))
+    return _joined([part or None for part in parts], objects)
 
 
-def read_joined_marks(pieces: Sequence[Piece]) -> list[Attribute]:
+def read_joined_marks(objects: Sequence[EvaluatedObject]) -> list[Attribute]:
     """`read_marks` of several objects."""
-    found = [{marks.name: marks for marks in read_marks(piece.mesh)} for piece in pieces]
+    found = [{marks.name: marks for marks in read_marks(obj.mesh)} for obj in objects]
     names = dict.fromkeys(name for marks in found for name in marks)
-    return [_joined([marks.get(name) for marks in found], pieces) for name in names]
+    return [_joined([marks.get(name) for marks in found], objects) for name in names]
 
 
-def read_joined_materials(pieces: Sequence[Piece]) -> tuple[list[str | None], Attribute, tuple[int, ...]]:
+def read_joined_materials(objects: Sequence[EvaluatedObject]) -> tuple[list[str | None], Attribute, tuple[int, ...]]:
     """The names of the materials of several objects, each face's place in that list, and which objects have none.
 
     Faces of objects without materials have places of no meaning.
     """
-    found = [read_materials(piece.evaluated, piece.mesh) for piece in pieces]
+    found = [read_materials(obj.evaluated, obj.mesh) for obj in objects]
     first = np.cumsum([0, *(len(names) for names, _ in found)])
     slots = np.concatenate([slots.values + start for (_, slots), start in zip(found, first, strict=False)])
     lacking = tuple(number for number, (names, _) in enumerate(found) if not names)
     every = [name for names, _ in found for name in names]
-    known = list(dict.fromkeys(every))
-    place = np.array([known.index(name) for name in every] or [0])
-    return known, replace(found[0][1], values=place[np.minimum(slots, len(place) - 1)]), lacking
+    present = list(dict.fromkeys(every))
+    place = np.array([present.index(name) for name in every] or [0])
+    return present, replace(found[0][1], values=place[np.minimum(slots, len(place) - 1)]), lacking
 
 
-def read_joined_weights(pieces: Sequence[Piece]) -> tuple[Attribute, tuple[int, ...]]:
+def read_joined_weights(objects: Sequence[EvaluatedObject]) -> tuple[Attribute, tuple[int, ...]]:
     """The weights of the groups of several objects, by name, and which objects have none."""
-    found = [read_weights(piece.evaluated, piece.mesh) for piece in pieces]
+    found = [read_weights(obj.evaluated, obj.mesh) for obj in objects]
     lacking = tuple(number for number, weights in enumerate(found) if weights.values.nnz == 0)
     if len(found) == 1:
         return found[0], ()
@@ -141,16 +141,16 @@ def read_joined_weights(pieces: Sequence[Piece]) -> tuple[Attribute, tuple[int, 
     return replace(found[0], values=csr_array(vstack(widened, format="csr")), labels=labels), lacking
 
 
-def read_joined_normals(pieces: Sequence[Piece]) -> Attribute | None:
+def read_joined_normals(objects: Sequence[EvaluatedObject]) -> Attribute | None:
     """The normals of the corners of several objects in world space, if any of these has custom ones."""
-    if not any(piece.mesh.has_custom_normals for piece in pieces):
+    if not any(obj.mesh.has_custom_normals for obj in objects):
         return None
-    return _joined([read_normals(piece.evaluated, piece.mesh) for piece in pieces], pieces)
+    return _joined([read_normals(obj.evaluated, obj.mesh) for obj in objects], objects)
 
 
-def read_joined_at_rest(pieces: Sequence[Piece]) -> zo.Surface:
+def read_joined_at_rest(objects: Sequence[EvaluatedObject]) -> zo.Surface:
     """`read_surface_at_rest` of several objects, each in its mesh's own space."""
-    surfaces = [read_surface_at_rest(piece.source, piece.mesh) for piece in pieces]
+    surfaces = [read_surface_at_rest(obj.original, obj.mesh) for obj in objects]
     return surfaces[0] if len(surfaces) == 1 else zo.Surface.joined(surfaces)
 
 
@@ -172,13 +172,13 @@ def _alike(layer: Layer, other: Layer) -> bool:
     )
 
 
-def _joined(parts: Sequence[Attribute | None], pieces: Sequence[Piece]) -> Attribute:
+def _joined(parts: Sequence[Attribute | None], objects: Sequence[EvaluatedObject]) -> Attribute:
     """One attribute of several objects, some of which may lack it."""
-    known = next(part for part in parts if part is not None)
+    present = next(part for part in parts if part is not None)
     if len(parts) == 1:
-        return known
+        return present
     values = [
-        nothing(known.values, len(getattr(piece.mesh, ELEMENTS[known.domain]))) if part is None else part.values
-        for part, piece in zip(parts, pieces, strict=True)
+        nothing(present.values, len(getattr(obj.mesh, ELEMENTS[present.domain]))) if part is None else part.values
+        for part, obj in zip(parts, objects, strict=True)
     ]
-    return replace(known, values=np.concatenate(values))
+    return replace(present, values=np.concatenate(values))
