@@ -15,7 +15,7 @@ from mathutils import Matrix
 
 import zoomout_core as zo
 from benchmarks.characters.skeleton import Skeleton
-from benchmarks.transfer.cast import rigid_motion
+from benchmarks.transfer.cases import rigid_motion
 from blender_addon import mesh_data
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points

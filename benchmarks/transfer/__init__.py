@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.transfer.cast import Cast, casts
+from benchmarks.transfer.cases import Case, make_cases
 from benchmarks.transfer.figures import figures
 from benchmarks.transfer.methods import WAYS
 
@@ -25,7 +25,7 @@ def run(data: Path, most: int | None) -> dict[str, list[dict[str, Any]]]:
     Returns:
         `rows`: medians of the figures for each pose and way; `pairs`: those of each shape.
     """
-    pairs = [row for cast in tqdm(casts(data, most), desc="targets") for row in _rows(cast)]
+    pairs = [row for case in tqdm(make_cases(data, most), desc="targets") for row in _rows(case)]
     pairs.sort(key=lambda row: (row["pose"], list(WAYS).index(row["way"])))
     rows = [
         {"pose": pose, "way": way, **_medians(list(group))}
@@ -34,14 +34,14 @@ def run(data: Path, most: int | None) -> dict[str, list[dict[str, Any]]]:
     return {"rows": rows, "pairs": pairs}
 
 
-def _rows(cast: Cast) -> list[dict[str, Any]]:
+def _rows(case: Case) -> list[dict[str, Any]]:
     rows = []
     for name, way in WAYS.items():
-        target = cast.target.copy()
-        target.data = cast.target.data.copy()
+        target = case.target.copy()
+        target.data = case.target.data.copy()
         bpy.context.scene.collection.objects.link(target)
-        seconds = way(cast, target)
-        rows.append({"shape": cast.name, "pose": cast.pose, "way": name, **figures(cast, target), "seconds": seconds})
+        seconds = way(case, target)
+        rows.append({"shape": case.name, "pose": case.pose, "way": name, **figures(case, target), "seconds": seconds})
         bpy.data.meshes.remove(target.data)
     return rows
 

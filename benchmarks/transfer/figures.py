@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from benchmarks.transfer.cast import Cast, seams
+from benchmarks.transfer.cases import Case, seams
 from blender_addon import mesh_data
 from blender_addon.demo.character import PAINT, UV_MAP
 from blender_addon.demo.truth import color_error, torn_faces, uv_error, weight_error
@@ -14,13 +14,13 @@ from blender_addon.demo.truth import color_error, torn_faces, uv_error, weight_e
 SUM_TOLERANCE = 1e-4
 
 
-def figures(cast: Cast, target: bpy.types.Object) -> dict[str, float | None]:
+def figures(case: Case, target: bpy.types.Object) -> dict[str, float | None]:
     """The figures of one transfer; None for what the way does not transfer.
 
     UVs in widths of the atlas; weights as the sum of absolute differences at a vertex; colours as distances in
     linear RGB; keys as the offsets' error over their size; seams as their length over that of the source's.
     """
-    mesh, truth = target.data, cast.truth
+    mesh, truth = target.data, case.truth
     surface = mesh_data.read_target_surface(target, bpy.context.evaluated_depsgraph_get())
     row: dict[str, float | None] = dict.fromkeys(
         ["uv median", "uv 95 %", "torn", "seams", "weights", "not 1", "color", "materials", "keys"]
@@ -33,7 +33,7 @@ def figures(cast: Cast, target: bpy.types.Object) -> dict[str, float | None]:
             "uv median": float(np.median(error)),
             "uv 95 %": float(np.percentile(error, 95)),
             "torn": torn_faces(target, surface, truth) / len(mesh.polygons),
-            "seams": float(length / cast.seam),
+            "seams": float(length / case.seam),
         }
     if target.vertex_groups:
         sums = mesh_data.read_weights(target, mesh).values.sum(axis=1)
@@ -44,9 +44,9 @@ def figures(cast: Cast, target: bpy.types.Object) -> dict[str, float | None]:
     if PAINT in mesh.color_attributes:
         row["color"] = float(color_error(target, truth).mean())
     if mesh.materials:
-        row["materials"] = float((_materials(target) == _wanted(cast)).mean())
+        row["materials"] = float((_materials(target) == _wanted(case)).mean())
     if mesh.shape_keys:
-        missed, wanted = (keys[truth.known] for keys in (_keys(target) - cast.keys, cast.keys))
+        missed, wanted = (keys[truth.known] for keys in (_keys(target) - case.keys, case.keys))
         row["keys"] = float(np.linalg.norm(missed) / np.linalg.norm(wanted))
     return row
 
@@ -57,9 +57,9 @@ def _materials(target: bpy.types.Object) -> np.ndarray:
     return np.array(names)[slots.values]
 
 
-def _wanted(cast: Cast) -> np.ndarray:
-    names, _ = mesh_data.read_materials(cast.source, cast.source.data)
-    return np.array(names)[cast.material]
+def _wanted(case: Case) -> np.ndarray:
+    names, _ = mesh_data.read_materials(case.source, case.source.data)
+    return np.array(names)[case.material]
 
 
 def _keys(target: bpy.types.Object) -> np.ndarray:

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from blender_addon import mesh_data
 from blender_addon.adapters import COLLECTORS, DEFAULT, USUAL_DATA, Adapter, Remarks, TransferJob, TransferRequest
-from blender_addon.demo import Size, make_cast
+from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.character import select_only
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
@@ -56,10 +56,10 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
         for all of it along a stored match, reading and writing and checks included.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    cast = make_cast(size)
-    source, target = cast.character, cast.target
+    demo = make_demo_objects(size)
+    source, target = demo.character, demo.target
     burden(source, groups, keys)
-    match = StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())
+    match = StoredMatch(demo.truth.surface_map, demo.truth.known.astype(float), ())
     pair, cost = _timed(partial(read_pair, bpy.context, source.name, target.name))
     job = TransferJob(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
     rows = [_row("(surfaces)", 2, {"read": cost})]

@@ -12,7 +12,7 @@ from mathutils import Matrix
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from benchmarks.transfer.cast import Cast
+from benchmarks.transfer.cases import Case
 from blender_addon import mesh_data
 from blender_addon.demo.baseline import KINDS, transfer_best
 from blender_addon.demo.character import PAINT
@@ -23,58 +23,58 @@ from blender_addon.storage import stored_match
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A way gets a bare target, and says how long it took.
-Way = Callable[[Cast, bpy.types.Object], float]
+Way = Callable[[Case, bpy.types.Object], float]
 DATA = ("uv_maps", "vertex_groups", "color_attributes", "materials", "shape_keys")
 
 
-def by_match(cast: Cast, target: bpy.types.Object) -> float:
+def by_match(case: Case, target: bpy.types.Object) -> float:
     """Ours, with nothing given."""
     zo.forget_shapes()
     start = perf_counter()
-    match_objects(bpy.context, cast.source, target)
-    transfer_objects(bpy.context, cast.source, target, DATA)
+    match_objects(bpy.context, case.source, target)
+    transfer_objects(bpy.context, case.source, target, DATA)
     return perf_counter() - start
 
 
-def by_truth(cast: Cast, target: bpy.types.Object) -> float:
+def by_truth(case: Case, target: bpy.types.Object) -> float:
     """Ours along the true map: what is left is the error of the transfer alone."""
     start = perf_counter()
-    pair = read_pair(bpy.context, cast.source.name, target.name)
-    trust = cast.truth.known.astype(float)
-    stored_match.write(target.data, stored_match.StoredMatch(cast.truth.surface_map, trust, ()), pair, {})
-    transfer_objects(bpy.context, cast.source, target, DATA)
+    pair = read_pair(bpy.context, case.source.name, target.name)
+    trust = case.truth.known.astype(float)
+    stored_match.write(target.data, stored_match.StoredMatch(case.truth.surface_map, trust, ()), pair, {})
+    transfer_objects(bpy.context, case.source, target, DATA)
     return perf_counter() - start
 
 
-def by_proximity(cast: Cast, target: bpy.types.Object) -> float:
+def by_proximity(case: Case, target: bpy.types.Object) -> float:
     """Ours by the nearest points, where these are near and face the same way, and filled in elsewhere.
 
     Of weights it is the robust transfer by inpainting of Abdrashitov et al. (2023).
     """
     start = perf_counter()
-    match_objects(bpy.context, cast.source, target, initial="nearest")
-    transfer_objects(bpy.context, cast.source, target, DATA)
+    match_objects(bpy.context, case.source, target, initial="nearest")
+    transfer_objects(bpy.context, case.source, target, DATA)
     return perf_counter() - start
 
 
-def by_data_transfer(cast: Cast, target: bpy.types.Object) -> float:
+def by_data_transfer(case: Case, target: bpy.types.Object) -> float:
     """Blender's Data Transfer, each kind of data with the mapping that errs least."""
     start = perf_counter()
-    transfer_best(cast.source, target, cast.truth)
+    transfer_best(case.source, target, case.truth)
     trials = sum(len(kind.mappings) + 1 for kind in KINDS.values())
     return (perf_counter() - start) * len(KINDS) / trials
 
 
-def by_meshlab(cast: Cast, target: bpy.types.Object) -> float:
+def by_meshlab(case: Case, target: bpy.types.Object) -> float:
     """MeshLab's transfer of vertex attributes: colours, and weights as the quality of vertices, group by group."""
     import pymeshlab  # only after bpy, which cannot be imported once pymeshlab is
 
     start = perf_counter()
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    source = mesh_data.read_source_surface(cast.source, depsgraph)
+    source = mesh_data.read_source_surface(case.source, depsgraph)
     bare = mesh_data.read_target_surface(target, depsgraph)
-    paint = mesh_data.read_layer(cast.source.data, PAINT).attribute.values.astype(float)
-    weights = mesh_data.read_weights(cast.source, cast.source.data)
+    paint = mesh_data.read_layer(case.source.data, PAINT).attribute.values.astype(float)
+    weights = mesh_data.read_weights(case.source, case.source.data)
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(bare.vertices, bare.triangles))
     columns: list[np.ndarray] = []
@@ -98,10 +98,10 @@ def by_meshlab(cast: Cast, target: bpy.types.Object) -> float:
 def aligned(way: Way) -> Way:
     """A way that is given the best rigid alignment first."""
 
-    def after_alignment(cast: Cast, target: bpy.types.Object) -> float:
-        target.matrix_world = Matrix(cast.aligned) @ target.matrix_world
+    def after_alignment(case: Case, target: bpy.types.Object) -> float:
+        target.matrix_world = Matrix(case.aligned) @ target.matrix_world
         bpy.context.view_layer.update()
-        return way(cast, target)
+        return way(case, target)
 
     return after_alignment
 

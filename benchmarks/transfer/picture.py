@@ -10,9 +10,9 @@ from mathutils import Matrix, Vector
 from PIL import Image
 
 import zoomout_core as zo
-from benchmarks.transfer.cast import rigid_motion, seams
+from benchmarks.transfer.cases import rigid_motion, seams
 from blender_addon import mesh_data
-from blender_addon.demo import Size, make_cast
+from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.baseline import transfer_best
 from blender_addon.demo.picture import FAINT, INK, checker_material, ink, light, link, render, write
 from blender_addon.scene.pair import read_pair
@@ -35,26 +35,26 @@ WIDTH, SAMPLES, COLORS = 940, 24, 256
 def draw(path: Path, size: Size = SIZE, width: int = WIDTH) -> None:
     """Match and transfer the demo's character in Blender, and render an arm of each result to a PNG file."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    cast = make_cast(size)
-    character, truth = cast.character, cast.truth.surface_map
-    match_objects(bpy.context, character, cast.target)
-    opened = cast.target.copy()
-    opened.data = cast.target.data.copy()
+    demo = make_demo_objects(size)
+    character, truth = demo.character, demo.truth.surface_map
+    match_objects(bpy.context, character, demo.target)
+    opened = demo.target.copy()
+    opened.data = demo.target.data.copy()
     bpy.context.scene.collection.objects.link(opened)
     opened_map = _cut_open(character, opened)
-    for target in (cast.target, opened):
+    for target in (demo.target, opened):
         transfer_objects(bpy.context, character, target, ("uv_maps",))
-    transfer_best(character, cast.rival, cast.truth)
+    transfer_best(character, demo.baseline, demo.truth)
 
     weights = mesh_data.read_weights(character, character.data)
     columns = [weights.labels.index(name) for name in LIMB]
-    share, rest = weights.values[:, columns].sum(axis=1), cast.source_surface.vertices
+    share, rest = weights.values[:, columns].sum(axis=1), demo.source_surface.vertices
     middle = rest[share > 0.5].mean(axis=0)
     rows = (
         (character, None, "Source", "its checker, and its seams in black"),
-        (cast.target, truth, "ZoomOut", "another pose and mesh: each face in one island"),
+        (demo.target, truth, "ZoomOut", "another pose and mesh: each face in one island"),
         (opened, opened_map, "ZoomOut, cut along the seams", "the same, with new vertices where seams cross its edges"),
-        (cast.rival, truth, "Blender’s Data Transfer", "the same: what is nearest in space"),
+        (demo.baseline, truth, "Blender’s Data Transfer", "the same: what is nearest in space"),
     )
     objects = list(bpy.context.scene.objects)
     material = checker_material()

@@ -17,7 +17,7 @@ from bpy.types import Object
 import blender_addon
 from benchmarks.transfer.load import GROUPS, KEYS, SIZE, burden
 from blender_addon import mesh_data
-from blender_addon.demo import Size, make_cast
+from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.character import select_only
 from blender_addon.mesh_data.arrays import hash_of, read_array
 from blender_addon.scene.pair import read_pair
@@ -40,15 +40,15 @@ def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Reco
         the processor, how much memory it takes for good, and whether the target is what it is to be.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    cast = make_cast(size)
-    burden(cast.character, groups, keys)
-    match = stored_match.StoredMatch(cast.truth.surface_map, cast.truth.known.astype(float), ())
-    pair = read_pair(bpy.context, cast.character.name, cast.target.name)
-    stored_match.write(cast.target.data, match, pair, {})
-    bpy.context.scene.zoomout.source = cast.character
-    select_only(cast.target)
-    name = cast.target.name
-    del cast, pair, match
+    demo = make_demo_objects(size)
+    burden(demo.character, groups, keys)
+    match = stored_match.StoredMatch(demo.truth.surface_map, demo.truth.known.astype(float), ())
+    pair = read_pair(bpy.context, demo.character.name, demo.target.name)
+    stored_match.write(demo.target.data, match, pair, {})
+    bpy.context.scene.zoomout.source = demo.character
+    select_only(demo.target)
+    name = demo.target.name
+    del demo, pair, match
     bpy.ops.ed.undo_push(message="Before")
     before = _content(bpy.data.objects[name])
     made = [_measured("transfer", bpy.ops.zoomout.transfer)]

@@ -57,14 +57,14 @@ class Size(NamedTuple):
 FULL_SIZE = Size()
 
 
-class Cast(NamedTuple):
+class DemoObjects(NamedTuple):
     """The objects of the demo, at the same place, and their ground truth.
 
     Attributes:
         character: the source, at rest.
         armature: its armature.
         target: the posed and remeshed copy, which receives our transfer.
-        rival: the same mesh once more, which receives Data Transfer's.
+        baseline: the same mesh once more, which receives Data Transfer's.
         source_surface: the character's surface.
         target_surface: the target's.
         truth: the values that a correct transfer gives.
@@ -73,7 +73,7 @@ class Cast(NamedTuple):
     character: bpy.types.Object
     armature: bpy.types.Object
     target: bpy.types.Object
-    rival: bpy.types.Object
+    baseline: bpy.types.Object
     source_surface: zo.Surface
     target_surface: zo.Surface
     truth: Truth
@@ -95,38 +95,38 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
     seconds: dict[str, float] = {}
     with registered(), _timed(seconds, "total"):
         with _timed(seconds, "build"):
-            cast = make_cast(size)
+            demo = make_demo_objects(size)
         with _timed(seconds, "match"):
-            select_only(cast.target, cast.character)
+            select_only(demo.target, demo.character)
             bpy.ops.zoomout.match()
         with _timed(seconds, "transfer"):
             bpy.ops.zoomout.transfer()
         with _timed(seconds, "data_transfer_mappings"):
-            mappings = transfer_best(cast.character, cast.rival, cast.truth)
+            mappings = transfer_best(demo.character, demo.baseline, demo.truth)
         report = {
             "versions": _versions(),
             "vertices": {
-                "source": len(cast.character.data.vertices),
-                "target": len(cast.target.data.vertices),
-                "target_of_uncertain_truth": int((~cast.truth.known).sum()),
+                "source": len(demo.character.data.vertices),
+                "target": len(demo.target.data.vertices),
+                "target_of_uncertain_truth": int((~demo.truth.known).sum()),
             },
-            "errors": errors(cast),
+            "errors": errors(demo),
             "units": UNITS,
             "data_transfer_mappings": mappings,
             "torn_faces": {
-                "of": len(cast.target.data.polygons),
-                "zoomout": torn_faces(cast.target, cast.target_surface, cast.truth),
-                "data_transfer": torn_faces(cast.rival, cast.target_surface, cast.truth),
+                "of": len(demo.target.data.polygons),
+                "zoomout": torn_faces(demo.target, demo.target_surface, demo.truth),
+                "data_transfer": torn_faces(demo.baseline, demo.target_surface, demo.truth),
             },
             "unweighted_vertices": {
-                "zoomout": unweighted_vertices(cast.target),
-                "data_transfer": unweighted_vertices(cast.rival),
+                "zoomout": unweighted_vertices(demo.target),
+                "data_transfer": unweighted_vertices(demo.baseline),
             },
-            "transfer": transfer_report(cast.target),
+            "transfer": transfer_report(demo.target),
             "seconds": seconds,
         }
         with _timed(seconds, "picture"):
-            picture.arrange(cast.character, cast.armature, cast.target, cast.rival, report)
+            picture.arrange(demo.character, demo.armature, demo.target, demo.baseline, report)
             bpy.ops.wm.save_as_mainfile(filepath=str(output / "demo.blend"), compress=True)
             picture.render(output / "demo.png", size.width, size.samples)
     (output / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
@@ -147,7 +147,7 @@ def summary(report: dict[str, Any]) -> list[str]:
     return [*lines, f"{'torn faces':16}{torn['zoomout']:10}{torn['data_transfer']:16}   of {torn['of']:,}"]
 
 
-def make_cast(size: Size) -> Cast:
+def make_demo_objects(size: Size) -> DemoObjects:
     """Build the character, and from it the target, twice, with the ground truth for it."""
     character, armature = build_character(size.cell)
     set_pose(armature)
@@ -157,30 +157,31 @@ def make_cast(size: Size) -> Cast:
     bpy.data.meshes.remove(posed.data)
     clear_pose(armature)
 
-    rival = target.copy()
-    rival.data = target.data.copy()
-    target.name, rival.name = "ZoomOut", "Data Transfer"
-    bpy.context.scene.collection.objects.link(rival)
+    baseline = target.copy()
+    baseline.data = target.data.copy()
+    target.name, baseline.name = "ZoomOut", "Data Transfer"
+    bpy.context.scene.collection.objects.link(baseline)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     source_surface = mesh_data.read_source_surface(character, depsgraph)
     target_surface = mesh_data.read_target_surface(target, depsgraph)
     truth = find_truth(character, source_surface, posed_positions, target_surface)
-    return Cast(character, armature, target, rival, source_surface, target_surface, truth)
+    return DemoObjects(character, armature, target, baseline, source_surface, target_surface, truth)
 
 
-def errors(cast: Cast) -> dict[str, Any]:
+def errors(demo: DemoObjects) -> dict[str, Any]:
     """How far both transfers and the maps under them are off: statistics of each, and how many times ours beats."""
     found = {
-        name: (kind.error(cast.target, cast.truth), kind.error(cast.rival, cast.truth)) for name, kind in KINDS.items()
+        name: (kind.error(demo.target, demo.truth), kind.error(demo.baseline, demo.truth))
+        for name, kind in KINDS.items()
     }
-    pair = read_pair(bpy.context, cast.character.name, cast.target.name)
-    match = stored_match.read(cast.target.data, pair)
+    pair = read_pair(bpy.context, demo.character.name, demo.target.name)
+    match = stored_match.read(demo.target.data, pair)
     assert match is not None, "the match was just written"
-    source, target = cast.source_surface, cast.target_surface
+    source, target = demo.source_surface, demo.target_surface
     in_space = zo.SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
     found["correspondence"] = (
-        correspondence_error(match.surface_map, cast.truth, source),
-        correspondence_error(in_space, cast.truth, source),
+        correspondence_error(match.surface_map, demo.truth, source),
+        correspondence_error(in_space, demo.truth, source),
     )
     return {name: _compared(ours, theirs) for name, (ours, theirs) in found.items()}
 

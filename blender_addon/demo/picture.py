@@ -32,7 +32,7 @@ def arrange(
     character: bpy.types.Object,
     armature: bpy.types.Object,
     target: bpy.types.Object,
-    rival: bpy.types.Object,
+    baseline: bpy.types.Object,
     report: dict[str, Any],
 ) -> None:
     """Set the scene up: a column for each object, a row for each kind of data.
@@ -41,13 +41,13 @@ def arrange(
         character: the source.
         armature: its armature.
         target: received our transfer.
-        rival: received Data Transfer's.
+        baseline: received Data Transfer's.
         report: what `run` returns, for the captions.
     """
     columns = [
         (character, armature, "Source", f"{report['vertices']['source']:,} vertices"),
         (target, bind(target, armature), "ZoomOut", f"another pose, {report['vertices']['target']:,} vertices"),
-        (rival, bind(rival, armature), "Blender’s Data Transfer", "the same target, nearest surface"),
+        (baseline, bind(baseline, armature), "Blender’s Data Transfer", "the same target, nearest surface"),
     ]
     rows = [
         ("Paint", "color", _attribute_material(PAINT)),

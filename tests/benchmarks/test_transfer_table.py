@@ -8,7 +8,7 @@ from conftest import write_off
 from creatures import creature
 
 from benchmarks import transfer
-from benchmarks.transfer import cast, methods, regions
+from benchmarks.transfer import cases, methods, regions
 from zoomout_core.mesh.triangles import unique_edges
 
 WAYS = ("true map", "proximity, aligned", "Data Transfer, aligned", "MeshLab")
@@ -20,7 +20,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict]]:
     (data / "faust_r").mkdir()
     write_off(data / "faust_r" / "creature.off", creature(900, 0).surface)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cast, "CELL", 0.05)
+        patch.setattr(cases, "CELL", 0.05)
         patch.setattr(transfer, "WAYS", {name: methods.WAYS[name] for name in WAYS})
         return transfer.run(data, None)
 
@@ -90,6 +90,6 @@ def test_a_rigid_motion_is_found_again() -> None:
     points = np.random.default_rng(0).normal(size=(50, 3))
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
-    motion = cast.rigid_motion(points, points @ turn.T + [1, 2, 3])
+    motion = cases.rigid_motion(points, points @ turn.T + [1, 2, 3])
     np.testing.assert_allclose(motion[:3, :3], turn, atol=1e-9)
     np.testing.assert_allclose(motion[:3, 3], [1, 2, 3], atol=1e-9)

@@ -10,7 +10,7 @@ import pytest
 import blender_addon
 import zoomout_core as zo
 from blender_addon import mesh_data
-from blender_addon.demo import FULL_SIZE, Size, make_cast, run, shape, summary, truth
+from blender_addon.demo import FULL_SIZE, Size, make_demo_objects, run, shape, summary, truth
 from blender_addon.demo.character import LEFT, PAINT, RIGHT, UV_MAP
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, cut_mesh
@@ -29,20 +29,20 @@ def demo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory):
-    """The cast, built once and saved."""
+    """The demo's objects, built once and saved."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    cast = make_cast(SMALL)
-    path = tmp_path_factory.mktemp("cast") / "cast.blend"
+    objects = make_demo_objects(SMALL)
+    path = tmp_path_factory.mktemp("demo") / "demo.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    return path, cast
+    return path, objects
 
 
 @pytest.fixture
-def cast(empty_scene, prepared):
-    """The cast, fresh from its file."""
+def objects(empty_scene, prepared):
+    """The demo's objects, fresh from their file."""
     path, built = prepared
     bpy.ops.wm.open_mainfile(filepath=str(path))
-    names = {"character": "Character", "armature": "Armature", "target": "ZoomOut", "rival": "Data Transfer"}
+    names = {"character": "Character", "armature": "Armature", "target": "ZoomOut", "baseline": "Data Transfer"}
     return built._replace(**{role: bpy.data.objects[name] for role, name in names.items()})
 
 
@@ -113,7 +113,7 @@ def test_a_demo_that_fails_leaves_the_add_on_as_it_was(registered, tmp_path, mon
         assert hasattr(bpy.types.Scene, "zoomout")
         raise zo.MeshError("It failed.")
 
-    monkeypatch.setattr("blender_addon.demo.make_cast", fail)
+    monkeypatch.setattr("blender_addon.demo.make_demo_objects", fail)
     if not registered:
         blender_addon.unregister()
     with pytest.raises(zo.MeshError, match="It failed"):
@@ -132,10 +132,10 @@ def test_the_character_is_one_closed_surface_of_the_promised_size():
     assert np.abs(shape.distance(vertices)).max() < 1e-3
 
 
-def test_the_character_has_weights_on_the_right_sides_that_sum_to_one(cast):
-    weights = mesh_data.read_weights(cast.character, cast.character.data)
+def test_the_character_has_weights_on_the_right_sides_that_sum_to_one(objects):
+    weights = mesh_data.read_weights(objects.character, objects.character.data)
     assert np.allclose(weights.values.sum(axis=1), 1, atol=1e-5)
-    x = cast.source_surface.vertices[:, 0]
+    x = objects.source_surface.vertices[:, 0]
     for column, name in enumerate(weights.labels):
         weight = weights.values[:, [column]].toarray()[:, 0]
         side = {".L": 1, ".R": -1}.get(name[-2:], 0)
@@ -149,12 +149,12 @@ def wedge(a, b):
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def test_the_atlas_has_several_islands_and_none_overlaps_or_is_mirrored(cast):
-    uv = mesh_data.read_layer(cast.character.data, UV_MAP).attribute.values
+def test_the_atlas_has_several_islands_and_none_overlaps_or_is_mirrored(objects):
+    uv = mesh_data.read_layer(objects.character.data, UV_MAP).attribute.values
     assert uv.min() >= 0
     assert uv.max() <= 1
-    assert 7 <= cut_mesh.cut_open(cast.source_surface, uv).island.max() + 1 <= 20
-    corners = uv[cast.source_surface.triangle_corners].astype(float)
+    assert 7 <= cut_mesh.cut_open(objects.source_surface, uv).island.max() + 1 <= 20
+    corners = uv[objects.source_surface.triangle_corners].astype(float)
     a, b, c = corners.transpose(1, 0, 2)
     assert (wedge(b - a, c - a) > 0).mean() > 0.999
     covering = np.zeros(500, dtype=int)
@@ -165,24 +165,24 @@ def test_the_atlas_has_several_islands_and_none_overlaps_or_is_mirrored(cast):
     assert (covering > 1).mean() < 0.01
 
 
-def test_the_target_is_a_bare_closed_mesh_in_another_pose(cast):
-    for bare in (cast.target, cast.rival):
+def test_the_target_is_a_bare_closed_mesh_in_another_pose(objects):
+    for bare in (objects.target, objects.baseline):
         assert not bare.vertex_groups
         assert not bare.data.uv_layers
         assert not bare.data.color_attributes
-    assert cast.target.data != cast.rival.data
-    assert abs(len(cast.target.data.vertices) - SMALL.target_vertices) < 0.05 * SMALL.target_vertices
-    assert euler_characteristic(cast.target_surface) == 2
-    moved = cast.truth.surface_map.interpolate(cast.source_surface.vertices) - cast.target_surface.vertices
+    assert objects.target.data != objects.baseline.data
+    assert abs(len(objects.target.data.vertices) - SMALL.target_vertices) < 0.05 * SMALL.target_vertices
+    assert euler_characteristic(objects.target_surface) == 2
+    moved = objects.truth.surface_map.interpolate(objects.source_surface.vertices) - objects.target_surface.vertices
     assert np.linalg.norm(moved, axis=1).mean() > 0.15
     assert not {"Posed", "Dense"} & set(bpy.data.objects.keys())
 
 
-def test_the_truth_knows_left_from_right(cast):
-    assert cast.truth.known.mean() > 0.99
+def test_the_truth_knows_left_from_right(objects):
+    assert objects.truth.known.mean() > 0.99
     for rgb, side in ((LEFT, 1), (RIGHT, -1)):
-        painted = np.linalg.norm(cast.truth.color - rgb, axis=1) < 0.02
-        at_rest = cast.truth.surface_map.interpolate(cast.source_surface.vertices)
+        painted = np.linalg.norm(objects.truth.color - rgb, axis=1) < 0.02
+        at_rest = objects.truth.surface_map.interpolate(objects.source_surface.vertices)
         assert painted.sum() > 200
         assert (side * at_rest[painted, 0] > 0).all()
 
@@ -192,8 +192,8 @@ def write_uv(result, values):
     mesh_data.write_layer(result.data, mesh_data.Layer(attribute, mesh_data.Role.UV_MAP, "FLOAT2"))
 
 
-def test_a_perfect_transfer_has_no_error_and_swapped_sides_are_far_off(cast):
-    right, target = cast.truth, cast.target
+def test_a_perfect_transfer_has_no_error_and_swapped_sides_are_far_off(objects):
+    right, target = objects.truth, objects.target
     write_uv(target, right.uv)
     paint = Attribute(PAINT, Domain.POINT, Kind.COLOR, np.pad(right.color, ((0, 0), (0, 1))))
     mesh_data.write_layer(target.data, mesh_data.Layer(paint, mesh_data.Role.COLOR, "FLOAT_COLOR"))
@@ -201,7 +201,7 @@ def test_a_perfect_transfer_has_no_error_and_swapped_sides_are_far_off(cast):
     assert truth.uv_error(target, right).max() < 1e-6
     assert truth.color_error(target, right).max() < 1e-6
     assert truth.weight_error(target, right).max() < 1e-4
-    assert truth.correspondence_error(right.surface_map, right, cast.source_surface).max() == 0
+    assert truth.correspondence_error(right.surface_map, right, objects.source_surface).max() == 0
     assert truth.unweighted_vertices(target) == 0
 
     for group in target.vertex_groups:
@@ -211,10 +211,10 @@ def test_a_perfect_transfer_has_no_error_and_swapped_sides_are_far_off(cast):
     assert truth.weight_error(target, right).mean() > 0.8
 
 
-def test_a_face_that_reaches_across_the_atlas_counts_as_torn(cast):
-    uv = np.zeros_like(cast.truth.uv)
-    write_uv(cast.rival, uv)
-    assert truth.torn_faces(cast.rival, cast.target_surface, cast.truth) == 0
-    uv[cast.target_surface.face_start[:3]] = 0.9
-    write_uv(cast.rival, uv)
-    assert truth.torn_faces(cast.rival, cast.target_surface, cast.truth) == 3
+def test_a_face_that_reaches_across_the_atlas_counts_as_torn(objects):
+    uv = np.zeros_like(objects.truth.uv)
+    write_uv(objects.baseline, uv)
+    assert truth.torn_faces(objects.baseline, objects.target_surface, objects.truth) == 0
+    uv[objects.target_surface.face_start[:3]] = 0.9
+    write_uv(objects.baseline, uv)
+    assert truth.torn_faces(objects.baseline, objects.target_surface, objects.truth) == 3

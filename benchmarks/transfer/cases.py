@@ -39,7 +39,7 @@ THINNED = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Cast:
+class Case:
     """A source and a target.
 
     Attributes:
@@ -65,7 +65,7 @@ class Cast:
     aligned: Floats
 
 
-def casts(data: Path, most: int | None, seed: int = 0) -> Iterator[Cast]:
+def make_cases(data: Path, most: int | None, seed: int = 0) -> Iterator[Case]:
     """The demo's character and the shapes of a folder, each against itself remeshed in its own and another pose."""
     shapes: list[tuple[Path | None, Path | None]] = [(None, None), *_same_vertices(data / "tosca_full")]
     for folder in ("faust_r", "tosca_r"):
@@ -77,7 +77,7 @@ def casts(data: Path, most: int | None, seed: int = 0) -> Iterator[Cast]:
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
             source, posed = _demo_character() if path is None else _shape(path, other, seed)
             name = "character" if path is None else path.stem
-            yield _cast(name, pose, source, posed if pose == "other" else mesh_data.read_positions(source.data))
+            yield _case(name, pose, source, posed if pose == "other" else mesh_data.read_positions(source.data))
 
 
 def _same_vertices(folder: Path) -> Iterator[tuple[Path, Path]]:
@@ -205,7 +205,7 @@ def _strengths(vertices: Floats, triangles: Integers) -> Floats:
 # --- targets ------------------------------------------------------------------------------------------------
 
 
-def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast:
+def _case(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Case:
     """The target for a source, whose vertices stand at `posed` (n_s, 3) in the target's pose."""
     rest, triangles = _triangulated(source)
     count = round(THINNED * len(posed))
@@ -225,7 +225,7 @@ def _cast(name: str, pose: str, source: bpy.types.Object, posed: Floats) -> Cast
     _, slots = mesh_data.read_materials(source, source.data)
     swelling = SWELLING * np.sqrt(source_surface.area) * _strengths(rest, triangles)[:, :, None]
     begin, end = seams(source, source_surface).T
-    return Cast(
+    return Case(
         name=name,
         pose=pose,
         source=source,
