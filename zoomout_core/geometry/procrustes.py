@@ -1,18 +1,179 @@
-"""Rotations that lie nearest to matrices."""
+"""Procrustes analysis: the rotations and similarities that align point sets best, in the sense of least squares.
+
+The rotation follows from the singular value decomposition of the covariance (Kabsch, A solution for the best rotation
+to relate two sets of vectors, 1976), scale and translation from it as well (Umeyama, Least-squares estimation of
+transformation parameters between two point patterns, 1991). Everything is batched: `...` stands for any leading
+dimensions, none for a single pair of point sets.
+
+A handedness is 1 for rotations, -1 for reflections, and None for whichever of the two fits better.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
+
+# Guard against division by zero.
+SMALLEST = 1e-300
+# Variances that are differences of means, of places at unit area, are exact up to this rounding.
+LEAST_SPREAD = 1e-12
 
 
-def nearest_rotations(matrices: Floats, handed: ArrayLike = 1.0) -> Floats:
-    """(..., 3, 3) the rotations nearest to matrices (..., 3, 3); where `handed` (...) is negative, the reflections.
+def nearest_rotations(matrices: Floats, handedness: ArrayLike | None = 1.0) -> Floats:
+    """(..., d, d) the rotations, or reflections, nearest to matrices (..., d, d).
 
-    The orthogonal part of the polar decomposition (Higham 1986), with the sign of the least direction as it has to be.
+    The orthogonal part of the polar decomposition (Higham 1986), where the direction of the least singular value is
+    reversed if the handedness (...) asks for it.
     """
     U, _, Vt = np.linalg.svd(matrices)
-    U[..., 2] *= (np.sign(handed) * np.sign(np.linalg.det(U @ Vt)))[..., None]
+    if handedness is not None:
+        U[..., -1] *= (np.sign(handedness) * np.sign(np.linalg.det(U @ Vt)))[..., None]
     return np.asarray(U @ Vt)
+
+
+def procrustes(
+    points: Floats,
+    images: Floats,
+    weights: Floats | None = None,
+    handedness: ArrayLike | None = 1.0,
+    scales: tuple[ArrayLike, ArrayLike] = (0.0, np.inf),
+) -> Similarities:
+    """The similarities that take point sets nearest to their images.
+
+    Args:
+        points: (..., n, d).
+        images: (..., n, d).
+        weights: (n,) or (..., n) of the points, not negative, not all zero; equal when not given.
+        handedness: (...) 1 for rotations, -1 for reflections, None for whichever fits better.
+        scales: (...) the least and the largest; (1, 1) for rigid motions.
+    """
+    return Moments.between(points, images, weights).similarities(handedness, scales)
+
+
+@dataclass(frozen=True, eq=False)
+class Similarities:
+    """x -> scale * rotation x + translation, one or many.
+
+    Attributes:
+        scale: (...).
+        rotation: (..., d, d) orthogonal.
+        translation: (..., d).
+    """
+
+    scale: Floats
+    rotation: Floats
+    translation: Floats
+
+    @property
+    def linear(self) -> Floats:
+        """(..., d, d) scale and rotation in one."""
+        return np.asarray(self.scale[..., None, None] * self.rotation)
+
+    def __call__(self, points: Floats) -> Floats:
+        """Points (..., n, d), moved."""
+        turned = points @ np.swapaxes(self.rotation, -1, -2)
+        return np.asarray(self.scale[..., None, None] * turned + self.translation[..., None, :])
+
+    def inverse(self, points: Floats) -> Floats:
+        """Points (..., n, d), moved back."""
+        return np.asarray((points - self.translation[..., None, :]) @ self.rotation / self.scale[..., None, None])
+
+    def __getitem__(self, chosen: slice | Integers) -> Similarities:
+        return Similarities(self.scale[chosen], self.rotation[chosen], self.translation[chosen])
+
+    @classmethod
+    def joined(cls, several: Sequence[Similarities]) -> Similarities:
+        """One after the other."""
+        names = "scale", "rotation", "translation"
+        return cls(*(np.concatenate([getattr(each, name) for each in several]) for name in names))
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """First and second moments of places x and their images y, which determine how x is best aligned with y.
+
+    Attributes:
+        place: (..., d) mean x.
+        image: (..., d) mean y.
+        cross: (..., d, d) covariance of y and x.
+        spread: (...) variance of x, summed over the coordinates.
+    """
+
+    place: Floats
+    image: Floats
+    cross: Floats
+    spread: Floats
+
+    @classmethod
+    def between(cls, points: Floats, images: Floats, weights: Floats | None = None) -> Moments:
+        """Those of point sets and their images; see `procrustes`."""
+        share = np.ones(points.shape[-2]) if weights is None else weights
+        share = (share / share.sum(axis=-1, keepdims=True))[..., None, :]
+        place, image = share @ points, share @ images
+        offset = points - place
+        weighted = np.swapaxes(offset, -1, -2) * share
+        spread = np.einsum("...dn,...nd->...", weighted, offset)
+        return cls(place[..., 0, :], image[..., 0, :], np.swapaxes(weighted @ (images - image), -1, -2), spread)
+
+    @classmethod
+    def of_products(cls, means: Floats) -> Moments:
+        """Those of patches, from the patches' means (m, 16) of what `products` gives."""
+        place, image = means[:, :3], means[:, 3:6]
+        cross = means[:, 6:15].reshape(-1, 3, 3) - image[:, :, None] * place[:, None]
+        return cls(place, image, cross, np.maximum(means[:, 15] - (place**2).sum(axis=1), LEAST_SPREAD))
+
+    @cached_property
+    def _decomposition(self) -> tuple[Floats, Floats, Floats]:
+        """The singular value decomposition of the covariances."""
+        return np.linalg.svd(self.cross)
+
+    @cached_property
+    def _parity(self) -> Floats:
+        """(...) 1 where its factors give rotations, -1 where they give reflections."""
+        U, _, Vt = self._decomposition
+        return np.asarray(np.sign(np.linalg.det(U @ Vt)))
+
+    def _signs(self, handedness: ArrayLike | None) -> Floats:
+        """(..., d) signs of the singular values for matrices of a handedness."""
+        signs = np.ones(self.place.shape)
+        if handedness is not None:
+            signs[..., -1] = np.sign(handedness) * self._parity
+        return signs
+
+    @cached_property
+    def handedness(self) -> float:
+        """1 if rotations fit all patches better than reflections, together, else -1.
+
+        A flat patch is fitted by both equally well; all of them together are not flat, unless nothing is.
+        """
+        return -1.0 if (self._parity * self._decomposition[1][..., -1]).sum() < 0 else 1.0
+
+    def rotations(self, handedness: ArrayLike | None = 1.0) -> Floats:
+        """(..., d, d) the best rotations, or reflections."""
+        U, _, Vt = self._decomposition
+        return np.asarray((U * self._signs(handedness)[..., None, :]) @ Vt)
+
+    def scale(self, handedness: ArrayLike | None = 1.0) -> Floats:
+        """(...) the best scales."""
+        total = (self._decomposition[1] * self._signs(handedness)).sum(axis=-1)
+        return np.asarray(total / np.maximum(self.spread, SMALLEST))
+
+    def similarities(
+        self, handedness: ArrayLike | None = 1.0, scales: tuple[ArrayLike, ArrayLike] = (0.0, np.inf)
+    ) -> Similarities:
+        """The best similarities with scales (...) within bounds; see `procrustes`."""
+        scale, rotation = np.clip(self.scale(handedness), *scales), self.rotations(handedness)
+        translation = self.image - scale[..., None] * np.einsum("...ij,...j->...i", rotation, self.place)
+        return Similarities(scale, rotation, translation)
+
+
+def products(places: Floats, images: Floats) -> Floats:
+    """(n, 16) places, images, products of both, and squares: see `Moments.of_products`."""
+    mixed = (images[:, :, None] * places[:, None]).reshape(-1, 9)
+    return np.hstack([places, images, mixed, (places**2).sum(axis=1, keepdims=True)])

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.zoomout import SampledBasis, upsample
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -137,7 +138,7 @@ def _grown(
     longer = np.stack([block_diag(C, choice) for C, choice in product(maps, choices)])
     k = longer.shape[-1]
     refined, _ = upsample(sampled, sampled, longer, k + EIGENSPACES.look_ahead, 1)
-    grown = _nearest_orthogonal(refined[:, :k, :k])
+    grown = nearest_rotations(refined[:, :k, :k], None)
     scores = [commutativity_error(C, eigenvalues, eigenvalues) + orthonormality_error(C) for C in refined]
     kept: list[Floats] = []
     for i in np.argsort(scores, kind="stable"):
@@ -145,8 +146,3 @@ def _grown(
         if len(kept) < width and min(differences, default=np.inf) > EIGENSPACES.same_map:
             kept.append(grown[i])
     return kept
-
-
-def _nearest_orthogonal(matrices: Floats) -> Floats:
-    U, _, Vt = np.linalg.svd(matrices)
-    return np.asarray(U @ Vt)

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.components.similarity_field import Moments, products
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.symmetry.mirror import Direction, own_share_of
@@ -107,9 +107,9 @@ def frames(symmetry: SelfMap) -> Floats:
     handedness = -1.0 if symmetry.reverses_orientation else 1.0
     proxy = symmetry.shape.proxy
     places, images = _places_and_images(symmetry)
-    moments = Moments.of(symmetry.shape.basis.smoothed(products(places, images), SURROUNDINGS.turning**2))
-    blended = proxy.place.interpolate(_orthogonal(moments.cross, handedness).reshape(-1, 9)).reshape(-1, 3, 3)
-    return _on_surface(_orthogonal(blended, handedness), symmetry)
+    moments = Moments.of_products(symmetry.shape.basis.smoothed(products(places, images), SURROUNDINGS.turning**2))
+    blended = proxy.place.interpolate(moments.rotations(handedness).reshape(-1, 9)).reshape(-1, 3, 3)
+    return _on_surface(nearest_rotations(blended, handedness), symmetry)
 
 
 def shape_asymmetry(symmetry: SelfMap) -> Floats:
@@ -120,8 +120,8 @@ def shape_asymmetry(symmetry: SelfMap) -> Floats:
     """
     shape = symmetry.shape
     places, images = _places_and_images(symmetry)
-    moments = Moments.of(shape.basis.smoothed(products(places, images), SURROUNDINGS.comparing**2))
-    turns = _orthogonal(moments.cross, -1.0 if symmetry.reverses_orientation else 1.0)
+    moments = Moments.of_products(shape.basis.smoothed(products(places, images), SURROUNDINGS.comparing**2))
+    turns = moments.rotations(-1.0 if symmetry.reverses_orientation else 1.0)
     laid = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
     normals = np.einsum("nij,nj->ni", turns, shape.mesh.vertex_normals)
     apart = np.abs(np.einsum("ni,ni->n", images - laid, normals)) * shape.proxy.full.scale
@@ -156,13 +156,6 @@ def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
     if len(rest):
         vertex_of[rest] = vertex_of[body[cKDTree(surface.vertices[body]).query(surface.vertices[rest])[1]]]
     return np.asarray(values[vertex_of])
-
-
-def _orthogonal(matrices: Floats, handedness: float) -> Floats:
-    """(n, 3, 3) the nearest orthogonal matrices, of determinant 1 or -1."""
-    U, _, Vt = np.linalg.svd(matrices)
-    U[..., 2] *= (handedness * np.sign(np.linalg.det(U @ Vt)))[..., None]
-    return np.asarray(U @ Vt)
 
 
 def _checked(offsets: Floats, symmetry: SelfMap) -> Floats:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
+from zoomout_core.geometry.procrustes import Moments
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
@@ -101,10 +102,10 @@ def _fitted(start: Floats, end: Floats, group: Integers, weight: Floats) -> tupl
 
     centre, end_centre = mean(start), mean(end)
     x, y = start - centre[group], end - end_centre[group]
-    U, singular, Vt = np.linalg.svd(mean(y[:, :, None] * x[:, None]).reshape(-1, 2, 2))
+    covariance = mean(y[:, :, None] * x[:, None]).reshape(-1, 2, 2)
     spread, end_spread = mean((x**2).sum(axis=1))[:, 0], mean((y**2).sum(axis=1))[:, 0]
-    linear = (singular.sum(axis=1) / np.maximum(spread, 1e-300))[:, None, None] * (U @ Vt)
-    return np.einsum("cij,cj->ci", linear[group], x) + end_centre[group], end_spread > LAYOUT_FIT.least_extent * spread
+    found = Moments(centre, end_centre, covariance, spread).similarities(None)
+    return found[group](start[:, None])[:, 0], end_spread > LAYOUT_FIT.least_extent * spread
 
 
 def _most(group: Integers, label: Integers, weight: Floats) -> Integers:

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.mesh.triangles import (
     edge_graph,
     sides_by_edge,
@@ -74,15 +73,3 @@ def test_polygons_of_several_sizes_keep_their_corners() -> None:
     assert [len(np.unique(part)) for part in (triangles[:4], triangles[4:6], triangles[6:])] == [6, 4, 3]
     assert triangles[:4].max() < 6 <= triangles[4:6].min()
     assert triangles[4:6].max() < 10 <= triangles[6:].min()
-
-
-def test_the_nearest_rotation_is_one_and_a_reflection_where_it_is_asked_for() -> None:
-    matrices = np.random.default_rng(0).normal(size=(40, 3, 3))
-    for handed in (1.0, -1.0):
-        found = nearest_rotations(matrices, np.full(40, handed))
-        np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
-        np.testing.assert_allclose(np.linalg.det(found), handed)
-        # No other one of many is nearer.
-        others = nearest_rotations(np.random.default_rng(1).normal(size=(500, 3, 3)), np.full(500, handed))
-        best = np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)
-        assert (np.linalg.norm(matrices - found, axis=(1, 2)) <= best + 1e-12).all()

@@ -10,11 +10,12 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points, project_to_embedding
+from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.parts import PARTS, Part, Side, paired
-from zoomout_core.matching.components.similarity_field import Moments, SimilarityField, moved, products
+from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, moved
 from zoomout_core.matching.pair import Pair
 from zoomout_core.tuning import Tuning, tuned
 
@@ -148,9 +149,9 @@ def _carried(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Flo
     _, label = np.unique(target.mesh.component[loose], return_inverse=True)
     areas = target.areas[loose]
     share = csr_array((areas / np.bincount(label, areas)[label], (label, np.arange(len(loose)))))
-    moments = Moments.of(share @ products(before, after))
+    moments = Moments.of_products(share @ products(before, after))
     small = np.flatnonzero((np.sqrt(moments.spread) < COMPONENTS.rigid_size)[label])
-    affine = moments.affine(motion.handedness)[label[small]]
+    affine = affine_maps(moments, motion.handedness)[label[small]]
     after[small], turned_to[small] = moved(affine, before[small], turned_from[small])
     everywhere = np.zeros((len(target.points), 7))
     everywhere[loose] = np.column_stack([after, turned_to, trust])

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import surface_samples
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.tuning import Tuning, tuned
 
 # Shells are this far apart in the fourth coordinate of a tree that holds them all.
@@ -95,61 +94,8 @@ class Shells:
         return np.reshape(distance, points.shape[:2]), self.dense.reshape(-1, 3)[near].reshape(points.shape)
 
 
-@dataclass(frozen=True, eq=False)
-class Similarities:
-    """x -> scale * turn x + shift, many of them.
-
-    Attributes:
-        scale: (q,).
-        turn: (q, 3, 3).
-        shift: (q, 3).
-    """
-
-    scale: Floats
-    turn: Floats
-    shift: Floats
-
-    def __call__(self, points: Floats) -> Floats:
-        """Points (q, s, 3), moved."""
-        return self.scale[:, None, None] * (points @ np.swapaxes(self.turn, 1, 2)) + self.shift[:, None]
-
-    def inverse(self, points: Floats) -> Floats:
-        """Points (q, s, 3), moved back."""
-        return (points - self.shift[:, None]) @ self.turn / self.scale[:, None, None]
-
-    def __getitem__(self, chosen: slice | Integers) -> Similarities:
-        return Similarities(self.scale[chosen], self.turn[chosen], self.shift[chosen])
-
-    @classmethod
-    def between(
-        cls, points: Floats, images: Floats, handed: float, least: ArrayLike = 0.0, most: ArrayLike = np.inf
-    ) -> Similarities:
-        """Those that take points (q, s, 3) nearest to images (q, s, 3).
-
-        Args:
-            points: of each.
-            images: of these.
-            handed: -1 for mirror images, else 1.
-            least: (q,) the least scale,
-            most: (q,) and the largest.
-        """
-        centre, image_centre = points.mean(axis=1, keepdims=True), images.mean(axis=1, keepdims=True)
-        offset, goal = points - centre, images - image_centre
-        turn = nearest_rotations(np.swapaxes(goal, 1, 2) @ offset, handed)
-        turned = offset @ np.swapaxes(turn, 1, 2)
-        scale = (goal * turned).sum(axis=(1, 2)) / np.maximum((offset**2).sum(axis=(1, 2)), 1e-300)
-        scale = np.clip(scale, least, most)
-        shift = image_centre[:, 0] - scale[:, None] * np.einsum("qij,qj->qi", turn, centre[:, 0])
-        return cls(scale, turn, shift)
-
-    @classmethod
-    def joined(cls, several: Sequence[Similarities]) -> Similarities:
-        """One after the other."""
-        return cls(*(np.concatenate([getattr(s, name) for s in several]) for name in ("scale", "turn", "shift")))
-
-
 def registered(
-    target: Shells, source: Shells, of_target: Integers, of_source: Integers, prior: Similarities, handed: float
+    target: Shells, source: Shells, of_target: Integers, of_source: Integers, prior: Similarities, handedness: float
 ) -> tuple[Similarities, Floats]:
     """Register shells of the target with shells of the source.
 
@@ -159,20 +105,21 @@ def registered(
         of_target: (q,) which shells of the target,
         of_source: (q,) are registered with which of the source.
         prior: (p,) how the body's map moves each of the target's shells.
-        handed: -1 where it mirrors them, else 1.
+        handedness: -1 where it mirrors them, else 1.
 
     Returns:
         (q,) the similarities, and (q,) root mean square distances, both ways, that they leave.
     """
     start = prior[of_target]
+    scales = start.scale / SHELL_ICP.most_scale, start.scale * SHELL_ICP.most_scale
     both, left = [], []
-    for turn in (start.turn, _along_axes(start.turn, target.axes[of_target], source.axes[of_source], handed)):
-        centre = np.einsum("qij,qj->qi", turn, target.centre[of_target]) * start.scale[:, None]
-        motion = Similarities(start.scale, turn, source.centre[of_source] - centre)
+    along_axes = _along_axes(start.rotation, target.axes[of_target], source.axes[of_source], handedness)
+    for rotation in (start.rotation, along_axes):
+        centre = np.einsum("qij,qj->qi", rotation, target.centre[of_target]) * start.scale[:, None]
+        motion = Similarities(start.scale, rotation, source.centre[of_source] - centre)
         for _ in range(SHELL_ICP.rounds):
             here, there, _ = _partners(target, source, of_target, of_source, motion)
-            least, most = start.scale / SHELL_ICP.most_scale, start.scale * SHELL_ICP.most_scale
-            motion = Similarities.between(here, there, handed, least, most)
+            motion = procrustes(here, there, None, handedness, scales)
         both.append(motion)
         left.append(np.sqrt((_partners(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
     second = left[1] < SHELL_ICP.clearly_less * left[0]
@@ -191,12 +138,12 @@ def _partners(
     return np.concatenate([here, back], axis=1), np.concatenate([forth, there], axis=1), distances
 
 
-def _along_axes(turn: Floats, of_target: Floats, of_source: Floats, handed: float) -> Floats:
-    """(q, 3, 3) rotations of principal axes to principal axes, with the senses that are nearest to those of `turn`."""
-    agreement = np.einsum("qax,qxy,qay->qa", of_source, turn, of_target)
+def _along_axes(rotation: Floats, of_target: Floats, of_source: Floats, handedness: float) -> Floats:
+    """(q, 3, 3) rotations of principal axes to principal axes, in the senses that are nearest to `rotation`."""
+    agreement = np.einsum("qax,qxy,qay->qa", of_source, rotation, of_target)
     sign = np.where(agreement < 0, -1.0, 1.0)
     aligned = np.einsum("qax,qa,qay->qxy", of_source, sign, of_target)
-    wrong = np.linalg.det(aligned) * handed < 0
+    wrong = np.linalg.det(aligned) * handedness < 0
     weakest = np.argmin(np.abs(agreement), axis=1)
     sign[wrong, weakest[wrong]] *= -1
     return np.asarray(np.einsum("qax,qa,qay->qxy", of_source, sign, of_target))

@@ -18,11 +18,12 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.parts import PARTS, Part, Side, relation_of
-from zoomout_core.matching.components.shell_registration import Shells, Similarities, registered
+from zoomout_core.matching.components.shell_registration import Shells, registered
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.constraints import CONSTRAINTS
 from zoomout_core.matching.pair import Pair, landmark_points
@@ -284,7 +285,7 @@ def _partners(
     found, miss = registered(here, there, i, j, prior, motion.handedness)
     miss = miss / there.size[j]
     move = np.linalg.norm(found(here.centre[i][:, None])[:, 0] - images[i], axis=1)
-    cosine = (np.einsum("qij,qij->q", found.turn, prior.turn[i]) - 1) / 2
+    cosine = (np.einsum("qij,qij->q", found.rotation, prior.rotation[i]) - 1) / 2
     cost = (
         SHELLS.miss_cost * miss / SHELLS.most_miss
         + SHELLS.move_cost * move / SHELLS.most_move
@@ -305,7 +306,7 @@ def _prior(shells: Shells, motion: SimilarityField) -> Similarities:
     """How the body moves each of the target's shells as a whole."""
     flat = shells.sparse.reshape(-1, 3)
     images = _carried(motion, flat, np.zeros_like(flat))[0].reshape(shells.sparse.shape)
-    return Similarities.between(shells.sparse, images, motion.handedness)
+    return procrustes(shells.sparse, images, None, motion.handedness)
 
 
 def _onto_partner(
@@ -335,7 +336,7 @@ def _onto_partner(
         target: that the part is of.
     """
     rest = target.points[part.vertices]
-    turned = target.mesh.vertex_normals[part.vertices] @ similarity.turn[0].T
+    turned = target.mesh.vertex_normals[part.vertices] @ similarity.rotation[0].T
     edges, _ = unique_edges(part.corners)
     lengths = scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     tried = []

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
+from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.tuning import Tuning, tuned
 
@@ -36,72 +37,6 @@ class SimilarityFieldTuning(Tuning, set_by="judgement"):
 
 
 SIMILARITIES = SimilarityFieldTuning()
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Means and products of places x and their images y over patches, which say how each patch moves.
-
-    Attributes:
-        place: (m, 3) mean x.
-        image: (m, 3) mean y.
-        cross: (m, 3, 3) covariance of y and x.
-        spread: (m,) variance of x.
-    """
-
-    place: Floats
-    image: Floats
-    cross: Floats
-    spread: Floats
-
-    @classmethod
-    def of(cls, products: Floats) -> Moments:
-        """From the patches' means (m, 16) of what `products` gives."""
-        place, image = products[:, :3], products[:, 3:6]
-        cross = products[:, 6:15].reshape(-1, 3, 3) - image[:, :, None] * place[:, None]
-        return cls(place, image, cross, np.maximum(products[:, 15] - (place**2).sum(axis=1), 1e-12))
-
-    @cached_property
-    def singular(self) -> tuple[Floats, Floats, Floats]:
-        """The singular value decomposition of the covariances."""
-        return np.linalg.svd(self.cross)
-
-    @cached_property
-    def handedness(self) -> float:
-        """1 where the patches turn, -1 where they are mirrored: which of the two leaves less over.
-
-        A flat patch does both equally well; all of them together are not flat, unless nothing is.
-        """
-        U, singular, Vt = self.singular
-        return -1.0 if (np.linalg.det(U @ Vt) * singular[:, 2]).sum() < 0 else 1.0
-
-    def scale(self, handedness: float) -> Floats:
-        """(m,) by how much the patches grow."""
-        return np.asarray((self.singular[1] * self._signs(handedness)).sum(axis=1) / self.spread)
-
-    def _signs(self, handedness: float) -> Floats:
-        """(m, 3) of the singular values, for patches that turn, or are mirrored."""
-        U, singular, Vt = self.singular
-        signs = np.ones_like(singular)
-        signs[:, 2] = np.linalg.det(U @ Vt) * handedness
-        return signs
-
-    def affine(self, handedness: float) -> Floats:
-        """(m, 12) the similarities of the patches: linear part, row by row, and shift."""
-        U, _, Vt = self.singular
-        signs = self._signs(handedness)
-        scale = self.scale(handedness)
-        typical = np.median(scale)
-        scale = np.clip(scale, typical / SIMILARITIES.most_scale, typical * SIMILARITIES.most_scale)
-        linear = scale[:, None, None] * ((U * signs[:, None]) @ Vt)
-        shift = self.image - np.einsum("mij,mj->mi", linear, self.place)
-        return np.hstack([linear.reshape(-1, 9), shift])
-
-
-def products(places: Floats, images: Floats) -> Floats:
-    """(n, 16) places, images, products of both, and squares: their means over a patch say how it moves."""
-    mixed = (images[:, :, None] * places[:, None]).reshape(-1, 9)
-    return np.hstack([places, images, mixed, (places**2).sum(axis=1, keepdims=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +74,7 @@ class SimilarityField:
     def _moments(self) -> list[Moments]:
         """Those of the surroundings of each vertex, for each of the widths."""
         local = products(self.places, self.images)
-        return [Moments.of(self.basis.smoothed(local, width**2)) for width in SIMILARITIES.widths]
+        return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in SIMILARITIES.widths]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Where the body takes points around it.
@@ -164,8 +99,16 @@ class SimilarityField:
             share = np.maximum(1 - np.abs(level - i), 0)
             rows = np.flatnonzero(share)
             if len(rows):
-                affine[rows] += share[rows, None] * (blend[rows] @ moments.affine(self.handedness))
+                affine[rows] += share[rows, None] * (blend[rows] @ affine_maps(moments, self.handedness))
         return *moved(affine, points, normals), blend @ self.trust
+
+
+def affine_maps(moments: Moments, handedness: float) -> Floats:
+    """(m, 12) the similarities of patches, of scales near the typical one: linear part, row by row, and translation."""
+    typical = np.median(moments.scale(handedness))
+    scales = typical / SIMILARITIES.most_scale, typical * SIMILARITIES.most_scale
+    found = moments.similarities(handedness, scales)
+    return np.hstack([found.linear.reshape(-1, 9), found.translation])
 
 
 def moved(affine: Floats, points: Floats, normals: Floats) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ from scipy.sparse import bsr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.tuning import Tuning, tuned
 
@@ -115,15 +115,13 @@ class DeformationGraph:
         count, c = len(nodes.vertex), nodes.near.shape[1]
         weight = (areas[:, None] * nodes.weight).ravel()
         owner = nodes.near.ravel()
-        values = np.hstack([rest, images, (images[:, :, None] * rest[:, None]).reshape(-1, 9), np.ones((len(rest), 1))])
+        values = np.hstack([products(rest, images), np.ones((len(rest), 1))])
         sums = segment_sum(weight[:, None] * np.repeat(values, c, axis=0), owner, count)
         # Pooled with neighbours, since a few points do not determine a rotation.
         pooled = np.array(sums)
         np.add.at(pooled, nodes.first, nodes.bond[:, None] * sums[nodes.second])
-        pooled = pooled / pooled[:, 15:]
-        moments = pooled[:, 6:15].reshape(-1, 3, 3) - pooled[:, 3:6, None] * pooled[:, None, :3]
-        rotations = nearest_rotations(moments)
-        own = sums / sums[:, 15:]
+        rotations = Moments.of_products(pooled[:, :16] / pooled[:, 16:]).rotations()
+        own = sums[:, :6] / sums[:, 16:]
         shift = np.einsum("dij,dj->di", rotations, rest[nodes.vertex] - own[:, :3])
         return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift, np.zeros((count, 6)))
 

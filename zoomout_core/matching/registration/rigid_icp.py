@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import Moments, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
@@ -74,9 +74,8 @@ def unmoved(
     here, there = QueryPoints.on(target, RIGID.nodes), QueryPoints.on(around.source, RIGID.nodes)
     at = here.vertex
     images = first.interpolate(mesh.vertices)[at]
-    share = here.areas / here.areas.sum()
-    centre, image_centre = share @ rest[at], share @ images
-    turn = nearest_rotations((images - image_centre).T @ (share[:, None] * (rest[at] - centre)))
+    moments = Moments.between(rest[at], images, here.areas)
+    centre, image_centre, turn = moments.place, moments.image, moments.rotations()
     for _ in range(RIGID.rounds):
         placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
         vertex, residual, weight = residuals(placed, turned, here, there, around, limit, RIGID.sliding)
@@ -112,17 +111,12 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
     if len(reliable) < RIGID.fewest_vertices:
         return goal, RIGID.flush
     at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), RIGID.settling_points)).astype(int)]
-    motion, shift = np.eye(3), np.zeros(3)
     trust = np.ones(len(at))
     for _ in range(RIGID.rounds):
-        share = trust / trust.sum()
-        centre, goal_centre = share @ points[at], share @ goal[at]
-        offsets, goals = points[at] - centre, goal[at] - goal_centre
-        turn = nearest_rotations(goals.T @ (share[:, None] * offsets))
-        size = (share @ np.einsum("nx,nx->n", goals, offsets @ turn.T)) / (share @ (offsets**2).sum(axis=1))
-        motion, shift = size * turn, goal_centre - size * turn @ centre
-        miss = np.linalg.norm(points[at] @ motion.T + shift - goal[at], axis=1)
+        aligned = procrustes(points[at], goal[at], trust)
+        miss = np.linalg.norm(aligned(points[at]) - goal[at], axis=1)
         trust = 1 / (1 + (miss / RIGID.coinciding) ** 2) ** 2
+    motion, shift = aligned.linear, aligned.translation
     for _ in range(RIGID.settling_rounds):
         placed = points[at] @ motion.T + shift
         near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < RIGID.coinciding)

@@ -7,7 +7,8 @@ import pytest
 from creatures import creature
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.components.similarity_field import Moments, SimilarityField, moved, products
+from zoomout_core.geometry.procrustes import Moments, products
+from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, moved
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 
 MADE = creature(500)
@@ -21,7 +22,7 @@ def basis() -> SpectralBasis:
 
 def patches(images: np.ndarray, places: np.ndarray) -> Moments:
     """Of patches (m, n, 3) that go to images."""
-    return Moments.of(np.stack([products(p, i).mean(axis=0) for p, i in zip(places, images, strict=True)]))
+    return Moments.of_products(np.stack([products(p, i).mean(axis=0) for p, i in zip(places, images, strict=True)]))
 
 
 PLACES = np.random.default_rng(0).standard_normal((9, 50, 3)) * 0.1
@@ -34,7 +35,7 @@ def test_a_similarity_of_patches_is_found_exactly(sense: float) -> None:
     assert moments.handedness == sense
     np.testing.assert_allclose(moments.scale(sense), 1.3)
     points, normals = np.ones((9, 3)), np.tile([0.0, 0, 1], (9, 1))
-    carried, turned = moved(moments.affine(sense), points, normals)
+    carried, turned = moved(affine_maps(moments, sense), points, normals)
     np.testing.assert_allclose(carried, points @ linear.T + [1, 2, 3])
     np.testing.assert_allclose(turned, normals @ (TURN * [sense, 1, 1]).T)
 
@@ -43,7 +44,7 @@ def test_a_patch_that_a_map_squeezes_by_mistake_keeps_a_size() -> None:
     factors = np.ones(9)
     factors[0], factors[1] = 0.01, 50
     moments = patches(PLACES * factors[:, None, None], PLACES)
-    affine = moments.affine(1.0)
+    affine = affine_maps(moments, 1.0)
     sizes = np.cbrt(np.linalg.det(affine[:, :9].reshape(-1, 3, 3)))
     np.testing.assert_allclose(sizes[2:], 1, rtol=1e-6)
     assert 0.3 < sizes[0] < 0.7

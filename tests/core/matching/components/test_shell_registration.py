@@ -8,7 +8,8 @@ from creatures import directions
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.components.shell_registration import Shells, Similarities, registered
+from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.matching.components.shell_registration import Shells, registered
 
 RADII = np.array([[1.0, 0.6, 0.3], [0.5, 0.45, 0.9], [0.2, 0.8, 0.7]])
 
@@ -29,7 +30,7 @@ def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
         [(truth[i : i + 1](points[None])[0], corners) for i, (points, corners) in enumerate(map(egg, RADII, (7, 8, 9)))]
     )
     off = Rotation.from_rotvec(0.4 * directions(3, 1)).as_matrix()
-    prior = Similarities(np.ones(3), off @ turns, truth.shift + 0.1)
+    prior = Similarities(np.ones(3), off @ turns, truth.translation + 0.1)
     number = np.arange(3)
     found, left = registered(target, source, number, number, prior, handed)
     places = target.sparse
@@ -37,15 +38,3 @@ def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
     assert (left < 0.12).all()
     _, stranger = registered(target, source, number, (number + 1) % 3, prior, handed)
     assert (stranger > left).all()
-
-
-def test_a_similarity_undone_leads_back() -> None:
-    similarity = Similarities(np.array([2.0]), Rotation.random(1, random_state=1).as_matrix(), np.array([[1.0, 2, 3]]))
-    points = directions(10, 0)[None]
-    assert np.allclose(similarity.inverse(similarity(points)), points)
-
-
-def test_scales_stay_within_their_limits() -> None:
-    points = directions(30, 0)[None]
-    assert Similarities.between(points, 3 * points, 1.0).scale == pytest.approx(3)
-    assert Similarities.between(points, 3 * points, 1.0, 0.5, 1.5).scale == pytest.approx(1.5)

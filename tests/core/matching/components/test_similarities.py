@@ -8,7 +8,8 @@ from creatures import directions
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.components.shell_registration import Shells, Similarities, _along_axes, registered
+from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.matching.components.shell_registration import Shells, _along_axes, registered
 
 ONE = np.zeros(1, dtype=np.int64)
 
@@ -35,7 +36,7 @@ def laid(truth: Similarities, prior: Similarities, handed: int = 1, seed: int = 
 
 
 def degrees_off(found: Similarities, truth: Similarities) -> float:
-    return float(np.degrees(Rotation.from_matrix(found.turn[0] @ truth.turn[0].T).magnitude()))
+    return float(np.degrees(Rotation.from_matrix(found.rotation[0] @ truth.rotation[0].T).magnitude()))
 
 
 def test_a_shell_finds_its_image_exactly() -> None:
@@ -43,7 +44,7 @@ def test_a_shell_finds_its_image_exactly() -> None:
     found, left = laid(truth, similarity())
     assert degrees_off(found, truth) < 1
     assert found.scale[0] == pytest.approx(1.2, rel=0.01)
-    np.testing.assert_allclose(found.shift, truth.shift, atol=0.02)
+    np.testing.assert_allclose(found.translation, truth.translation, atol=0.02)
     assert left < 0.02
 
 
@@ -75,10 +76,10 @@ def test_a_shell_grows_no_more_than_it_may() -> None:
 def test_shells_are_mirrored_where_the_body_is_and_only_there(handed: int) -> None:
     truth = similarity(1.0, (0.3, 0.1, 0.2), handed)
     found, left = laid(truth, similarity(sense=handed), handed)
-    assert np.linalg.det(found.turn[0]) == pytest.approx(handed)
+    assert np.linalg.det(found.rotation[0]) == pytest.approx(handed)
     assert left < 0.03
     wrong, more = laid(truth, similarity(sense=-handed), -handed)
-    assert np.linalg.det(wrong.turn[0]) == pytest.approx(-handed)
+    assert np.linalg.det(wrong.rotation[0]) == pytest.approx(-handed)
     assert more > 3 * left
 
 
