@@ -16,7 +16,7 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.shell_registration import Similarities
-from zoomout_core.matching.components.shells import LaidShells, _laid_on, _outside, _partners, _pinned, map_shells
+from zoomout_core.matching.components.shells import ShellMap, _onto_partner, _outside, _partners, _pinned, map_shells
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
@@ -51,7 +51,7 @@ def laid(
     """Where the first shell of a target lies on its partner, and how its edges change, if the body's map moves it."""
     mesh, shells = source.mesh, looked_for(source)
     part = replace(target.parts(target.points)[0], points=moved)
-    image, stretch = _laid_on(
+    image, stretch = _onto_partner(
         part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
     )
     return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
@@ -173,7 +173,7 @@ def test_what_is_near_the_skin_is_on_the_outside() -> None:
 # --- all shells -----------------------------------------------------------------------------------------------------
 
 
-def map_of(source: Surface, target: Surface, trust: float = 0.8) -> LaidShells:
+def map_of(source: Surface, target: Surface, trust: float = 0.8) -> ShellMap:
     """The map of shells whose largest one stands for the skin, which goes to itself by number."""
     shapes = [skin_of(surface) for surface in (source, target)]
     pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
@@ -189,7 +189,7 @@ def turned(surface: Surface) -> Surface:
     return surface.with_vertices(surface.vertices @ ABOUT.T + 3)
 
 
-def test_shells_that_have_their_like_are_laid_on_it_and_trusted() -> None:
+def test_shells_that_have_their_like_are_onto_partner_it_and_trusted() -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])
     found = map_of(source, turned(source))
     on = found.surface_map.interpolate(source.vertices[np.argsort(source.working.vertex_of)])
