@@ -66,8 +66,8 @@ def distance_distortion(
         vertex: (c,) target vertices go to.
         source: the surface that the map lands on.
         target: the surface that the map starts from.
-        places: distances are taken from so many of them, evenly spread over the list,
-        most: to so many.
+        places: number of places that distances are taken from, evenly spread over the list,
+        most: number of places that they are taken to.
     """
     picked, others = (np.unique(np.linspace(0, len(vertex) - 1, count).astype(int)) for count in (places, most))
     apart = [

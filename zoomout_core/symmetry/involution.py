@@ -38,7 +38,7 @@ INVOLUTIONS = InvolutionTuning()
 
 
 def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
-    """A map that is nearly its own inverse, drawn half way towards that inverse, and again.
+    """A map that is nearly its own inverse: in each round the mean of itself and its inverse.
 
     The inverse is sought where the map itself leads: all is local, and limbs that touch do not matter.
 

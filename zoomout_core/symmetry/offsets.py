@@ -115,16 +115,16 @@ def frames(symmetry: SelfMap) -> Floats:
 def shape_asymmetry(symmetry: SelfMap) -> Floats:
     """(n,) how far the shape stands off its other side's, in the surface's unit, whatever the pose.
 
-    A vertex's surroundings are laid over those of its image by the best rigid motion; what then is left between the
+    A vertex's surroundings are aligned with those of its image by the best rigid motion; what then is left between the
     two surfaces, along their normal, is asymmetry.
     """
     shape = symmetry.shape
     places, images = _places_and_images(symmetry)
     moments = Moments.of_products(shape.basis.smoothed(products(places, images), SURROUNDINGS.comparing**2))
     turns = moments.rotations(-1.0 if symmetry.reverses_orientation else 1.0)
-    laid = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
+    aligned = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
     normals = np.einsum("nij,nj->ni", turns, shape.mesh.vertex_normals)
-    apart = np.abs(np.einsum("ni,ni->n", images - laid, normals)) * shape.proxy.full.scale
+    apart = np.abs(np.einsum("ni,ni->n", images - aligned, normals)) * shape.proxy.full.scale
     return _on_surface(shape.proxy.place.interpolate(apart), symmetry)
 
 

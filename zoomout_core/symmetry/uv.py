@@ -54,7 +54,7 @@ def symmetrised_uv(
         attribute: a UV map of the symmetry's surface.
         symmetry: of the surface.
         direction: "left_to_right", "right_to_left" or "exchange"; there is no mean of two layouts.
-        layout: "own": each island that receives a layout is moved to where its faces lay before, turned, scaled or
+        layout: "own": each island that receives a layout is moved to where its faces were before, turned, scaled or
             mirrored. "over": it lies where the giving side has it, so that both share their texels, or exchange them.
 
     Raises:
@@ -67,26 +67,26 @@ def symmetrised_uv(
         raise MeshError(f"'{attribute.name}' is a UV map, and two have no mean: copy the left or the right side.")
     losing = own_share_of(Domain.CORNER, symmetry, direction) < 0.5
     other = mirrored(attribute, symmetry)
-    before, laid = np.asarray(attribute.values, dtype=np.float64), np.asarray(other.values, dtype=np.float64)
+    before, mirrored_uv = np.asarray(attribute.values, dtype=np.float64), np.asarray(other.values, dtype=np.float64)
     if layout == "own":
-        laid = _at_own_places(before, laid, losing, symmetry.surface)
-    values = np.where(losing[:, None], laid, before)
+        mirrored_uv = _at_own_places(before, mirrored_uv, losing, symmetry.surface)
+    values = np.where(losing[:, None], mirrored_uv, before)
     return replace(other, values=values.astype(np.asarray(attribute.values).dtype))
 
 
-def _at_own_places(before: Floats, laid: Floats, losing: Booleans, surface: Surface) -> Floats:
-    """UVs (c, 2) laid over the winning side's, of each piece moved to where most of it was before."""
+def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surface: Surface) -> Floats:
+    """UVs (c, 2) at those of the winning side, of each piece moved to where most of it was before."""
     own = cut_open(surface, before)
     island = own.island[surface.corner_face]
-    piece = cut_open(surface, np.column_stack([laid, losing])).island[surface.corner_face]
+    piece = cut_open(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]
     area = _corner_areas(surface) * losing
     at_home = island == _most(piece, island, area)[piece]
     winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)
     winners[own.cut_vertex[~losing]] = True
     shared = winners[own.cut_vertex] & losing & at_home
     weight = area * at_home * np.where(shared, LAYOUT_FIT.shared_weight, 1.0)
-    moved, placed = _fitted(laid, before, piece, weight)
-    moved = np.where((placed[piece] & losing)[:, None], moved, laid)
+    moved, placed = _fitted(mirrored_uv, before, piece, weight)
+    moved = np.where((placed[piece] & losing)[:, None], moved, mirrored_uv)
     kept = shared & placed[piece]
     moved[kept] = before[kept]
     return moved

@@ -1,8 +1,8 @@
 """A surface cut open along the edges where corner data jumps: at UV seams, at hard edges of colours.
 
-Corners around a vertex are one cut vertex as far as data runs on continuously from face to face, so the sides
-of a seam are strangers even where a chart borders itself. Points are located by walking downhill from a
-triangle that is known to be on the right side; no walk crosses a cut.
+Corners around a vertex are one cut vertex as far as data is continuous from face to face, so the sides of a seam have
+no vertex in common even where a chart borders itself. Points are located by a descent of the distance, from triangle to
+triangle, that begins at one which is known to be on the right side; no walk crosses a cut.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ WALKS = WalkTuning()
 
 @dataclass(frozen=True, eq=False)
 class CutSurface:
-    """A surface and how its corners hang together.
+    """A surface and how its corners are connected.
 
     Attributes:
         surface: the surface that is cut.
@@ -106,7 +106,7 @@ class CutSurface:
         return float(np.ptp(self.surface.vertices[self.surface.corner_vertex], axis=0).max())
 
     def walk(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:
-        """The closest points that are reached from a triangle by going downhill, without crossing a cut.
+        """The closest points that are reached from a triangle by descent of the distance, without crossing a cut.
 
         Args:
             start: (q,) the triangle that each walk begins at.

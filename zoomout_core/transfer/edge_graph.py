@@ -137,12 +137,12 @@ def located(points: Floats, mapped_graph: MappedGraph) -> LocatedPoints:
     triangles = target.triangles[proper]
     triangle, barycentric = closest_points(points, mapped.points, triangles)
     corners = triangles[triangle]
-    laid_corners = mapped.points[corners]
-    gap = np.linalg.norm(np.einsum("qc,qcx->qx", barycentric, laid_corners) - points, axis=1)
-    sides = np.linalg.norm(laid_corners - np.roll(laid_corners, 1, axis=1), axis=2)
+    corner_points = mapped.points[corners]
+    gap = np.linalg.norm(np.einsum("qc,qcx->qx", barycentric, corner_points) - points, axis=1)
+    sides = np.linalg.norm(corner_points - np.roll(corner_points, 1, axis=1), axis=2)
     trust = np.einsum("qc,qc->q", barycentric, mapped.confidence[corners])
     vertices = target.working.vertex_of[corners]
-    distance = np.linalg.norm(laid_corners - points[:, None], axis=2)
+    distance = np.linalg.norm(corner_points - points[:, None], axis=2)
     nearest, each = np.argmin(distance, axis=1), np.arange(len(points))
     covered = (gap <= COVERAGE.most_distance * np.maximum(sides.mean(axis=1), mapped_graph.edge_length)) & (
         trust >= COVERAGE.least_confidence

@@ -1,4 +1,4 @@
-"""Data on edges: lines such as seams, creases and sharp edges, drawn anew along the target's edges; marked vertices.
+"""Data on edges: lines such as seams, creases and sharp edges, traced along the target's edges; marked vertices.
 
 No edge of the target corresponds to one of the source, and the nearest edges of each form dashes. So the lines that
 the source's marked edges form are traced whole: each chain of edges, from one junction to the next, becomes the

@@ -101,7 +101,7 @@ class Frames:
     def rotations(self) -> Floats:
         """(n, 3, 3) what turns a vector (3,) at the source to one at the target; reflections where a map mirrors."""
         normals = self._handed[:, None] * self.mapped.target.working.vertex_normals[self.number]
-        upright = normals[:, :, None] * self._laid_normals[:, None, :] / self.mapped.source.area
+        upright = normals[:, :, None] * self._mapped_normals[:, None, :] / self.mapped.source.area
         fitted = self.smooth((self._differential + upright).reshape(-1, 9))
         return nearest_rotations(fitted.reshape(-1, 3, 3), self._handed)
 
@@ -132,8 +132,8 @@ class Frames:
         return _products_of_gradients(self.trusted_stiffness, self.mapped.target.working.vertices[self.number], images)
 
     @cached_property
-    def _laid_normals(self) -> Floats:
-        """(n, 3) a third of the area normals of the triangles around each vertex, as they are laid onto the source.
+    def _mapped_normals(self) -> Floats:
+        """(n, 3) a third of the area normals of the triangles around each vertex, as they are mapped onto the source.
 
         Triangles count as far as their corners are trusted.
         """
@@ -146,14 +146,14 @@ class Frames:
 
     @cached_property
     def _handed(self) -> Floats:
-        """(n,) -1 where a component is laid onto the source as its mirror image, else 1; also if no side is outside."""
+        """(n,) -1 where a component is mapped as a mirror image, else 1; 1 as well if no side is outside."""
         source, target = self.mapped.source.working, self.mapped.target.working
         if not (source.sides_are_known and target.sides_are_known):
             return np.ones(len(self.number))
         outward = self.mapped.surface_map.interpolate(source.vertex_normals[source.vertex_of])
         outward = on_working_mesh(target, outward)[self.number]
         component = target.component[self.number]
-        facing = np.bincount(component, np.einsum("nx,nx->n", outward, self._laid_normals))
+        facing = np.bincount(component, np.einsum("nx,nx->n", outward, self._mapped_normals))
         return np.where(facing < 0, -1.0, 1.0)[component]
 
     def nearest(self, positions: Floats) -> Integers:

@@ -2,8 +2,8 @@
 
 Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023): the values w of the
 doubtful vertices minimise w' (-L + L M^-1 L) w, in which L is the Laplacian and M holds the vertices' areas, while
-those of the trusted ones are fixed. The second term lets them run on smoothly, the first keeps them from running far.
-Both are taken at unit area, so that the result does not depend on units.
+those of the trusted ones are fixed. The second term continues them smoothly, the first limits how far they
+overshoot. Both are taken at unit area, so that the result does not depend on units.
 """
 
 from __future__ import annotations

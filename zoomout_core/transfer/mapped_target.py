@@ -1,4 +1,4 @@
-"""The target, laid onto the source by a map: where its vertices, corners and faces come to lie."""
+"""The target, mapped onto the source: the places of its vertices, corners and faces there."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Lines that marked edges form on a surface, and points along them.
 
-Marked edges are strung into chains that run from a junction or an end to the next, or around in a loop.
+Marked edges are joined to chains that run from a junction or an end to the next, or around in a loop.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from zoomout_core.transfer.cut_mesh import ragged
 
 @dataclass(frozen=True, eq=False)
 class Polylines:
-    """Edges strung together; ordered by chain, and along each.
+    """Edges joined to chains; ordered by chain, and along each.
 
     Attributes:
         edge: (k,) numbers of the edges.

@@ -130,12 +130,12 @@ def elect(
         gain[gain <= 1e-9 * (loyalty + loyalty.mean())] = 0
         if not gain.any():
             return chosen
-        # Of neighbours that both want to change only the keener does, so the border shortens every time.
+        # Of neighbours that would both change only the one that gains more does, so the border shortens every time.
         rank = np.empty(len(gain), dtype=np.int64)
         rank[np.argsort(gain, kind="stable")] = np.arange(len(gain))
-        keenest = rank.copy()
-        np.maximum.at(keenest, face[here], rank[face[there]])
-        chosen = np.where((gain > 0) & (keenest == rank), best, chosen)
+        highest = rank.copy()
+        np.maximum.at(highest, face[here], rank[face[there]])
+        chosen = np.where((gain > 0) & (highest == rank), best, chosen)
 
 
 def _best(face: Integers, score: Floats) -> Integers:

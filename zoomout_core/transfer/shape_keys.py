@@ -74,17 +74,17 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def conformed(mapped: MappedTarget) -> Floats:
-    """(n_t, 3) positions that lay the target onto the source; where confidence is low it keeps more of its shape."""
+    """(n_t, 3) positions of the target's vertices on the source; where confidence is low it keeps more of its shape."""
     target, frames = mapped.target, frames_of(mapped)
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
     own = on_working_mesh(target.working, target.vertices)
     gradients = _turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
-    laid = frames.smooth(
+    conforming = frames.smooth(
         (frames.trust * frames.areas)[:, None] * frames.points + FRAMES.smoothing_length**2 * gradients
     )
     number = target.working.vertex_of
-    return np.where((number >= 0)[:, None], laid[number], mapped.points)
+    return np.where((number >= 0)[:, None], conforming[number], mapped.points)
 
 
 def _without_noise(offsets: Floats, area: float) -> Floats:

@@ -18,7 +18,7 @@ class UVTuning(Tuning, set_by="judgement"):
     """Which sheet of the source a face of the target takes its UVs from, and how.
 
     Attributes:
-        most_steep: UVs beyond a border run on at most this many times as fast as their island's do on average.
+        most_steep: the slope of UVs beyond a border, at most, over the mean one of their island.
         most_sheets: of one face; more do not meet in one, unless it is larger than islands.
         inward: how far towards the middle of its face a corner chooses its triangle, to stay on the face's side.
         agreement: faces whose UVs at a common edge differ by less than this part of their size continue each other.

@@ -299,7 +299,7 @@ def _junctions(cut: CutSurface) -> Integers:
 
 
 def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integers, Floats]:
-    """For points (h, 3) of the source the nearest one of each face (h,) of the target, as it is laid onto the source.
+    """For points (h, 3) of the source the nearest one of each face (h,) of the target, as it is mapped onto the source.
 
     Returns:
         (h, 3) the corners of a triangle of the face, and (h, 3) the barycentric coordinates in it.

@@ -74,7 +74,7 @@ def _agree(
     first: Integers,
     second: Integers,
 ) -> Booleans:
-    """(e,) whether two candidates run on into each other over their common edge."""
+    """(e,) whether two candidates continue each other over their common edge."""
     size, island = sheets.size, chart.cut.triangle_island[sheets.seed]
     tolerance = UVS.agreement * np.minimum(size[one], size[other]) + CUT_TOLERANCE * size.max()
     agree = island[one] == island[other]
