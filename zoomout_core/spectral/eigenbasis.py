@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, SingleFloats
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -218,7 +219,7 @@ def _block_lanczos(
 ) -> Generator[float, None, tuple[Floats, Floats]]:
     n, b = len(root), EIGENSOLVER.block
     wanted = min(n - 1, int(EIGENSOLVER.surplus * k) + 2)
-    factor = _factorised(stiffness + EIGENSOLVER.shift * diags_array(areas))
+    factor = factorised(stiffness + EIGENSOLVER.shift * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
@@ -274,18 +275,6 @@ def _block_lanczos(
     raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
 
 
-def _factorised(matrix: csc_array) -> SuperLU:
-    """The LU factors of a symmetric matrix, with pivots from its diagonal."""
-    return splu(
-        csc_array(matrix),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        panel_size=1,
-        options={"SymmetricMode": True},
-    )
-
-
 class _TwoHalves:
     """Work on blocks of long vectors, half of it by a second thread where they are long enough."""
 
@@ -317,7 +306,7 @@ def _is_complete(eigenvalues: Floats, k: int, stiffness: csc_array, areas: Float
     """
     count = k + int(np.argmax(np.diff(eigenvalues[k - 1 :])))  # the shift lies in the widest gap beyond the k-th
     shift = (eigenvalues[count - 1] + eigenvalues[count]) / 2
-    factor = _factorised(stiffness - shift * diags_array(areas))
+    factor = factorised(stiffness - shift * diags_array(areas))
     if not np.array_equal(factor.perm_r, factor.perm_c):
         return True  # pivots off the diagonal say nothing of the signs
     return int((factor.U.diagonal() < 0).sum()) == count

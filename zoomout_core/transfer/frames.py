@@ -11,11 +11,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -169,16 +170,7 @@ class Frames:
     @cached_property
     def _factors(self) -> SuperLU:
         stiffness = self.trusted_stiffness + self.doubted_stiffness
-        matrix = csc_array(diags_array(self.trust * self.areas) + FRAMES.smoothing_length**2 * stiffness)
-        # Supernodes of a dozen columns: solves take four fifths of the time.
-        return splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            relax=12,
-            panel_size=8,
-            options={"SymmetricMode": True},
-        )
+        return factorised(diags_array(self.trust * self.areas) + FRAMES.smoothing_length**2 * stiffness)
 
 
 @once_per_argument

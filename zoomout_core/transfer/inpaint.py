@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -179,12 +180,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
     if unknown.sum() <= INPAINTING.most_smooth:
         rows = rows + rows @ diags_array(1 / np.maximum(areas, INPAINTING.least_area * areas.mean())) @ stiffness
     columns = csc_array(rows)
-    factor = splu(
-        columns[:, np.flatnonzero(unknown[near])],
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    factor = factorised(columns[:, np.flatnonzero(unknown[near])])
     pull = csr_array(columns[:, np.flatnonzero(known[near])])
     place = (np.cumsum(known) - 1)[near & known]
     return csr_array(

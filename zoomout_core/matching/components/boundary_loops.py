@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse import coo_array, diags_array
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -72,9 +72,8 @@ def loops_on_loops(part: Part, partner: Part) -> Floats:
             points = part.points[loop.vertices]
             near = cKDTree(other.along).query(points - loop.centre + other.centre)[1]
             goals[loop.vertices], weight[loop.vertices] = other.along[near] - points, LOOPS.loop_weight
-    system = csc_array(stiffness + diags_array(weight))
-    factor = splu(system, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    return np.asarray(part.points + factor.solve(weight[:, None] * goals))
+    factors = factorised(stiffness + diags_array(weight))
+    return np.asarray(part.points + factors.solve(weight[:, None] * goals))
 
 
 def boundary_loops(part: Part) -> list[BoundaryLoop]:
