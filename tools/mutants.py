@@ -276,8 +276,12 @@ def _operator(name: str) -> Operator:
 
 
 def _without_effect(code: str) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Where types stand, which nothing reads when the code runs, and decorators, such as frozen dataclasses'."""
+    """Where types stand, which nothing reads when the code runs; decorators, such as frozen dataclasses'; and the ranges
+    of tuned numbers, which refuse only what makes no sense."""
     for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "tuned":
+            for bound in node.args[2:]:
+                yield (bound.lineno, bound.col_offset), (bound.end_lineno or 0, bound.end_col_offset or 0)
         for decorator in getattr(node, "decorator_list", ()):
             yield (decorator.lineno, decorator.col_offset), (decorator.end_lineno, decorator.end_col_offset)
         for name in ("annotation", "returns"):
