@@ -1,0 +1,111 @@
+"""Functional maps that are fitted to descriptors: the least-squares solutions, the best scored and distinct ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.hypotheses.descriptors import (
+    _fit,
+    _resolvent_mask,
+    descriptor_hypotheses,
+)
+from zoomout_core.matching.hypotheses.hypothesis import alike
+from zoomout_core.matching.scores import scores_of, total_score
+from zoomout_core.runtime.stepping import drain
+
+
+def shape_of(count: int, seed: int, k: int = 30) -> ShapeAnalysis:
+    return drain(analysis_steps(creature(count, seed).surface.working.part(0)[0], k, 120, 0))
+
+
+@pytest.fixture(scope="module")
+def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    return shape_of(260, 0), shape_of(240, 1)
+
+
+def test_the_mask_is_how_far_resolvents_of_eigenvalues_are_apart() -> None:
+    of_source, of_target = np.array([0.0, 3, 7, 20]), np.array([0.0, 4, 8, 15, 16])
+    x_source, x_target = (np.sqrt(values / 20) for values in (of_source, of_target))
+    apart = np.abs(1 / (x_target[:, None] - 1j) - 1 / (x_source - 1j)) ** 2
+    np.testing.assert_allclose(
+        _resolvent_mask(of_source, of_target), apart / apart.mean(axis=1, keepdims=True), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        _resolvent_mask(of_target, of_source), apart.T / apart.T.mean(axis=1, keepdims=True), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("weight", [0.5, -2.0])
+def test_a_fit_takes_the_descriptors_over_as_well_as_a_map_near_the_diagonal_can(shapes, weight: float) -> None:
+    source, target = shapes
+    size, mask_weight = 8, 0.3
+    (bands, pairs), (bands_there, pairs_there) = source.descriptors, target.descriptors
+    # As many of each kind count alike, and a reflection turns the sign of pseudo-scalars.
+    share = abs(weight) ** 2 * bands.shape[1] / pairs.shape[1]
+    mean_square = ((bands[:size] ** 2).sum() + share * (pairs[:size] ** 2).sum()) / size
+    mask = mask_weight * mean_square * _resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
+
+    def energy(C: np.ndarray) -> float:
+        off_bands = C @ bands[:size] - bands_there[:size]
+        off_pairs = C @ pairs[:size] - np.sign(weight) * pairs_there[:size]
+        return float((off_bands**2).sum() + share * (off_pairs**2).sum() + (mask * C**2).sum())
+
+    C = _fit(source, target, size, weight, mask_weight)
+    np.testing.assert_array_equal(C[0], np.eye(size)[0])
+    np.testing.assert_array_equal(C[:, 0], np.eye(size)[0])
+    step = 1e-4
+    for i in range(1, size):
+        for j in range(1, size):
+            change = np.zeros_like(C)
+            change[i, j] = step
+            assert energy(C + change) > energy(C)
+            assert energy(C - change) > energy(C)
+
+
+def test_a_shape_is_fitted_to_itself_by_nearly_the_identity(shapes) -> None:
+    C = _fit(shapes[0], shapes[0], 12, 1.0, 0.3)
+    assert np.diag(C).min() > 0.5
+    assert np.abs(C - np.diag(np.diag(C))).max() < 0.3
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_best_scored_fits_come_first_and_are_distinct(shapes, side: int) -> None:
+    source, target = shapes
+    guesses = descriptor_hypotheses(source, target, sides=(side,))
+    assert 2 <= len(guesses) <= 8
+    maps = [nearest_samples(source.search, target.search, guess.functional_map) for guess in guesses]
+    totals = [
+        total_score(scores_of(guess.functional_map, sample_map, source, target, side < 0))
+        for guess, sample_map in zip(guesses, maps, strict=True)
+    ]
+    assert totals == sorted(totals)
+    assert not np.tril(alike([source.coordinates[each] for each in maps], 0.05), -1).any()
+    # What a fit is called is how it was made.
+    for guess in guesses:
+        size, weight, mask_weight = (float(word) for word in guess.origin.split()[1:])
+        np.testing.assert_allclose(guess.functional_map, _fit(source, target, int(size), weight, mask_weight))
+        assert np.sign(weight) == side
+
+
+def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
+    origins = [guess.origin for guess in descriptor_hypotheses(*shapes)]
+    sides = ["-" in origin for origin in origins]
+    assert sides == sorted(sides)
+    assert 2 <= sum(sides) < len(sides)
+    assert all("+" in origin for origin, reverses in zip(origins, sides, strict=True) if not reverses)
+
+
+def test_what_is_known_decides_which_fits_come_first(shapes) -> None:
+    for size in (8, 16):
+        guesses = descriptor_hypotheses(*shapes, lambda C, *_: {"axes": 50.0 * (len(C) != size)})  # noqa: B023
+        assert len(guesses[0].functional_map) == size
+
+
+def test_sizes_are_those_that_both_bases_allow(shapes) -> None:
+    few = shape_of(200, 2, k=10)
+    for pair in ((shapes[0], few), (few, shapes[0])):
+        assert {len(guess.functional_map) for guess in descriptor_hypotheses(*pair)} == {8}

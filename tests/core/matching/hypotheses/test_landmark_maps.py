@@ -1,0 +1,59 @@
+"""The first map that a few paired places give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature, mirrored_vertex, true_vertex
+from shapes import sheet, truth
+
+from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+
+SOURCE, TARGET = creature(300), creature(280, seed=1)
+AXES = ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 1, -0.25])
+
+
+def shape_of(surface: Surface, k: int = 40) -> ShapeAnalysis:
+    return drain(analysis_steps(surface.working.part(0)[0], k, 150, 0))
+
+
+@pytest.mark.parametrize("vertex", [true_vertex(SOURCE, TARGET), mirrored_vertex(SOURCE, TARGET)])
+def test_landmarks_give_the_map_that_pairs_them_whichever_side_they_mean(vertex: np.ndarray) -> None:
+    source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
+    tips = (TARGET.directions @ np.transpose(AXES)).argmax(axis=0)
+    guess = landmark_hypothesis(source, target, vertex[tips], tips)
+    assert guess.origin == "5 landmarks"
+    assert 5 <= len(guess.functional_map) <= 20
+    image = source.search.samples[nearest_samples(source.search, target.search, guess.functional_map)]
+    wanted = vertex[target.search.samples]
+    assert np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[wanted], axis=1).mean() < 0.3
+    held = guess.anchors
+    assert held is not None
+    image = np.linalg.norm(held.target[:, None] - held.source, axis=2).argmin(axis=1)
+    off = np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[vertex], axis=1).mean()
+    # A sense in which places turn is that of a map that keeps the orientation.
+    assert (off < 0.1) == np.array_equal(vertex, true_vertex(SOURCE, TARGET))
+
+
+def test_few_functions_are_enough_for_a_map() -> None:
+    source, target = shape_of(SOURCE.surface, 6), shape_of(TARGET.surface, 40)
+    tips = (SOURCE.directions @ np.transpose(AXES)).argmax(axis=0)
+    for one, other in ((source, target), (target, source)):
+        ids = tips, (TARGET.directions @ np.transpose(AXES)).argmax(axis=0)
+        ids = ids if one is source else ids[::-1]
+        assert landmark_hypothesis(one, other, *ids).functional_map.shape == (6, 6)
+
+
+def test_of_cloths_no_sense_is_known() -> None:
+    source, target = sheet(250, seed=0), sheet(220, seed=1)
+    picked = np.array([3, 100, 180])
+    ids = truth(source, target)[picked], picked
+    shapes = shape_of(source.surface), shape_of(target.surface)
+    anchors = landmark_hypothesis(*shapes, *ids).anchors
+    assert anchors is not None
+    assert not anchors.target[:, 3:].any()
+    assert shape_of(SOURCE.surface).mesh.sides_are_known
