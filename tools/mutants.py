@@ -276,8 +276,10 @@ def _operator(name: str) -> Operator:
 
 
 def _without_effect(code: str) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Where types stand, which nothing reads when the code runs; decorators, such as frozen dataclasses'; and the ranges
-    of tuned numbers, which refuse only what makes no sense."""
+    """Where types stand, which nothing reads when the code runs, decorators, such as frozen dataclasses', and ranges.
+
+    The ranges of tuned numbers refuse only what makes no sense.
+    """
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "tuned":
             for bound in node.args[2:]:
