@@ -14,7 +14,7 @@ def factorised(matrix: csc_array) -> SuperLU:
     own sizes or with relaxed ones 0.43 to 0.54, and solutions take the same time.
 
     Args:
-        matrix: (n, n) symmetric; where it is not definite, permutations that differ tell of pivots off the diagonal.
+        matrix: (n, n) symmetric; if it is indefinite, a pivot may be off the diagonal, and permutations differ then.
 
     Returns:
         Factors whose `solve` takes right-hand sides (n,) or (n, d).

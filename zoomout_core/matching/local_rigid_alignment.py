@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
@@ -174,8 +174,7 @@ def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
     limbs, which have extent along their axis only, that and the rotation of the neighbours nearer to the body.
     """
     weights, near = target.surroundings
-    moments: Floats = (weights @ _products(there, here)).reshape(-1, 3, 3)
-    moments -= _products(weights @ there, weights @ here).reshape(-1, 3, 3)
+    moments = Moments.of_products(weights @ products(here, there)).cross
     extent = np.linalg.svd(moments, compute_uv=False)
     moments /= np.maximum(extent[:, 0], 1e-300)[:, None, None]
     turns = _spread_from_body(moments, extent[:, 1] / np.maximum(extent[:, 0], 1e-300), near)
@@ -187,11 +186,6 @@ def _turns(here: Floats, there: Floats, target: ShapeAnalysis) -> Floats:
             blended *= np.sqrt(3) / np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-300)
         turns = nearest_rotations(blended.reshape(-1, 3, 3))
     return turns
-
-
-def _products(a: Floats, b: Floats) -> Floats:
-    """(n, 9) the outer products of the rows of two arrays (n, 3)."""
-    return np.asarray((a[:, :, None] * b[:, None]).reshape(-1, 9))
 
 
 def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floats:

@@ -2,8 +2,8 @@
 
 Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose
 in nearly all directions (Nooruddin and Turk, Simplification and repair of polygonal models using volumetric techniques,
-2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The skin is drawn by surface
-nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed distance.
+2003). Pieces are joined by tubes along a minimum spanning tree of the gaps between them. The skin is extracted by
+surface nets (Gibson, Constrained elastic surface nets, 1998) at the zero of a smoothed signed distance.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: 
         vertices: (n, 3) positions.
         triangles: (m, 3) vertex numbers, in any orientation.
         resolution: voxels along the longest extent.
-        inset: how far below the outer sides of the voxels that triangles pass through the skin is drawn, in voxels.
+        inset: how far below the outer sides of the voxels that triangles pass through the skin is extracted, in voxels.
 
     Returns:
         (n', 3) positions and (m', 3) triangles wound outwards; the largest piece, where several are too far apart.

@@ -50,8 +50,8 @@ class WorkingMesh:
         component: (n,) number of the connected component of each vertex, the largest area first.
         scale: square root of the surface's area, in the surface's units.
         origin: (3,) the point of the surface, in its frame and unit, that is at zero here.
-        is_skin: whether it was drawn around the surface: then its triangles stem from none of the surface's, and
-            `vertex_of` tells the nearest vertex.
+        is_skin: whether it is a voxel skin around the surface: then its triangles stem from none of the surface's, and
+            `vertex_of` is the nearest vertex.
     """
 
     vertices: Floats

@@ -36,12 +36,12 @@ BODIES = BodyTuning()
 
 
 class Bodies(NamedTuple):
-    """What stands for each of two surfaces in a match.
+    """The meshes by which two surfaces are matched.
 
     Attributes:
         source: a mesh.
         target: a mesh.
-        coverage: the part of both bodies, in [0, 1], that they tell of.
+        coverage: the part of both bodies, in [0, 1], that they cover.
     """
 
     source: WorkingMesh
@@ -55,7 +55,7 @@ def bodies_steps(source: Surface, target: Surface, seed: int) -> Generator[float
     Yields the fraction done.
 
     Raises:
-        MeshError: they are too small to be known by.
+        MeshError: they are too small to be matched.
     """
     surfaces = (source,) if source is target else (source, target)
     if all(surface.working.component.max() == 0 for surface in surfaces):
@@ -75,6 +75,6 @@ def bodies_steps(source: Surface, target: Surface, seed: int) -> Generator[float
 
 
 def tight_bodies_steps(source: Surface, target: Surface) -> Generator[float, None, Bodies]:
-    """Skins that part limbs which touch, for surfaces that are not known by others; yields the fraction done."""
+    """Skins that part limbs which touch, for pairs that others match with doubt; yields the fraction done."""
     skins = yield from for_each(partial(skin_of, tight=True), (source, target))
     return Bodies(skins[0], skins[1], 1.0)

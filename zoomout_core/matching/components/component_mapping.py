@@ -215,7 +215,7 @@ def _onto_pieces(
 
 
 def _drawn_to(part: Part, partner: Part) -> Floats:
-    """(n, 3) a part's points without what is left of the body map's error, as far as its partner tells.
+    """(n, 3) a part's points without what is left of the body map's error, as far as its partner determines it.
 
     A small one is moved to its partner's centre and size, a large one's boundary loops to those of its partner.
     """

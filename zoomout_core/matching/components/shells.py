@@ -267,7 +267,7 @@ def _partners(
     size = prior.scale * here.size
     apart = np.linalg.norm(images[:, None] - there.centre, axis=2)
     unlike = np.abs(np.log(size[:, None] / there.size))
-    # Only what regions part: a bonus for what they share would pair a left shoe with a right one, both of them shoes.
+    # Only pairs that regions exclude: a bonus for shared regions would pair a left shoe with a right one, both shoes.
     strangers = np.isinf(
         relation_of(
             target.members([of_target for _, of_target in pair.regions])[: len(ours)],

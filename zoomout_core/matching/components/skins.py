@@ -21,7 +21,7 @@ CLOSED = 1e-6
 
 @dataclass(frozen=True)
 class SkinTuning(Tuning, set_by="characters"):
-    """How finely skins are drawn, and what of them a main part covers.
+    """How finely skins are sampled, and what of them a main part covers.
 
     Attributes:
         resolution: of a skin, along the longest extent.
@@ -44,14 +44,14 @@ SKINS = SkinTuning()
 
 
 def skin_of(surface: Surface, tight: bool = False) -> WorkingMesh:
-    """One closed skin around a surface; `vertex_of` tells the skin's vertex nearest to each of the surface's.
+    """One closed skin around a surface; `vertex_of` is the skin's vertex nearest to each of the surface's.
 
-    The grid that it is drawn on lies along the surface's principal axes, so that it turns with the surface.
+    Its grid is aligned with the surface's principal axes, so that it turns with the surface.
 
     Args:
         surface: any mesh.
-        tight: draw it on a finer grid and a little below the surface, which parts limbs that touch, and loses what is
-            thin.
+        tight: extract it from a finer grid and a little below the surface, which parts limbs that touch, and loses
+            what is thin.
     """
     mesh = surface.working
     axes = _principal_axes(mesh)
@@ -80,7 +80,7 @@ def covered_by_main_part(surface: Surface, skin: WorkingMesh) -> float:
 
 
 def turned_outwards(mesh: WorkingMesh, skin: WorkingMesh) -> WorkingMesh:
-    """A surface's working mesh with its open components wound as the skin around them is: nothing else tells."""
+    """A surface's working mesh with its open components, which enclose nothing, wound as the skin around them is."""
     triangles = mesh.oriented_triangles
     near = cKDTree(skin.vertices).query(skin.from_surface(mesh.to_surface(mesh.vertices[triangles].mean(axis=1))))[1]
     normals, component = area_normals(mesh.vertices, triangles), mesh.component[triangles[:, 0]]

@@ -174,7 +174,7 @@ def fit_steps(
 
 
 def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
-    """A fit of stand-ins as a map between the parts that they stand for.
+    """A fit of proxies as a map between the parts that these were decimated from.
 
     Each vertex of the target's part moves along with its place on the stand-in, and takes the closest point of the
     source's part, unless that is far from where the map between the stand-ins leads: on something that touches.

@@ -95,11 +95,11 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
     """Where points are to go, made exact for those that a single similarity takes there.
 
     A stand-in lies off its mesh by more than two meshes of one surface differ, so where most of a body has not moved
-    against the rest, only the full meshes tell exactly how it lies.
+    against the rest, only the full meshes determine its position exactly.
 
     Args:
         goal: (n, 3) in the frame of the source's part.
-        fits: (n,) which goals tell of the motion.
+        fits: (n,) which goals are reliable.
         points: (n, 3) in that of the target's.
         standing: (n, 3) where they are if both surfaces stay where they stand; they do if that fits about as well.
         source: the mesh to lie on.
