@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
@@ -159,6 +161,49 @@ def test_a_vertex_is_not_brought_to_what_is_far_from_where_its_stand_in_leads(an
     off = np.linalg.norm(found - (slid if taken else part.vertices), axis=1)[belt]
     assert np.quantile(off, 0.9) < 3e-3
     np.testing.assert_allclose(found[part.vertices[:, 2] < -0.1], part.vertices[part.vertices[:, 2] < -0.1], atol=1e-9)
+
+
+def test_goals_that_one_motion_tells_are_lifted_exactly() -> None:
+    part = ball(0.3, radii=(1, 0.8, 0.6), count=600).working
+    proxy = Proxy(part, part, part.vertices, np.arange(600))
+    rough = part.vertices + np.random.default_rng(0).normal(scale=1.5e-3, size=part.vertices.shape)
+    fit = Fit(proxy.place, rough, np.tile(np.eye(3), (600, 1, 1)), np.ones(600, dtype=bool))
+    found = lifted_fit(fit, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
+    np.testing.assert_allclose(found, part.vertices, atol=1e-4)
+    # What has moved against the rest is laid where its stand-in leads.
+    tip = part.vertices[:, 0] > 0.5 * part.vertices[:, 0].max()
+    turn = Rotation.from_rotvec([0, 0.06, 0])
+    moved = replace(fit, positions=np.where(tip[:, None], turn.apply(part.vertices), rough))
+    found = lifted_fit(moved, proxy, proxy, part.vertices + 1).interpolate(part.vertices)
+    np.testing.assert_allclose(found[~tip], part.vertices[~tip], atol=2e-4)
+    assert np.linalg.norm(found - part.vertices, axis=1)[tip].mean() > 0.008
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_turned_or_mirrored_copy_is_laid_on_its_like(small, mirrored: bool) -> None:
+    source = small[0]
+    made = SMALL[0].surface
+    sense = np.array([-1.0 if mirrored else 1.0, 1, 1])
+    turn = Rotation.from_rotvec([0.5, 1.0, -0.3]).as_matrix()
+    triangles = made.triangles[:, ::-1] if mirrored else made.triangles
+    copy = Creature(Surface(made.vertices * sense @ turn.T, triangles), SMALL[0].directions)
+    target = shape_of(copy)
+    steps = fit_steps(onto(source, np.arange(500)), source, target, mirrored)
+    fractions: list[float] = []
+    while True:
+        try:
+            fractions.append(next(steps))
+        except StopIteration as finished:
+            fit = finished.value
+            break
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] < fractions[-1] < 1
+    assert fractions[-1] > 0.8
+    assert fit.fits.mean() > 0.95
+    np.testing.assert_allclose(fit.positions[fit.fits], source.mesh.vertices[fit.fits], atol=5e-3)
+    back = turn.T if not mirrored else np.diag(sense) @ turn.T
+    off = np.einsum("nij,kj->nik", fit.rotations[fit.fits], back) - np.eye(3)
+    assert np.median(np.abs(off).max(axis=(1, 2))) < 0.05
 
 
 def test_coarse_meshes_keep_the_map_that_they_have() -> None:
