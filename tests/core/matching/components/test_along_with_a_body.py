@@ -79,6 +79,18 @@ def test_trust_is_that_of_the_body_nearby(basis: SpectralBasis) -> None:
     assert motion.carry(mesh.vertices[below], mesh.vertex_normals[below])[2].max() < 0.1
 
 
+def test_the_roots_of_shares_fall_evenly_with_the_distance(basis: SpectralBasis) -> None:
+    mesh = MADE.surface.working
+    point = mesh.vertices[40:41] + 0.01
+    distance = np.linalg.norm(mesh.vertices - point, axis=1)
+    near = np.argsort(distance)[[0, 2, 5]]
+    alone = [SimilarityField(mesh.vertices, mesh.vertices, 1.0 * (np.arange(500) == i), basis) for i in near]
+    root = np.sqrt([float(motion.carry(point, point)[2][0]) for motion in alone])
+    fallen = -np.diff(root) / np.diff(distance[near])
+    assert fallen[0] == pytest.approx(fallen[1], rel=1e-6)
+    assert fallen[0] > 0
+
+
 def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basis: SpectralBasis) -> None:
     # A body whose one tip alone has turned about itself.
     mesh = MADE.surface.working

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from creatures import creature
@@ -19,11 +22,11 @@ def shape() -> ShapeAnalysis:
     return drain(analysis_steps(creature(500).surface.working.part(0)[0], 60, 300, 0))
 
 
-def chain(count: int, length: float = 0.1) -> DeformationGraph:
-    """Nodes in a row along x, each with four vertices around it that it alone moves."""
+def chain(count: int, length: float = 0.1, axis: int = 0) -> DeformationGraph:
+    """Nodes in a row along an axis, each with four vertices around it that it alone moves."""
     centres = np.arange(count)[:, None] * [length, 0.0, 0.0]
     around = 0.03 * np.array([[0.0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-    places = np.concatenate([centres, (centres[:, None] + around).reshape(-1, 3)])
+    places = np.roll(np.concatenate([centres, (centres[:, None] + around).reshape(-1, 3)]), axis, axis=1)
     owner = np.concatenate([np.arange(count), np.repeat(np.arange(count), 4)])
     one, other = np.arange(count - 1), np.arange(1, count)
     first, second = np.concatenate([one, other]), np.concatenate([other, one])
@@ -90,6 +93,16 @@ def test_nodes_that_are_turned_differently_come_to_agree(axis: int) -> None:
     assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_nodes_that_are_twisted_about_their_row_come_to_agree(axis: int) -> None:
+    bending = chain(2, axis=axis)
+    bending.rotations[1] = Rotation.from_rotvec(0.2 * np.eye(3)[axis]).as_matrix()
+    held = np.concatenate([[0], 2 + np.arange(4)])
+    for _ in range(3):
+        step(bending, held, bending.rest[held] - bending.moved()[0][held])
+    assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
+
+
 def test_steps_towards_closest_points_are_longer_and_go_on() -> None:
     plain, hurried = chain(2), chain(2)
     shift = np.tile([0.01, 0, 0], (2, 1))
@@ -112,6 +125,30 @@ def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: ShapeAnalysis) 
     positions, turned, _ = bending.moved()
     np.testing.assert_allclose(positions, rest @ turn.T + shift, atol=1e-9)
     np.testing.assert_allclose(turned, normals @ turn.T, atol=1e-9)
+
+
+def test_what_is_read_off_images_may_be_stepped_at_once(shape: ShapeAnalysis) -> None:
+    rest = shape.mesh.vertices
+    bending = DeformationGraph.from_images(
+        Nodes.on(shape, 20), rest, shape.mesh.vertex_normals, rest, shape.basis.areas
+    )
+    np.testing.assert_array_equal(bending.stride, np.zeros((20, 6)))
+    step(bending, np.arange(len(rest)), np.full(rest.shape, 0.01), approaching=True)
+    np.testing.assert_allclose(bending.stride[:, 3:], (bending.images - rest[bending.nodes.vertex]), atol=1e-9)
+    assert bending.stride[:, 3:].min() > 0.005
+
+
+def test_a_vertex_as_far_from_all_nodes_moves_with_all_alike() -> None:
+    corners = 1.0 - np.eye(7)
+    distances = np.column_stack([corners, np.full(7, 0.5)])
+    target: Any = SimpleNamespace(
+        distances=distances,
+        basis=SimpleNamespace(areas=np.full(8, 1 / 8)),
+        sampled=SimpleNamespace(samples=np.arange(7)),
+    )
+    nodes = Nodes.on(target, 7)
+    np.testing.assert_allclose(nodes.weight[7], 1 / nodes.weight.shape[1])
+    assert (nodes.weight[np.arange(7), 0] > 0.99).all()
 
 
 def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: ShapeAnalysis) -> None:
