@@ -15,8 +15,8 @@ CORNERS = np.array([[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]])
 UP, DOWN = np.array([[0, 0, 1.0]]), np.array([[0, 0, -1.0]])
 
 
-def sheets(flipped: bool = False, group: np.ndarray | None = None) -> OrientedSurface:
-    return OrientedSurface(SHEETS, CORNERS, np.full(4, flipped), 0.03, group)
+def sheets(flipped: bool = False) -> OrientedSurface:
+    return OrientedSurface(SHEETS, CORNERS, np.full(4, flipped), 0.03)
 
 
 def test_normals_decide_between_layers() -> None:
@@ -33,23 +33,40 @@ def test_the_point_is_the_closest_one_of_a_large_triangle() -> None:
     assert distance[0] == pytest.approx(0.2)
 
 
-def test_groups_keep_to_themselves() -> None:
-    surface = sheets(group=np.array([0, 0, 2, 2]))
-    place = np.repeat([[0.3, 0.6, 0.0]], 2, axis=0)
+@pytest.mark.parametrize("unit", [1.0, 1e5])
+def test_groups_keep_to_themselves(unit: float) -> None:
+    group = np.array([0, 0, 2, 2])
+    surface = OrientedSurface(unit * SHEETS, CORNERS, np.zeros(4, bool), 0.03 * unit, group)
+    place = unit * np.repeat([[0.3, 0.6, 0.0]], 2, axis=0)
     triangle, _, distance = surface.closest(place, np.repeat(UP, 2, axis=0), np.array([0, 2]))
     assert triangle[0] in (0, 1)
     assert triangle[1] in (2, 3)
-    assert distance == pytest.approx([0, 0.02])
+    assert distance == pytest.approx([0, 0.02 * unit])
 
 
-def test_it_finds_what_the_exact_search_finds() -> None:
+def test_of_two_layers_that_face_alike_the_nearer_one_is_found() -> None:
+    # The upper one winds downwards, and is said to.
+    surface = OrientedSurface(SHEETS, CORNERS, np.array([False, False, True, True]), 0.03)
+    for height, found in ((0.006, (0, 1)), (0.014, (2, 3))):
+        assert surface.closest(np.array([[0.3, 0.6, height]]), UP)[0] in found
+
+
+def test_samples_as_many_as_triangles_of_one_size_lie_on_one_each() -> None:
+    strip = np.array([[i // 2, i % 2, 0] for i in range(12)], dtype=float)
+    corners = np.array([[i, i + 1, i + 2] for i in range(10)])
+    np.testing.assert_array_equal(surface_samples(strip, corners, 10)[1], np.arange(10))
+    np.testing.assert_array_equal(surface_samples(strip, corners, 20)[1], np.repeat(np.arange(10), 2))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-4])
+def test_it_finds_what_the_exact_search_finds(unit: float) -> None:
     mesh = creature(1500).surface
-    places = mesh.vertices[::7] * 1.01
-    exact = closest_points(places, mesh.vertices, mesh.triangles)
-    surface = OrientedSurface(mesh.vertices, mesh.triangles, np.zeros(len(mesh.triangles), bool), 1e-9)
+    vertices, places = unit * mesh.vertices, unit * mesh.vertices[::7] * 1.01
+    exact = closest_points(places, vertices, mesh.triangles)
+    surface = OrientedSurface(vertices, mesh.triangles, np.zeros(len(mesh.triangles), bool), 1e-9 * unit)
     _, _, distance = surface.closest(places, np.zeros_like(places))
-    found = np.einsum("qc,qcx->qx", exact[1], mesh.vertices[mesh.triangles[exact[0]]])
-    assert np.abs(distance - np.linalg.norm(found - places, axis=1)).mean() < 1e-3
+    found = np.einsum("qc,qcx->qx", exact[1], vertices[mesh.triangles[exact[0]]])
+    assert np.abs(distance - np.linalg.norm(found - places, axis=1)).mean() < 1e-3 * unit
 
 
 def test_samples_cover_triangles_by_area_and_lie_on_them() -> None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.matching.analysis import analysis_steps
 from zoomout_core.matching.components import bodies
-from zoomout_core.matching.components.bodies import bodies_steps
+from zoomout_core.matching.components.bodies import bodies_steps, tight_bodies_steps
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.skins import _principal_axes, covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.matching.pair import Pair
@@ -151,6 +151,22 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
     for pair in (surfaces, surfaces[::-1]):
         tried = drain(bodies_steps(pair[0], pair[1], 0))
         assert [one.coverage for one in tried] == [1.0, 0.6]
+
+
+def test_surfaces_of_one_part_are_their_bodies_and_tell_of_all() -> None:
+    one, other = ball(count=100), ball(2.0, count=80)
+    (found,) = drain(bodies_steps(one, other, 0))
+    assert found.coverage == 1
+    assert (len(found.source.vertices), len(found.target.vertices)) == (100, 80)
+
+
+def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) -> None:
+    pair = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
+    monkeypatch.setattr(bodies, "skin_of", lambda surface, tight=False: (surface is pair[0], tight))
+    monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: 0.3)
+    (around,) = drain(bodies_steps(pair[0], pair[1], 0))
+    assert around == ((True, False), (False, False), 1.0)
+    assert drain(tight_bodies_steps(pair[0], pair[1])) == ((True, True), (False, True), 1.0)
 
 
 def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:

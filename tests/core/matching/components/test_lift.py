@@ -42,6 +42,15 @@ def test_body_and_parts_lie_on_themselves() -> None:
     assert found.confidence[on_body:].min() > 0.7
 
 
+def test_parts_may_stand_before_the_body() -> None:
+    surfaces = [Surface.joined([*EYES, BODY]) for _ in range(2)]
+    shapes = [shape_of(surface) for surface in surfaces]
+    pair = Pair(surfaces[0], surfaces[1], shapes[0], shapes[1], 20, 10)
+    found = lifted_around_body(pair)
+    np.testing.assert_allclose(images(found, pair), pair.target.vertices, atol=1e-6)
+    assert found.confidence.min() > 0.15
+
+
 def test_a_part_without_a_partner_takes_the_nearest_place_of_the_body_and_no_confidence() -> None:
     pair = pair_around_body(EYES, [*EYES, HAT])
     found = lifted_around_body(pair)
