@@ -105,6 +105,14 @@ def test_a_fit_that_is_a_little_off_an_exact_map_is_not_astray(small) -> None:
     assert _astray(beside, exact, shape, shape).mean() < 0.05
 
 
+def test_a_coarse_creature_that_bends_is_laid_five_times_as_exactly_as_by_the_first_map(small) -> None:
+    fit = drain(fit_steps(small[2], small[0], small[1], False))
+    off = errors(fit.surface_map, *SMALL)
+    assert np.median(off) < np.median(errors(small[2], *SMALL)) / 5
+    assert np.quantile(off, 0.9) < 0.035
+    assert fit.fits.mean() > 0.97
+
+
 def test_where_the_fit_goes_astray_the_first_map_stands(small, monkeypatch) -> None:
     source, target, first = small
     tail = SMALL[1].directions[:, 1] > 0.8
