@@ -1,0 +1,141 @@
+"""The maps that pairings of extremities suggest: which are tried, which are kept, and what holds them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature, true_vertex
+from scipy.sparse.csgraph import dijkstra
+from shapes import sheet
+
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.hypotheses.extremities import (
+    Extremities,
+    _all_pairings,
+    _average_distance,
+    _levels,
+    cheapest_pairings,
+    extremities,
+    extremity_hypotheses,
+)
+from zoomout_core.matching.landmark_features import LandmarkFeatures
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.runtime.stepping import drain
+
+SOURCE, TARGET = creature(350), creature(320, seed=1)
+
+
+def shape_of(surface: Surface) -> ShapeAnalysis:
+    return drain(analysis_steps(surface.working.part(0)[0], 40, 150, 0))
+
+
+@pytest.fixture(scope="module")
+def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    return shape_of(SOURCE.surface), shape_of(TARGET.surface)
+
+
+def test_average_distances_are_those_to_all_of_the_surface(shapes) -> None:
+    shape = shapes[0]
+    exact = dijkstra(edge_graph(shape.mesh.vertices, shape.mesh.triangles)) @ shape.basis.areas
+    np.testing.assert_allclose(_average_distance(shape), exact, rtol=0.05)
+
+
+def test_levels_are_where_the_persistence_of_both_drops_most() -> None:
+    one = np.array([1.0, 0.9, 0.8, 0.75, 0.3, 0.28, 0.1, 0.09])
+    other = np.array([2.0, 1.9, 1.8, 1.7, 0.7, 0.6, 0.2, 0.19])
+    assert _levels(one, other)[:2] == [6, 4]
+    assert _levels(other, one)[:2] == [6, 4]
+    # A drop of one of them alone is none.
+    even = np.array([1.0, 0.9, 0.8, 0.75, 0.7, 0.65, 0.2, 0.19])
+    assert _levels(one, even)[0] == _levels(even, one)[0] == 6
+    assert set(_levels(one[:5], other)) <= {3, 4}
+
+
+def test_pairings_at_all_levels_come_in_turns() -> None:
+    between = np.abs(np.arange(6.0)[:, None] ** 1.5 - np.arange(6.0) ** 1.5)
+    persistence = np.array([1.0, 0.9, 0.85, 0.8, 0.2, 0.15])
+    tips = Extremities(LandmarkFeatures(np.arange(6), between, np.zeros((6, 6, 6))), between.mean(axis=1), persistence)
+    sizes = [len(of_first) for of_first, _ in _all_pairings(tips, tips)]
+    assert sizes[0] == 6
+    assert 4 in sizes[1:3]
+
+
+def test_a_pairing_costs_the_mean_of_its_pairs_and_of_its_twos_of_pairs() -> None:
+    # One pair is bad by itself, or two side by side: which of the two costs more.
+    single, mutual = np.zeros((2, 2)), np.zeros((2, 2, 2, 2))
+    single[0, 0] = 1.0
+    for i, j in ((1, 0), (0, 1)):
+        mutual[i, 1 - i, j, 1 - j] = 0.4
+    left, right = cheapest_pairings(single, mutual, 2)
+    np.testing.assert_array_equal(right[0], [1, 0])
+    mutual *= 1.5
+    assert cheapest_pairings(single, mutual, 2)[1][0].tolist() == [0, 1]
+    np.testing.assert_array_equal(left, [[0, 1]] * len(left))
+
+
+def test_the_tips_of_a_shape_stand_out_in_falling_order_as_far_as_they_do(shapes) -> None:
+    found = extremities(shapes[0])
+    assert (np.diff(found.persistence) <= 0).all()
+    assert found.persistence[4] > 0.1
+    np.testing.assert_array_equal(found.average_distance, _average_distance(shapes[0])[found.vertices])
+    two = found.leading(2)
+    np.testing.assert_array_equal(two.vertices, found.vertices[:2])
+    np.testing.assert_array_equal(two.between, found.between[:2, :2])
+
+
+def test_the_true_map_is_held_by_what_its_tips_say(shapes) -> None:
+    source, target = shapes
+    guesses = extremity_hypotheses(source, target)
+    truth = true_vertex(SOURCE, TARGET)
+    off = []
+    for guess in guesses:
+        assert guess.anchors is not None
+        image = np.linalg.norm(guess.anchors.target[:, None] - guess.anchors.source, axis=2).argmin(axis=1)
+        off.append(np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[truth], axis=1).mean())
+    assert min(off) < 0.12
+    assert 3 <= len(guesses) <= 16
+    assert not any("mirrored" in guess.origin for guess in guesses)  # the sides of a closed shape are known
+
+
+def test_a_cloth_may_lie_either_way() -> None:
+    source, target = shape_of(sheet(250, seed=0).surface), shape_of(sheet(220, seed=1).surface)
+    sides = ["mirrored" in guess.origin for guess in extremity_hypotheses(source, target)]
+    assert sides == sorted(sides)
+    assert 0 < sum(sides) < len(sides)
+
+
+@pytest.mark.parametrize("cloth_first", [True, False])
+def test_sides_are_known_of_two_shapes_only_if_they_are_of_both(shapes, cloth_first: bool) -> None:
+    cloth = shape_of(sheet(200).surface)
+    both = (cloth, shapes[1]) if cloth_first else (shapes[0], cloth)
+    assert {"mirrored" in guess.origin for guess in extremity_hypotheses(*both)} == {False, True}
+
+
+@pytest.mark.parametrize(("cloth", "sides"), [(False, (1,)), (True, (1, -1))])
+def test_sides_that_are_not_given_are_those_that_may_be(shapes, cloth: bool, sides: tuple[int, ...]) -> None:
+    both = (shape_of(sheet(200).surface), shapes[1]) if cloth else shapes
+
+    def few(of_target: np.ndarray, _: np.ndarray) -> bool:
+        return len(of_target) == 3
+
+    usual, same = (extremity_hypotheses(*both, wanted=few, **given) for given in ({}, {"sides": sides}))
+    assert usual
+    for one, other in zip(usual, same, strict=True):
+        np.testing.assert_array_equal(one.anchors.target, other.anchors.target)
+
+
+def test_what_is_known_decides_which_pairings_are_kept(shapes) -> None:
+    calls: list[int] = []
+
+    def against_all_but_the_last(*_: Any) -> dict[str, float]:
+        calls.append(len(calls))
+        return {"axes": 1000.0 / len(calls)}
+
+    usual = [guess.origin for guess in extremity_hypotheses(*shapes)]
+    other = [guess.origin for guess in extremity_hypotheses(*shapes, against_all_but_the_last)]
+    assert len(calls) > len(usual)
+    assert usual != other
+    assert usual[0] == other[0]  # those that keep distances best are kept in any case

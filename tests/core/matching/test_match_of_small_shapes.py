@@ -1,0 +1,303 @@
+"""What a match begins with, which bodies it tries, and what it says of its result: on shapes of few vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature, directions, true_vertex
+from scipy.spatial import ConvexHull
+
+import zoomout_core as zo
+from zoomout_core.matching import match
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.components.bodies import Bodies
+from zoomout_core.matching.constraints import Constraints
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.pair import LandmarkError, Pair
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import Progress, drain
+
+SOURCE, TARGET = creature(260), creature(240, seed=1)
+TRUTH = true_vertex(SOURCE, TARGET)
+NOTHING = Constraints(None, np.zeros((0, 3)), [])
+
+
+@pytest.fixture(scope="module")
+def watched() -> tuple[zo.MatchResult, list[Progress]]:
+    results: list[zo.MatchResult] = []
+
+    def steps() -> Iterator[Progress]:
+        results.append((yield from zo.match_steps(SOURCE.surface, TARGET.surface, initial="proximity", k_final=30)))
+
+    seen = list(steps())
+    return results[0], seen
+
+
+@pytest.fixture(scope="module")
+def result(watched: tuple[zo.MatchResult, list[Progress]]) -> zo.MatchResult:
+    return watched[0]
+
+
+def rises(seen: list[Progress]) -> bool:
+    fractions = [0.0, *(each.fraction for each in seen), 1.0]
+    return fractions == sorted(fractions) and max(np.diff(fractions)) < 0.5
+
+
+def test_progress_rises_through_all_stages(watched: tuple[zo.MatchResult, list[Progress]]) -> None:
+    result, seen = watched
+    assert rises(seen)
+    assert {"Guessing", "Comparing candidates", "Refining", "Carrying over to all vertices"} <= {s.stage for s in seen}
+    begun = {stage: next(each.fraction for each in seen if each.stage == stage) for stage in {s.stage for s in seen}}
+    assert begun["Finding the bodies"] < 0.05
+    assert begun["Refining"] > 0.4
+    again = list(result.use_steps(0))
+    assert rises(again)
+    assert again[0].fraction < 0.1
+
+
+# --- options ------------------------------------------------------------------------------------------------
+
+
+def test_options_may_be_given_as_one_and_by_their_names() -> None:
+    found = zo.match(SOURCE.surface, TARGET.surface, MatchOptions(initial="proximity"), k_final=12)
+    assert found.pair.k_final == 12
+    assert [candidate.origin for candidate in found.candidates] == ["nearest points in space"]
+    with pytest.raises(TypeError, match="is not MatchOptions"):
+        zo.match(SOURCE.surface, TARGET.surface, "proximity")  # type: ignore[arg-type]
+
+
+# --- notes --------------------------------------------------------------------------------------------------
+
+
+def notes_of(result: zo.MatchResult, certainty: float) -> tuple[str, ...]:
+    sure = replace(result.candidates[0], certainty=certainty)
+    return replace(result, candidates=(sure,)).use(0).notes
+
+
+@pytest.mark.parametrize(
+    ("certainty", "words"),
+    [
+        (0.8, "right with a probability of 80% only"),
+        (0.2, "right with a probability of 20% only"),
+        (0.04, "not recognised (a probability of 4%)"),
+    ],
+)
+def test_an_unsure_map_is_said_to_be_and_a_lost_one_what_to_do(
+    result: zo.MatchResult, certainty: float, words: str
+) -> None:
+    assert words in notes_of(result, certainty)[0]
+
+
+def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult) -> None:
+    assert "probability" not in " ".join(notes_of(result, 0.97))
+
+
+@pytest.mark.parametrize(
+    ("over", "of_target", "of_source", "words"),
+    [
+        (0.03, 0.02, 0.02, ()),
+        (0.1, 0.02, 0.02, ("turns over 10% of the target",)),
+        (0.03, 0.1, 0.02, ("About 10% of the target seems to have no partner on the source",)),
+        (0.03, 0.02, 0.1, ("About 10% of the source seems to have no partner on the target",)),
+    ],
+)
+def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
+    result: zo.MatchResult, monkeypatch, over: float, of_target: float, of_source: float, words: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(match, "confidence_of", lambda *_: (np.ones(240), over))
+    monkeypatch.setattr(
+        match,
+        "share_without_partner",
+        lambda _there, _back, shape: of_target if shape is result.pair.target_shape else of_source,
+    )
+    notes = notes_of(result, 0.97)
+    assert len(notes) == len(words)
+    assert all(some in note for some, note in zip(words, notes, strict=True))
+
+
+def test_a_map_of_half_of_the_target_is_half_as_sure(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    lifted = match.lifted
+    monkeypatch.setattr(match, "lifted", lambda *args: replace(lifted(*args), placed=0.5))
+    assert "right with a probability of 45% only" in notes_of(result, 0.9)[0]
+
+
+@pytest.mark.parametrize("given", [None, 700])
+def test_a_stand_in_has_as_many_vertices_as_asked_for(given: int | None) -> None:
+    assert match.proxy_size(SOURCE.surface.working, given) == given
+
+
+def test_a_larger_mesh_has_a_larger_stand_in_within_limits() -> None:
+    sizes = [
+        match.proxy_size(SimpleNamespace(vertices=range(count)), "auto") for count in (10, 1000, 40_000, 10**6, 10**7)
+    ]
+    assert sizes[0] == sizes[1] < sizes[2] < sizes[3] == sizes[4]
+
+
+def test_certainty_falls_with_what_has_no_place_on_the_source(result: zo.MatchResult) -> None:
+    assert replace(result, placed=0.5).certainty == pytest.approx(0.5 * result.candidates[0].certainty)
+
+
+def test_candidates_that_are_not_there_are_refused(result: zo.MatchResult) -> None:
+    for number in (-1, len(result.candidates)):
+        with pytest.raises(ValueError, match=f"no candidate {number}: they are numbered 0 to 0"):
+            result.use(number)
+
+
+def test_an_outline_leads_where_the_candidate_does(result: zo.MatchResult) -> None:
+    vertices, images = result.outline(0)
+    off = np.linalg.norm(SOURCE.surface.vertices[images] - TARGET.surface.vertices[vertices], axis=1)
+    assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
+
+
+# --- what it begins with ------------------------------------------------------------------------------------
+
+
+def guesses(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch, initial: str = "auto", known: Constraints = NOTHING, **given: Any
+) -> list[Hypothesis]:
+    """Where guesses are the identity, and what mirrors."""
+    two = [Hypothesis("identity", np.eye(5)), Hypothesis("mirror", np.diag([1.0, -1, 1, 1, 1]))]
+    monkeypatch.setattr(match, "GUESSES", (lambda *_: two[:1], lambda *_: two[1:]))
+    steps = match._hypotheses_steps(pair, initial, known, known.disagreement(pair), given.get("earlier"))
+    return drain(steps)
+
+
+def origins(found: list[Hypothesis]) -> list[str]:
+    return [each.origin for each in found]
+
+
+def test_what_is_known_is_tried_before_guesses(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = result.pair
+    earlier = Hypothesis("a given map", np.eye(5))
+    known = replace(NOTHING, standing=pair.source_shape.proxy.vertices)
+    assert origins(guesses(pair, monkeypatch)) == ["identity", "mirror"]
+    assert origins(guesses(pair, monkeypatch, "proximity")) == ["nearest points in space"]
+    assert guesses(pair, monkeypatch, "given", earlier=earlier) == [earlier]
+    found = guesses(pair, monkeypatch, known=known, earlier=earlier)
+    assert origins(found) == ["a given map", "nearest points in space", "identity", "mirror"]
+    assert all(each.anchors is None for each in found)
+
+
+def test_landmarks_and_regions_hold_every_guess_to_the_end(
+    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tips = np.array([3, 50, 120])
+    legs = [np.flatnonzero(side.directions[:, 2] < -0.7) for side in (SOURCE, TARGET)]
+    by_landmarks = replace(NOTHING, landmarks=(TRUTH[tips], tips))
+    both = guesses(result.pair, monkeypatch, known=replace(by_landmarks, regions=[tuple(legs)]))
+    assert origins(both) == ["3 landmarks", "identity", "mirror"]
+    for each in both:
+        assert each.anchors is not None
+        assert each.final_anchors is each.anchors
+    alone = guesses(result.pair, monkeypatch, known=by_landmarks)[0].anchors
+    regions = guesses(result.pair, monkeypatch, known=replace(NOTHING, regions=[tuple(legs)]))[0].anchors
+    assert both[0].anchors.source.shape[1] == alone.source.shape[1] + regions.source.shape[1]
+    # Places that the user names are worth more than those that guesses pair.
+    named = match.landmark_hypothesis(result.pair.source_shape, result.pair.target_shape, TRUTH[tips], tips).anchors
+    ratio = np.abs(alone.source).sum() / np.abs(named.source).sum()
+    assert 1.5 < ratio < 4
+
+
+@pytest.fixture(scope="module")
+def balls() -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(200, 3), directions(180, 4))]
+    one, other = (drain(analysis_steps(each.working.part(0)[0], 40, 100, 0)) for each in spheres)
+    return one, other
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_all_signs_are_tried_where_a_shape_has_no_extremities(balls, result, monkeypatch, number: int) -> None:
+    shapes = [result.pair.source_shape, result.pair.target_shape]
+    shapes[number] = balls[number]
+    pair = replace(result.pair, source_shape=shapes[0], target_shape=shapes[1])
+    assert sum("signs" in origin for origin in origins(guesses(pair, monkeypatch))) > 20
+
+
+def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(result: zo.MatchResult) -> None:
+    pair = result.pair
+    places = match._standing(pair)
+    assert places is not None
+    there = pair.source_shape.proxy.full.to_surface(places)
+    np.testing.assert_allclose(there, TARGET.surface.vertices[pair.target_shape.search.samples], atol=1e-9)
+    assert match._standing(replace(pair, target=pair.source)) is None  # a surface lies on itself anyway
+
+
+def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:
+    pair = result.pair
+    assert match._images(pair, None) is None
+    samples = pair.target_shape.search.samples
+    images = match._images(pair, match.given_hypothesis(pair, TRUTH))
+    off = np.linalg.norm(SOURCE.surface.vertices[images] - TARGET.surface.vertices[samples], axis=1)
+    assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
+
+
+# --- which bodies are tried ---------------------------------------------------------------------------------
+
+
+def tried(
+    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch, *certainties: float | None, skins: bool = False
+) -> tuple[int, float]:
+    """How many of three bodies are tried, and how sure the one is that is taken; None for one without a landmark."""
+    part = SOURCE.surface.working.part(0)[0]
+    bodies = [Bodies(replace(part, is_skin=skins), TARGET.surface.working.part(0)[0], 1.0)] * 2
+    count = 0
+
+    def bodies_steps(*_: Any) -> Iterator[float]:
+        yield 0.5
+        return list(bodies)
+
+    def tight_bodies_steps(*_: Any) -> Iterator[float]:
+        yield 0.5
+        return bodies[0]
+
+    def candidates_steps(*_: Any) -> Iterator[Progress]:
+        nonlocal count
+        certainty = certainties[count]
+        count += 1
+        yield Progress(0.0, "Guessing")
+        if certainty is None:
+            raise LandmarkError("source", 0, "is elsewhere.")
+        return [replace(result.candidates[0], certainty=certainty), replace(result.candidates[0], certainty=0.0)]
+
+    def result_steps(_: Pair, candidates: Any, chosen: int, start: float) -> Iterator[Progress]:
+        yield Progress(start, "Refining")
+        return candidates[chosen].certainty
+
+    for name, steps in (
+        ("bodies_steps", bodies_steps),
+        ("tight_bodies_steps", tight_bodies_steps),
+        ("_candidates_steps", candidates_steps),
+        ("_result_steps", result_steps),
+    ):
+        monkeypatch.setattr(match, name, steps)
+    seen = []
+    steps = match.match_steps(SOURCE.surface, TARGET.surface)
+    while True:
+        try:
+            seen.append(next(steps))
+        except StopIteration as finished:
+            assert rises(seen)
+            return count, finished.value
+
+
+def test_bodies_are_tried_until_the_map_of_one_is_sure(result: zo.MatchResult, monkeypatch) -> None:
+    assert tried(result, monkeypatch, 0.95) == (1, 0.95)
+    assert tried(result, monkeypatch, 0.5, 0.6) == (2, 0.6)
+    assert tried(result, monkeypatch, 0.5, 0.2, skins=False) == (2, 0.5)
+
+
+def test_tighter_skins_are_tried_last(result: zo.MatchResult, monkeypatch) -> None:
+    assert tried(result, monkeypatch, 0.3, 0.4, 0.7, skins=True) == (3, 0.7)
+    assert tried(result, monkeypatch, 0.3, 0.95, skins=True) == (2, 0.95)
+
+
+def test_a_landmark_that_a_later_body_lacks_leaves_the_earlier_one(result: zo.MatchResult, monkeypatch) -> None:
+    assert tried(result, monkeypatch, 0.5, None) == (2, 0.5)
+    with pytest.raises(LandmarkError, match="is elsewhere"):
+        tried(result, monkeypatch, None)
