@@ -123,7 +123,7 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
 
 def test_a_map_of_half_of_the_target_is_half_as_sure(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     lifted = match.lifted
-    monkeypatch.setattr(match, "lifted", lambda *args: replace(lifted(*args), placed=0.5))
+    monkeypatch.setattr(match, "lifted", lambda *args: lifted(*args)._replace(placed=0.5))
     assert "right with a probability of 45% only" in notes_of(result, 0.9)[0]
 
 

@@ -28,8 +28,8 @@ from zoomout_core.runtime.stepping import drain
 SOURCE, TARGET = creature(350), creature(320, seed=1)
 
 
-def shape_of(surface: Surface) -> ShapeAnalysis:
-    return drain(analysis_steps(surface.working.part(0)[0], 40, 150, 0))
+def shape_of(surface: Surface, k: int = 40) -> ShapeAnalysis:
+    return drain(analysis_steps(surface.working.part(0)[0], k, 150, 0))
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,9 @@ def test_levels_are_where_the_persistence_of_both_drops_most() -> None:
     even = np.array([1.0, 0.9, 0.8, 0.75, 0.7, 0.65, 0.2, 0.19])
     assert _levels(one, even)[0] == _levels(even, one)[0] == 6
     assert set(_levels(one[:5], other)) <= {3, 4}
+    after_four = np.array([1.0, 1, 1, 1, 0.5, 0.5, 0.35, 0.35])
+    after_five = np.array([1.0, 1, 1, 1, 1, 0.5, 0.35, 0.35])
+    assert _levels(after_four, after_five)[0] == _levels(after_five, after_four)[0] == 6
 
 
 def test_pairings_at_all_levels_come_in_turns() -> None:
@@ -112,6 +115,12 @@ def test_sides_are_known_of_two_shapes_only_if_they_are_of_both(shapes, cloth_fi
     cloth = shape_of(sheet(200).surface)
     both = (cloth, shapes[1]) if cloth_first else (shapes[0], cloth)
     assert {"mirrored" in guess.origin for guess in extremity_hypotheses(*both)} == {False, True}
+
+
+def test_few_functions_are_enough(shapes) -> None:
+    few = shape_of(TARGET.surface, 7)
+    for both in ((shapes[0], few), (few, shapes[1])):
+        assert extremity_hypotheses(*both, wanted=lambda of_target, _: len(of_target) == 3)
 
 
 @pytest.mark.parametrize(("cloth", "sides"), [(False, (1,)), (True, (1, -1))])
