@@ -24,12 +24,15 @@ from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain
-from zoomout_core.runtime.threads import one_blas_thread
+from zoomout_core.runtime.threads import one_blas_thread, threads
 from zoomout_core.spectral.laplacian import mesh_laplacian, point_cloud_laplacian
 from zoomout_core.tuning import Tuning, tuned
 
 # Vertices whose eigenvectors are assembled at once: bounds the memory, and the time between two steps.
 COLUMN_CHUNK = 1 << 14
+# Parts of long vectors that products are made of, and of a block of right-hand sides: as many threads find work. Each
+# solve reads the whole factor, so that small parts of a block cost more than they gain.
+PRODUCTS, SOLVES = 8, 2
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class EigensolverTuning(Tuning, set_by="judgement"):
         first_test: size of the Krylov space, for each pair computed, from which on convergence is tested.
         gain: factor by which one more block divides the last residual at most, which says when to test again.
         dense_below: matrices with fewer rows are diagonalised densely.
-        two_threads_from: vectors with as many entries are worth a second thread.
+        threads_from: vectors with as many entries are worth several threads.
     """
 
     shift: float = tuned(20.0, "eigenvalues at unit area", 0.1, 200)
@@ -55,7 +58,7 @@ class EigensolverTuning(Tuning, set_by="judgement"):
     first_test: float = tuned(2.4, "1", 1, 4)
     gain: float = tuned(4.0, "1", 1.01, 1000)
     dense_below: int = tuned(1200, "vertices", 200, 20_000)
-    two_threads_from: int = tuned(20_000, "vertices", 2, 10**9)
+    threads_from: int = tuned(20_000, "vertices", 2, 10**9)
 
 
 EIGENSOLVER = EigensolverTuning()
@@ -227,15 +230,15 @@ def _block_lanczos(
     start[:, 0] = root
     Q[:b] = qr(start, mode="economic")[0].T
     next_test = EIGENSOLVER.first_test * wanted
-    pool = ThreadPoolExecutor(max_workers=2)
+    pool = ThreadPoolExecutor(max_workers=threads())
     try:
-        two = _TwoHalves(pool, n)
+        parts = _InParts(pool, n)
         for j in range(limit):
             e = (j + 1) * b
-            Y = (root * two.solved(factor, Q[e - b : e] * root)).astype(np.float32)
+            Y = (root * parts.solved(factor, Q[e - b : e] * root)).astype(np.float32)
             yield min(0.9, e / (2.8 * wanted))
             for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
-                H[first:e, e - b : e] += two.orthogonalised(Y, Q[first:e]).T
+                H[first:e, e - b : e] += parts.orthogonalised(Y, Q[first:e]).T
             R = np.eye(b)
             for _ in range(2):
                 L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
@@ -275,27 +278,31 @@ def _block_lanczos(
     raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
 
 
-class _TwoHalves:
-    """Work on blocks of long vectors, half of it by a second thread where they are long enough."""
+class _InParts:
+    """Work on blocks of long vectors, a part by each thread that is free.
+
+    The parts, and the order in which they are summed, are the same for any number of threads, and so are the results.
+    """
 
     def __init__(self, pool: ThreadPoolExecutor, n: int) -> None:
-        self._map = pool.map if n >= EIGENSOLVER.two_threads_from else map
-        self._count = 2 if n >= EIGENSOLVER.two_threads_from else 1
-        self._halves = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(n), self._count)]
+        is_long = n >= EIGENSOLVER.threads_from
+        self._map = pool.map if is_long else map
+        self._solves = SOLVES if is_long else 1
+        parts = np.array_split(np.arange(n), PRODUCTS if is_long else 1)
+        self._parts = [slice(part[0], part[-1] + 1) for part in parts]
 
     def solved(self, factor: SuperLU, rows: Floats) -> Floats:
         """(b, n) solutions for right-hand sides (b, n)."""
-        parts = self._map(lambda part: factor.solve(part.T).T, np.array_split(rows, self._count))
-        return np.concatenate(list(parts))
+        return np.concatenate(list(self._map(lambda some: factor.solve(some.T).T, np.array_split(rows, self._solves))))
 
     def orthogonalised(self, rows: SingleFloats, basis: SingleFloats) -> SingleFloats:
         """Take from vectors (b, n), in place, what lies in the span of a basis (e, n); (b, e) its coefficients."""
-        products = sum(self._map(lambda half: rows[:, half] @ basis[:, half].T, self._halves))
+        products = sum(self._map(lambda part: rows[:, part] @ basis[:, part].T, self._parts))
 
-        def take_away(half: slice) -> None:
-            rows[:, half] -= products @ basis[:, half]
+        def take_away(part: slice) -> None:
+            rows[:, part] -= products @ basis[:, part]
 
-        list(self._map(take_away, self._halves))
+        list(self._map(take_away, self._parts))
         return np.asarray(products)
 
 

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import SuperLU, eigsh
 from scipy.spatial import ConvexHull
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import zoomout_core as zo
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral import eigenbasis as module
@@ -172,3 +173,18 @@ def test_blas_is_left_as_it_was(resting: Creature) -> None:
     with threadpool_limits(2, user_api="blas"):
         eigenbasis(resting.surface, 20)
         assert {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"} == {2}
+
+
+@pytest.mark.parametrize("count", [1, 5, 8])
+def test_the_number_of_threads_changes_nothing(resting: Creature, count: int) -> None:
+    """Not a bit, though vectors as short as these are worked on by several threads."""
+
+    def basis(threads: int) -> np.ndarray:
+        zo.set_threads(threads)
+        try:
+            with retuned(module.EIGENSOLVER, threads_from=100, dense_below=200):
+                return eigenbasis(resting.surface, 40).eigenvectors
+        finally:
+            zo.set_threads(None)
+
+    assert np.array_equal(basis(count), basis(2))
