@@ -52,6 +52,28 @@ def test_points_on_the_surface_come_back_exactly(resting: Creature) -> None:
     np.testing.assert_allclose(found, points, atol=1e-12)
 
 
+def test_a_single_point_finds_a_single_triangle_and_no_point_finds_none() -> None:
+    corners = np.eye(3)
+    triangle, barycentric = closest_points(np.array([[2.0, 2, 2]]), corners, np.array([[0, 1, 2]]))
+    np.testing.assert_array_equal(triangle, [0])
+    np.testing.assert_allclose(barycentric, [[1 / 3, 1 / 3, 1 / 3]])
+    triangle, barycentric = closest_points(np.zeros((0, 3)), corners, np.array([[0, 1, 2]]))
+    assert triangle.shape == (0,)
+    assert barycentric.shape == (0, 3)
+
+
+def test_a_point_is_off_the_closest_one_by_no_more_than_it_may(resting: Creature) -> None:
+    vertices, triangles = resting.surface.vertices, resting.surface.triangles
+    points = vertices[::11] + np.random.default_rng(3).normal(scale=0.1, size=vertices[::11].shape)
+    exact, near = (
+        np.linalg.norm(at(vertices, triangles, *closest_points(points, vertices, triangles, off)) - points, axis=1)
+        for off in (0.0, 0.3)
+    )
+    assert (near >= exact - 1e-12).all()
+    assert (near - exact).max() <= 0.3
+    assert (near - exact).max() > 0
+
+
 def test_a_degenerate_triangle_gives_a_point_of_it() -> None:
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 3, 3], [3, 3, 3], [3, 3, 3]])
     triangles = np.array([[0, 1, 2], [3, 4, 5]])

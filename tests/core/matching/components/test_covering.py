@@ -67,6 +67,22 @@ def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
         assert (np.einsum("ij,ij->i", normal, centre - middle)[~on_plate] > 0).all()
 
 
+def test_open_shells_all_around_face_away_from_the_skin() -> None:
+    skin = ball().working
+    square = np.array([[x, y, 0.98] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+    turns = Rotation.from_rotvec(
+        np.pi / 2 * np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0], [0, 3, 0]])
+    )
+    plates = [
+        Surface(turn.apply(square), [[0, 2, 3], [0, 3, 1]][:: 1 if i % 2 else -1]) for i, turn in enumerate(turns)
+    ]
+    flipped = [Surface(plate.vertices, plate.triangles[:, ::-1]) for plate in plates]
+    for both in (plates, flipped):
+        mesh = turned_outwards(Surface.joined([ball(0.3), *both]).working, skin)
+        a, b, c = mesh.to_surface(mesh.vertices)[mesh.oriented_triangles].transpose(1, 0, 2)
+        assert (np.einsum("mx,mx->m", np.cross(b - a, c - a), a) > 0).all()
+
+
 def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() -> None:
     skin = ball().working
     inwards = replace(skin, flipped=~skin.flipped)
@@ -85,7 +101,8 @@ def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() ->
         below = 0.05 * np.sqrt(1 - found[middle, 0] ** 2) - np.linalg.norm(found[middle, 1:], axis=1)
         assert least < np.median(below) / voxel < most
         assert skin.is_skin
-        assert skin.vertex_of[-1] == -1
+        assert skin.vertex_of[-1] == -1 < skin.vertex_of[:-1].min()
+        assert len(skin.triangle_of) == 0
         near = np.linalg.norm(found[skin.vertex_of[:-1]] - surface.vertices[:-1], axis=1)
         assert near.max() < 3 * voxel
 

@@ -123,6 +123,14 @@ def test_a_part_belongs_to_the_regions_that_hold_most_of_it() -> None:
         assert not twice.any()
 
 
+def test_all_vertices_count_as_members() -> None:
+    side = Side.of(Surface.joined(EYES), replace(BODY.working, is_skin=True))
+    for first in (0, 60):
+        members = side.members([first + np.arange(31), first + np.arange(30)])
+        assert members[:, 0].sum() == 1
+        assert not members[:, 1].any()
+
+
 # --- partners -------------------------------------------------------------------------------------------------------
 
 

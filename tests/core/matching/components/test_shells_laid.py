@@ -88,12 +88,12 @@ def test_a_shell_that_lies_on_its_partner_stays_if_the_body_does(off: float, sta
     assert (np.abs(on - side.points).max() < 1e-9) == by_similarity
 
 
-def test_lengths_are_compared_in_the_bodys_scale() -> None:
-    source, target = ONE_ROD, side_of(ROD.with_vertices(2 * ROD.vertices))
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_lengths_are_compared_in_the_bodys_scale(unit: float) -> None:
+    source, target = (side_of(ROD.with_vertices(factor * unit * ROD.vertices)) for factor in (1, 2))
     half = replace(STILL, scale=np.array([0.5]))
-    assert laid(target, source, target.points / 2, half, scale=0.5)[1] == pytest.approx(0, abs=1e-9)
-    assert laid(target, source, target.points / 2, half, scale=0.625)[1] == pytest.approx(0.2, abs=1e-9)
-    assert laid(target, source, target.points / 2, half, scale=0.4)[1] == pytest.approx(0.25, abs=1e-9)
+    for scale, stretch in ((0.5, 0.0), (0.625, 0.2), (0.4, 0.25)):
+        assert laid(target, source, target.points / 2, half, scale)[1] == pytest.approx(stretch, abs=1e-6)
 
 
 def test_the_sides_of_a_thin_shell_stay_where_the_similarity_turns_them() -> None:
@@ -151,6 +151,12 @@ def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() 
         near, far = ROD.vertices * 1.05 + np.array([0, 0.02 * sign, 0]), ROD.vertices - np.array([0, 0.13 * sign, 0])
         source = side_of(ROD.with_vertices(near), ROD.with_vertices(far))
         assert partners(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
+
+
+def test_a_shell_nearby_is_tried_though_many_far_off_are_more_of_its_size() -> None:
+    far = [ROD.with_vertices(ROD.vertices + np.array([0.0, 0.1 + 0.009 * i, 0])) for i in range(8)]
+    source = side_of(ROD.with_vertices(ROD.vertices * 1.05 - np.array([0, 0.01, 0])), *far)
+    assert partners(side_of(ROD), source) == {0: number_of(source, -0.01)}
 
 
 # --- the outside ----------------------------------------------------------------------------------------------------

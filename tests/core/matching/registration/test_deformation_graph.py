@@ -173,6 +173,9 @@ def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: ShapeAnal
     assert {tuple(pair) for pair in np.stack([nodes.first, nodes.second], axis=1).tolist()} == {
         tuple(pair) for pair in np.stack([nodes.second, nodes.first], axis=1).tolist()
     }
+    # Those that move a vertex most are bound.
+    pairs = nodes.first * 40 + nodes.second
+    assert np.isin(nodes.near[:, 0] * 40 + nodes.near[:, 1], pairs).all()
     # Only what is near is bound: along the surface no farther than a few times the spacing of the nodes.
     between = shape.distances[:40][:, nodes.vertex][nodes.first, nodes.second]
     assert between.max() < 6 * np.sqrt(1 / 40)
