@@ -192,3 +192,29 @@ def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, mo
 def test_a_closed_shape_is_not_aligned_the_other_way_whatever_fits_better(ranked) -> None:
     candidates, *shapes = ranked
     assert _aligned(replace(candidates[0], mirrored=True), *shapes).mirrored
+
+
+@pytest.mark.parametrize("sides_are_known", [True, False])
+def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked, monkeypatch, sides_are_known) -> None:
+    candidates, *shapes = ranked
+    monkeypatch.setattr("zoomout_core.matching.ranking.sides_are_known", lambda *_: sides_are_known)
+    guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
+    found = drain(rank_steps(guesses, *shapes, quotas=((1, 1), (0, 0))))
+    assert [one.reverses_orientation for one in found].count(True) == (not sides_are_known)
+
+
+def test_progress_of_ranking_rises_through_screening_refining_and_aligning(ranked) -> None:
+    candidates, *shapes = ranked
+    guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
+    fractions = [0.0, *rank_steps(guesses, *shapes), 1.0]
+    assert fractions == sorted(fractions)
+
+
+def test_candidates_are_as_large_as_both_bases_allow(creatures) -> None:
+    few, many = (
+        drain(analysis_steps(one.surface.working.part(0)[0], k, 100, 0))
+        for one, k in zip(creatures, (20, 40), strict=True)
+    )
+    for shapes in ((few, many), (many, few)):
+        (found,) = drain(rank_steps([Hypothesis("identity", np.eye(4))], *shapes))
+        assert found.functional_map.shape == found.reverse_functional_map.shape == (20, 20)

@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.evaluation import flipped_share
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
-from zoomout_core.matching.local_rigid_alignment import align
+from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, _turns, align
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 WIDTH = 0.08
 
@@ -57,3 +59,23 @@ def test_maps_that_reverse_the_orientation_are_aligned_mirrored(shape: ShapeAnal
 def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:
     result = zo.match(resting.surface, bent.surface)
     assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.03
+
+
+def test_a_limb_that_is_a_line_takes_the_turn_about_it_from_the_body() -> None:
+    small = drain(analysis_steps(creature(500, seed=1).surface.working.part(0)[0], 60, 250, 0))
+    here = small.basis.smoothed(small.mesh.vertices, WIDTH**2)[small.search.samples[: len(small.distances)]]
+    there, limbs = here.copy(), np.zeros(len(here), dtype=bool)
+    for tip in ([1, 0.07, 0.35], [-1, 0.07, 0.35], [0.45, 0, -1], [-0.45, 0, -1]):
+        axis = np.array(tip) / np.linalg.norm(tip)
+        along = here @ axis
+        there[along > 0.35] = along[along > 0.35, None] * axis
+        limbs |= along > 0.35
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7])
+
+    def off() -> float:
+        turns = Rotation.from_matrix(_turns(here, turn.apply(there), small))
+        return float((turns * turn.inv()).magnitude()[limbs].mean())
+
+    with_neighbours = off()
+    with retuned(RIGID_ALIGNMENT, coherence=0.0):
+        assert with_neighbours < 0.85 * off()

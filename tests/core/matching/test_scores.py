@@ -8,6 +8,7 @@ from creatures import creature, true_vertex
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.functional_map import functional_map_of
+from zoomout_core.matching import scores
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.scores import (
     EVIDENCE,
@@ -20,6 +21,7 @@ from zoomout_core.matching.scores import (
 )
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 SCORES = {
     "place": 0.05,
@@ -160,3 +162,40 @@ def test_laying_a_target_over_the_source_makes_a_rough_map_better() -> None:
 
     assert missed(vertex) < 0.8 * missed(shapes[0].search.samples[rough])
     assert aligned.positions.shape == (len(rough), 3)
+
+
+@pytest.fixture(scope="module")
+def rough(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> tuple[np.ndarray, np.ndarray]:
+    """(s,) the true source vertex of each search sample of the target, and (s,) a source sample near to it."""
+    source, target = shapes
+    truth = true_vertex(creature(500, seed=0), creature(480, seed=1))[target.search.samples]
+    places = source.mesh.vertices
+    near = np.linalg.norm(places[truth][:, None] - places[source.search.samples], axis=2).argsort(axis=1)[:, :8]
+    return truth, near[np.arange(len(near)), np.random.default_rng(0).integers(0, 8, len(near))]
+
+
+def test_images_are_smoothed_before_the_target_is_aligned_with_them_but_keep_their_limbs(shapes, rough) -> None:
+    truth, sample_map = rough
+    places = shapes[0].mesh.vertices
+
+    def off() -> float:
+        vertex, _ = map_after_alignment(sample_map, None, False, *shapes)
+        return float(np.linalg.norm(places[vertex] - places[truth], axis=1).mean())
+
+    smoothed = off()
+    for width in (0.0, 1.0):
+        with retuned(scores.SCORES, alignment_width=width):
+            assert smoothed < 0.95 * off()
+
+
+def test_the_map_after_alignment_leads_to_vertices_between_the_samples_too(shapes, rough) -> None:
+    truth, sample_map = rough
+    source = shapes[0]
+    vertex, _ = map_after_alignment(sample_map, None, False, *shapes)
+    assert not np.isin(vertex, source.sampled.samples).all()
+    # It goes through a round of nothing but samples, in which what is far off comes near.
+    places = source.mesh.vertices
+    off, before = (
+        np.linalg.norm(places[v] - places[truth], axis=1) for v in (vertex, source.search.samples[sample_map])
+    )
+    assert off.mean() < 0.5 * before.mean()

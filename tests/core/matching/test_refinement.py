@@ -1,0 +1,133 @@
+"""The rounds that make a dense map of a candidate: how large the map is in each, and what positions in space weigh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.matching import refinement
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.refinement import REFINEMENT, Schedule, dense_steps
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+SCHEDULE = Schedule(((10, 0.08), (25, 0.05), (60, 0.04)), (12, 60))
+
+
+@pytest.fixture(scope="module")
+def shape() -> ShapeAnalysis:
+    return drain(analysis_steps(creature(640).surface.working.part(0)[0], 60, 200, 0))
+
+
+class Rounds:
+    """What each round is asked for, where the misses say to weigh positions by a factor."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, factor: float = 1.0) -> None:
+        self.sizes: list[int] = []
+        self.widths: list[float] = []
+        self.counts: list[int] = []
+        self.weights: list[float | None] = []
+        self.finishing = 0.0
+        aligned, beside = refinement.align_and_match, refinement.beside_places
+
+        def round_of(vertex: Any, source: ShapeAnalysis, *others: Any, **weight: float) -> Any:
+            _, _, _, k, width, _, *among = others
+            self.sizes.append(k)
+            self.widths.append(width)
+            self.counts.append(len(np.arange(len(source.mesh.vertices))[among[0]]) if among else 0)
+            self.weights.append(weight.get("weight"))
+            return aligned(vertex, source, *others, **weight)
+
+        def last(*args: Any) -> Any:
+            self.finishing = args[-1]
+            return beside(*args)
+
+        monkeypatch.setattr(refinement, "align_and_match", round_of)
+        monkeypatch.setattr(refinement, "beside_places", last)
+        monkeypatch.setattr(refinement, "_weight_factor", lambda *_: factor)
+
+
+def refined(shape: ShapeAnalysis, k_final: int = 40, step: int = 7, schedule: Schedule | None = SCHEDULE) -> np.ndarray:
+    return drain(dense_steps(shape, shape, np.eye(10), None, False, k_final, step, schedule))[1]
+
+
+def test_maps_grow_along_the_schedule_and_no_larger_than_asked_for(shape: ShapeAnalysis, monkeypatch) -> None:
+    rounds = Rounds(monkeypatch)
+    assert refined(shape).shape == (40, 40)
+    assert rounds.sizes == [10, 25, 40, 12, 40]
+    # While the map is to grow, the samples are close enough.
+    assert rounds.counts[:3] == [200, 200, 640]
+    assert rounds.widths == [0.08, 0.05, 0.04, 0.04, 0.04]
+
+
+def test_beyond_the_schedule_maps_grow_by_the_step(shape: ShapeAnalysis, monkeypatch) -> None:
+    rounds = Rounds(monkeypatch)
+    refined(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 14)))
+    assert rounds.sizes == [10, 12, 14, 21, 28, 35]
+
+
+def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, monkeypatch) -> None:
+    rounds = Rounds(monkeypatch)
+    refined(shape, schedule=None)
+    assert rounds.sizes[0] < rounds.sizes[-1] == 40
+    assert rounds.widths[0] > rounds.widths[-1] > 0
+    own, between = REFINEMENT.onto_itself, REFINEMENT.between_shapes
+    assert len(own.aligning) + len(own.settling) < len(between.aligning) + len(between.settling)
+
+
+def test_a_coarse_mesh_has_a_smaller_map_but_not_the_least(monkeypatch) -> None:
+    coarse = drain(analysis_steps(creature(200).surface.working.part(0)[0], 60, 120, 0))
+    Rounds(monkeypatch)
+    assert 20 <= len(refined(coarse, k_final=60)) < 60
+    few = drain(analysis_steps(creature(200).surface.working.part(0)[0], 15, 120, 0))
+    assert refined(few, k_final=60).shape == (15, 15)
+
+
+def test_positions_weigh_less_once_the_map_settles_and_least_at_the_end(shape: ShapeAnalysis, monkeypatch) -> None:
+    rounds = Rounds(monkeypatch)
+    refined(shape)
+    assert rounds.weights[:3] == [None] * 3
+    settling = {weight for weight in rounds.weights if weight is not None}
+    assert len(settling) == 1
+    assert 1 > max(settling) > rounds.finishing > 0
+
+
+def test_of_nearly_isometric_shapes_positions_hardly_count_in_settling(shape: ShapeAnalysis, monkeypatch) -> None:
+    found = []
+    for factor in (1.0, 0.5, 2.0):
+        monkeypatch.undo()
+        rounds = Rounds(monkeypatch, factor)
+        refined(shape)
+        found.append((rounds.weights[-1], rounds.finishing))
+    (usual, usual_end), (alike, alike_end), (unlike, unlike_end) = found
+    assert alike < 0.2 * usual
+    assert unlike == pytest.approx(2 * usual)
+    np.testing.assert_allclose([alike_end, unlike_end], [0.5 * usual_end, 2 * usual_end])
+
+
+def test_positions_weigh_less_on_all_vertices_the_larger_the_map(shape: ShapeAnalysis, monkeypatch) -> None:
+    rounds = Rounds(monkeypatch)
+    refined(shape)
+    plain = rounds.finishing
+    with retuned(REFINEMENT, finishing_size=20):
+        refined(shape)
+    assert rounds.finishing == pytest.approx(plain / 4)
+
+
+def test_progress_rises_with_every_round(shape: ShapeAnalysis) -> None:
+    fractions = [*dense_steps(shape, shape, np.eye(10), None, False, 40, 20, SCHEDULE), 1.0]
+    assert fractions[0] == 0
+    assert fractions == sorted(fractions)
+    assert max(np.diff(fractions)) < 0.25
+    assert len(set(fractions)) > 6
+
+
+def test_images_are_found_around_the_nearest_sample_of_any_mesh(shape: ShapeAnalysis) -> None:
+    tiny = drain(analysis_steps(creature(30).surface.working.part(0)[0], 10, 20, 0))
+    for one in (tiny, shape):
+        places = one.mesh.vertices
+        near = refinement._nearest_near_samples(places, places, one)
+        np.testing.assert_array_equal(near, np.arange(len(places)))
