@@ -78,6 +78,18 @@ def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, m
     assert len(own.aligning) + len(own.settling) < len(between.aligning) + len(between.settling)
 
 
+@pytest.mark.parametrize("schedule", [REFINEMENT.between_shapes, REFINEMENT.onto_itself])
+def test_schedules_go_from_small_smooth_maps_to_large_ones(schedule: Schedule) -> None:
+    sizes, widths = zip(*schedule.aligning, strict=True)
+    assert sizes[0] > 10
+    assert list(sizes) == sorted(sizes)
+    assert widths[0] < 0.2
+    assert list(widths) == sorted(widths, reverse=True)
+    assert widths[-1] > 0.01
+    assert list(schedule.settling) == sorted(schedule.settling)
+    assert schedule.settling[0] >= sizes[0]
+
+
 def test_a_coarse_mesh_has_a_smaller_map_but_not_the_least(monkeypatch) -> None:
     coarse = drain(analysis_steps(creature(200).surface.working.part(0)[0], 60, 120, 0))
     Rounds(monkeypatch)

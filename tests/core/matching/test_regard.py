@@ -41,6 +41,15 @@ def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: 
     assert weight_factor(shape, 0.03, 0.2) > weight_factor(shape, 0.03, 0.02)
 
 
+def test_weights_grow_with_the_square_of_the_ratio_of_squared_misses(shape: ShapeAnalysis) -> None:
+    least, most = weight_factor(shape, 1.0, 0.1), weight_factor(shape, 0.0, 0.1)
+    factors = [weight_factor(shape, off, 0.1) for off in np.geomspace(0.01, 0.2, 60)]
+    between = [factor for factor in factors if 1.01 * least < factor < 0.99 * most]
+    step = (0.2 / 0.01) ** (1 / 59)
+    assert len(between) > 5
+    np.testing.assert_allclose(np.divide(between[:-1], between[1:]), step**4)
+
+
 def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:
     # Neighbours along the surface are as far apart in the one as in the other.
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]

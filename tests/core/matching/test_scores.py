@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from creatures import creature, true_vertex
@@ -62,6 +64,13 @@ def test_landmarks_outweigh_what_a_map_and_its_mirror_image_differ_by() -> None:
         assert total_score(SCORES | {criterion: off}) > total_score(SCORES) + 4
 
 
+def test_places_in_space_tell_more_than_any_other_criterion_and_handedness_less_than_two_of_them() -> None:
+    doubled = {name: total_score(SCORES | {name: 2 * SCORES[name]}) for name in SCORES if name != "handedness"}
+    assert all(doubled["place"] > other for name, other in doubled.items() if name not in ("place", "curvature"))
+    lost = total_score(SCORES | {"handedness": SCORES["handedness"] - 1}) - total_score(SCORES)
+    assert 0.5 < lost / (total_score(SCORES | {"commutativity": np.e * 0.1}) - total_score(SCORES)) < 2
+
+
 def test_what_is_not_known_of_a_map_says_nothing() -> None:
     unknown = {name: score for name, score in SCORES.items() if name not in ("place", "facing")}
     assert total_score(unknown) == pytest.approx(total_score(unknown | {"place": 1.0, "facing": 1.0}))
@@ -95,8 +104,9 @@ def test_a_correlation_counts_places_by_what_they_stand_for() -> None:
 
 def test_a_function_that_is_constant_but_for_rounding_correlates_with_nothing() -> None:
     x = np.random.default_rng(0).standard_normal((50, 1))
-    flat = 1 + 1e-9 * x
-    assert abs(correlation(flat, x, np.full(50, 0.02))) < 1e-3
+    for scale in (1e-4, 1, 1e4):
+        flat = scale * (1 + 1e-9 * x)
+        assert abs(correlation(flat, x, np.full(50, 0.02))) < 1e-3
 
 
 def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(
@@ -107,6 +117,8 @@ def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(
     kept = scores_of(np.eye(40), identity, shape, shape, False)
     for name, value in (("commutativity", 0), ("frequency", 0), ("distance", 0), ("curvature", 1), ("handedness", 1)):
         assert kept[name] == pytest.approx(value, abs=1e-5), name
+    reversed_ = scores_of(np.eye(40), identity, shape, shape, True)
+    assert reversed_["handedness"] == pytest.approx(-1, abs=1e-5)
     shuffled = np.random.default_rng(0).permutation(identity)
     C = shape.search.fit(shape.search.rows[shuffled, :40], 40)
     lost = scores_of(C, shuffled, shape, shape, False)
@@ -128,6 +140,12 @@ def test_orientation_is_a_matter_of_sign(shapes: tuple[ShapeAnalysis, ShapeAnaly
         axis=2,
     ).argmin(axis=1)
     assert orientation_agreement(near, shape, mirror) < -0.9
+
+
+def test_a_map_onto_a_single_place_has_no_orientation(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> None:
+    shape = shapes[0]
+    flat = replace(shape, proxy=replace(shape.proxy, mesh=replace(shape.mesh, vertices=0 * shape.mesh.vertices)))
+    assert orientation_agreement(np.zeros(len(shape.search.samples), dtype=int), flat, shape) == 0
 
 
 def test_the_target_fits_in_space_where_the_map_is_right_in_whatever_way_it_is_turned(
