@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,10 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.proxy import carried, proxy_steps
+from zoomout_core.matching.proxy import Proxy, carried, proxy_steps
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.stepping import drain
 
 
@@ -37,6 +39,71 @@ def test_a_small_mesh_stands_for_itself() -> None:
         assert proxy.mesh is part
         np.testing.assert_array_equal(proxy.place.vertex, np.arange(3000))
         np.testing.assert_array_equal(proxy.full_vertex, np.arange(3000))
+
+
+def test_a_mesh_is_decimated_where_that_is_worth_it() -> None:
+    part = creature(3000).surface.working
+    counts = [len(drain(proxy_steps(part, count)).mesh.vertices) for count in (3000, 2700, 1500)]
+    assert counts[:2] == [3000, 3000]
+    assert 1200 < counts[2] < 1800
+
+
+@pytest.fixture(scope="module")
+def stand_in() -> Proxy:
+    return drain(proxy_steps(creature(3000).surface.working, 600))
+
+
+def test_a_stand_in_is_of_unit_area_and_its_frame_leads_back(stand_in: Proxy) -> None:
+    place, size = stand_in.frame
+    np.testing.assert_allclose(stand_in.mesh.vertices * size + place, stand_in.vertices, atol=1e-9)
+    assert triangle_areas(stand_in.mesh.vertices, stand_in.mesh.triangles).sum() == pytest.approx(1)
+    moved = replace(stand_in, vertices=3 * stand_in.vertices + [1, 2, 3])
+    np.testing.assert_allclose(moved.frame[0], 3 * place + [1, 2, 3])
+    assert moved.frame[1] == pytest.approx(3 * size)
+
+
+def test_vertices_have_their_place_near_that_which_they_were_merged_into(stand_in: Proxy) -> None:
+    corners = stand_in.mesh.triangles[stand_in.place.triangle]
+    near = np.linalg.norm(stand_in.vertices[corners] - stand_in.vertices[stand_in.merged][:, None], axis=2).min(axis=1)
+    assert (near == 0).mean() > 0.9
+    exact = SurfaceMap(
+        *closest_points(stand_in.full.vertices, stand_in.vertices, stand_in.mesh.triangles), stand_in.mesh.triangles
+    )
+    off, least = (
+        np.linalg.norm(each.interpolate(stand_in.vertices) - stand_in.full.vertices, axis=1)
+        for each in (stand_in.place, exact)
+    )
+    assert np.median(off - least) < 1e-9
+    assert (off < least + 0.05).all()
+
+
+def test_images_are_brought_to_the_full_mesh_as_near_as_makes_a_difference(stand_in: Proxy) -> None:
+    full = stand_in.full
+    images = full.vertices[full.triangles].mean(axis=1) + 0.01 * full.vertex_normals[full.triangles[:, 0]]
+    found = stand_in.closest(images).interpolate(full.vertices)
+    least = SurfaceMap(*closest_points(images, full.vertices, full.triangles), full.triangles).interpolate(
+        full.vertices
+    )
+    off, best = (np.linalg.norm(each - images, axis=1) for each in (found, least))
+    assert (off <= np.maximum(best, 0.005) + 1e-12).all()
+
+
+def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    part = creature(600).surface.working
+
+    def with_a_splinter(points: np.ndarray, triangles: np.ndarray, _: int) -> Iterator[float]:
+        yield 0.5
+        # Five vertices went into a triangle of their own beside a hand.
+        beside = points[np.argmax(points[:, 0])] + np.array([[0.01, 0, 0], [0.01, 0.001, 0], [0.01, 0, 0.001]])
+        merged = np.arange(len(points))
+        merged[[0, 1, 2, 3, 4]] = len(points)
+        return np.vstack([points, beside]), np.vstack([triangles, len(points) + np.arange(3)]), merged
+
+    monkeypatch.setattr("zoomout_core.matching.proxy.decimated_steps", with_a_splinter)
+    proxy = drain(proxy_steps(part, 100))
+    assert len(proxy.vertices) == 600
+    np.testing.assert_array_equal(proxy.merged, np.arange(600))
+    np.testing.assert_allclose(proxy.vertices, part.vertices)
 
 
 @pytest.fixture
