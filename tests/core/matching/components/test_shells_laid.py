@@ -16,7 +16,15 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.shell_registration import Similarities
-from zoomout_core.matching.components.shells import ShellMap, _onto_partner, _outside, _partners, _pinned, map_shells
+from zoomout_core.matching.components.shells import (
+    ShellMap,
+    _beneath,
+    _onto_partner,
+    _outside,
+    _partners,
+    _pinned,
+    map_shells,
+)
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
@@ -106,6 +114,16 @@ def test_the_sides_of_a_thin_shell_stay_where_the_similarity_turns_them() -> Non
     )
     middle = np.linalg.norm(thin.vertices[:, :2], axis=1) < 0.06
     np.testing.assert_array_equal(np.sign(on[middle, 2]), np.sign(thin.vertices[middle, 2]))
+
+
+def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> None:
+    thin = side_of(ball(0.1, radii=(1, 1, 0.03), count=200))
+    outer = np.ones(len(thin.points), dtype=bool)
+    for sense in (1, -1):
+        image = _beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer)
+        on = np.einsum("nc,ncx->nx", image.barycentric, thin.points[thin.mesh.triangles[image.triangle]])
+        middle = np.linalg.norm(thin.points[:, :2], axis=1) < 0.06
+        np.testing.assert_array_equal(np.sign(on[middle, 2]), sense * np.sign(thin.points[middle, 2]))
 
 
 def test_a_shell_lies_on_its_partner_alone() -> None:

@@ -220,6 +220,8 @@ def test_coarse_meshes_keep_the_map_that_they_have() -> None:
     fit = drain(fit_steps(first, source_shape, target_shape, False))
     assert fit.surface_map is first
     assert not fit.fits.any()
+    assert fit.positions.shape == (280, 3)
+    assert fit.rotations.shape == (280, 3, 3)
 
 
 def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
