@@ -148,11 +148,25 @@ def test_triangles_of_all_sizes_are_rasterised_without_gaps() -> None:
     sure = np.ones_like(expected)
     sure[:, :, 3] = i + j != 17  # which the hypotenuse passes through at a corner
     np.testing.assert_array_equal(found[sure], expected[sure])
+    alone = _rasterised(corners[:3], np.array([[0, 1, 2]]), np.array([18, 18, 12]))
+    np.testing.assert_array_equal(alone[:, :, 3], found[:, :, 3])
+
+
+@pytest.mark.parametrize("resolution", [24, 33])
+def test_a_coarse_skin_lies_where_its_mesh_does(resolution: int) -> None:
+    voxel = 4 / resolution
+    vertices, _ = voxel_remesh(*ball((3, 4, 5), 2.0), resolution)
+    off = np.linalg.norm(vertices - [3, 4, 5], axis=1) - 2
+    assert np.abs(off).max() < 1.3 * voxel
+    np.testing.assert_allclose((vertices.min(axis=0) + vertices.max(axis=0)) / 2, [3, 4, 5], atol=0.1 * voxel)
+    inset, _ = voxel_remesh(*ball((3, 4, 5), 2.0), resolution, 1.0)
+    below = np.linalg.norm(vertices - [3, 4, 5], axis=1).mean() - np.linalg.norm(inset - [3, 4, 5], axis=1).mean()
+    assert 0.5 * voxel < below < 1.5 * voxel
 
 
 def test_walls_are_met_in_the_directions_in_which_they_stand() -> None:
     count = _walls_around(walls_of_a_box())
-    assert count[8, 8, 8] == 26
+    np.testing.assert_array_equal(count[5:12, 5:12, 5:12], 26)
     plane = np.zeros((9, 9, 9), dtype=bool)
     plane[:, :, 2] = True
     assert _walls_around(plane)[4, 4, 4] == 9

@@ -44,6 +44,11 @@ def test_of_parts_that_are_as_like_the_largest_are_the_bodies() -> None:
     assert bodies(twins, twins) == pytest.approx((size(EGG), size(EGG)))
 
 
+def test_the_largest_of_like_parts_is_the_body_though_a_smaller_one_has_the_very_mesh() -> None:
+    larger = ball(1.1, (6, 0, 0), radii=(2, 1, 1), count=190, seed=4)
+    assert bodies(EGG, Surface.joined([EGG, larger])) == pytest.approx((size(EGG), size(larger)))
+
+
 def test_of_parts_that_are_as_like_closed_ones_are_the_bodies() -> None:
     cloth = Surface.joined([EGG, sheet(6.5, (0, 0, 3))])
     assert size(cloth) ** 2 > 2 * size(EGG) ** 2

@@ -159,7 +159,7 @@ def test_a_shell_of_the_same_shape_is_taken_before_one_of_the_same_moments_nearb
     smooth = where / np.sqrt((where**2).mean(axis=0)) * np.sqrt(spread / len(blunt)) @ axes.T
     for sign in (1, -1):
         source = side_of(
-            ROD.with_vertices(blunt + np.array([0, 0.06 * sign, 0])), ROD.with_vertices(smooth - [0, 0.05 * sign, 0])
+            ROD.with_vertices(blunt + np.array([0, 0.06 * sign, 0])), ROD.with_vertices(smooth - [0, 0.03 * sign, 0])
         )
         assert partners(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
 
