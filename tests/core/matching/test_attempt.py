@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,7 +27,8 @@ def body(certainty: float, coverage: float, moved: np.ndarray, scale: float = 1.
 
     pair: Any = SimpleNamespace(source_shape=shape(images), target_shape=shape(PLACES))
     nothing = np.zeros((0, 0))
-    return Attempt(pair, [Candidate("", False, False, nothing, nothing, samples, None, None, certainty, {})], coverage)
+    first = Candidate("", False, False, nothing, nothing, samples, None, None, certainty, {})
+    return Attempt(pair, [first, replace(first, certainty=0.01)], coverage)
 
 
 def is_taken_for_the_same(moved: np.ndarray, scale: float = 1.0) -> bool:

@@ -15,7 +15,8 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.matching import memory_cache
-from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.runtime.stepping import drain
 
 COUNT = 6000  # large enough to be decimated
@@ -44,6 +45,52 @@ def prepared(count: int = COUNT, proxy_vertices: int | None = 2000) -> ShapeAnal
     zo.forget_shapes()
     part, _ = creature(count).surface.working.part(0)
     return drain(memory_cache.kept_analysis_steps(part, 40, 300, 0, proxy_vertices))
+
+
+@pytest.fixture(scope="module")
+def small() -> ShapeAnalysis:
+    part, _ = creature(60).surface.working.part(0)
+    return drain(analysis_steps(part, 10, 20, 0))
+
+
+def test_a_folder_keeps_what_it_has_room_for_and_lets_the_oldest_go(tmp_path: Path, small: ShapeAnalysis) -> None:
+    shapes = ShapeFolder(tmp_path / "made" / "on the way")
+    shapes.save(b"a", small)
+    (path,) = tmp_path.rglob("*.npz")
+    shapes = ShapeFolder(tmp_path / "made" / "on the way", int(2.5 * path.stat().st_size))
+    for number, key in enumerate((b"b", b"c", b"d")):
+        for file in tmp_path.rglob("*.npz"):
+            os.utime(file, (file.stat().st_mtime - 100,) * 2)
+        shapes.save(key, small)
+        assert [shapes.load(each, small.proxy.full) is not None for each in (b"a", b"b", b"c", b"d")] == [
+            [True, True, False, False],
+            [False, True, True, False],
+            [False, False, True, True],
+        ][number]
+
+
+class Harmful:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self.path,)
+
+
+def test_nothing_in_a_file_is_run(tmp_path: Path, small: ShapeAnalysis) -> None:
+    shapes = ShapeFolder(tmp_path)
+    shapes.save(b"a", small)
+    (path,) = tmp_path.rglob("*.npz")
+    np.savez(path, eigenvalues=np.array([Harmful(tmp_path / "run")], dtype=object))
+    assert shapes.load(b"a", small.proxy.full) is None
+    assert not (tmp_path / "run").exists()
+
+
+def test_progress_of_storing_stays_within_its_bounds(folder: Path, small: ShapeAnalysis) -> None:
+    fractions = list(memory_cache.kept_analysis_steps(small.proxy.full, 10, 20, 0, None))
+    assert fractions == sorted(fractions)
+    assert fractions[0] == 0
+    assert fractions[-1] == 1
 
 
 @pytest.mark.parametrize("proxy_vertices", [None, 2000])

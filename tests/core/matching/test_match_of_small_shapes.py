@@ -61,6 +61,37 @@ def test_progress_rises_through_all_stages(watched: tuple[zo.MatchResult, list[P
     assert again[0].fraction < 0.1
 
 
+def test_what_is_asked_of_a_result_ahead_is_asked_in_order_once_it_is_there() -> None:
+    asked: list[str] = []
+
+    def steps() -> Iterator[float]:
+        yield 0.5
+        asked.append("made")
+        return "it"
+
+    fractions = list(match.prepared_steps(steps(), (lambda it: asked.append(f"{it} first"), asked.append)))
+    assert asked == ["made", "it first", "it"]
+    assert fractions == sorted(fractions)
+    assert 0.5 < fractions[-1] < 1
+
+
+def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, monkeypatch) -> None:
+    def refining() -> Iterator[float]:
+        yield from (0.0, 0.5, 1.0)
+        return result.surface_map, result.functional_map
+
+    def bending(refined: Any, *_: Any) -> Iterator[float]:
+        yield from (0.0, 0.5, 1.0)
+        return match.Fit.unfitted(refined)
+
+    monkeypatch.setattr(match, "fit_steps", bending)
+    shapes = result.pair.source_shape, result.pair.target_shape
+    fractions = list(match.fitted_steps(refining(), *shapes, False))
+    assert fractions == sorted(fractions)
+    assert len(set(fractions)) == 5
+    assert (fractions[0], fractions[-1]) == (0, 1)
+
+
 # --- options ------------------------------------------------------------------------------------------------
 
 

@@ -151,6 +151,15 @@ def test_a_cloth_that_lies_in_a_bowl_faces_as_the_bowl_does_and_a_ball_in_it_doe
     assert (result.confidence[[0, -1]] == 0).all()
 
 
+@pytest.mark.parametrize("winding", [1, -1])
+def test_which_side_of_a_cloth_is_the_outer_one_is_a_matter_of_area(winding: int) -> None:
+    profile = np.vstack([arc(0.87, 0.3, 1.0, 6), arc(0.86, 0.99, 0.94, 14)])  # a hem of many small faces, folded under
+    cloth, faces = turned(profile)
+    confidence = zo.match_by_proximity(BOWL, zo.Surface(cloth, faces[:, ::winding])).confidence
+    assert (confidence[: 4 * 40] == 1).all()
+    assert (confidence[8 * 40 :] == 0).all()
+
+
 def test_how_far_normals_may_differ_is_measured_where_a_cloth_is_turned_over() -> None:
     cloth, faces = turned(arc(0.5, 0.2, 1.2, 30))
     lowered = cloth + np.array([0, 0, -0.37])
