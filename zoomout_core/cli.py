@@ -28,8 +28,8 @@ from zoomout_core.matching.proximity import (
     ProximityMatch,
     match_by_proximity_steps,
 )
-from zoomout_core.mesh.files import read_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.surface import MeshError, Surface, as_surface
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 
 # A start that nothing follows.
@@ -87,20 +87,21 @@ def match(
     either_side: bool,
     **options: Any,
 ) -> None:
-    """Find for every vertex of TARGET the point on SOURCE that it corresponds to.
+    """Find for every vertex of TARGET the point on SOURCE that it corresponds to; either may be a point cloud.
 
     Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file. With --initial nearest the
     map is that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
     """
     try:
         check_output(output)
-        surfaces = read_surface(source), read_surface(target)
+        shapes = read_shape(source), read_shape(target)
         if options["initial"] == NEAREST:
             _check_nothing_else(options)
+            surfaces = as_surface(shapes[0]), as_surface(shapes[1])
             nearest = match_by_proximity_steps(*surfaces, most_distance, most_angle, either_side)
             lines = _save_nearest(with_progress_bar(nearest), output)
         else:
-            result = with_progress_bar(match_steps(*surfaces, **start_arguments(**options)))
+            result = with_progress_bar(match_steps(*shapes, **start_arguments(**options)))
             result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
             lines = summary(result)
     except (ValueError, OSError, ImportError) as error:
@@ -175,9 +176,9 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, detail: str, see
     """
     try:
         check_output(output)
-        surface, direction = read_surface(mesh), read_axis(left, "--left")
+        shape, direction = read_shape(mesh), read_axis(left, "--left")
         arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "left": direction}
-        found = with_progress_bar(detect_symmetry_steps(surface, **arguments))
+        found = with_progress_bar(detect_symmetry_steps(shape, **arguments))
         for number, entry in enumerate(found, start=1):
             click.echo(f"{number}. {described(entry)}")
         if candidate > len(found):
@@ -231,7 +232,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
     of the surface's area.
     """
     try:
-        surfaces = read_surface(source), read_surface(target)
+        surfaces = as_surface(read_shape(source)), as_surface(read_shape(target))
         surface_map = read_surface_map(map_file, *surfaces)
         lines = [] if truth is None else _error_lines(surface_map, *surfaces, truth)
         lines += [

@@ -60,6 +60,18 @@ def test_nearest_points_are_a_map_without_anything_else(files: Path) -> None:
     assert "--common-axis has no effect on --initial nearest" in refused.output
 
 
+def test_a_file_without_faces_is_a_cloud(files: Path, resting: Creature) -> None:
+    trimesh.PointCloud(resting.surface.vertices).export(files / "cloud.ply")
+    meshes = files / "source.ply", files / "cloud.ply"
+    outcome = run("match", *meshes, "-o", files / "cloud.npz", "--initial", "nearest")
+    assert outcome.exit_code == 0, outcome.output
+    with np.load(files / "cloud.npz") as file:
+        assert (file["vertex"] == np.arange(len(resting.directions))).mean() > 0.99
+    outcome = run("evaluate", files / "cloud.npz", *meshes)
+    assert outcome.exit_code == 0, outcome.output
+    assert "Turned over: " in outcome.output
+
+
 def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Creature, bent: Creature) -> None:
     tips = np.array([bent.directions @ axis for axis in ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])]).argmax(1)
     pairs = np.column_stack([mirrored_vertex(resting, bent)[tips], tips])

@@ -37,7 +37,7 @@ from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
 from zoomout_core.matching.scores import Disagreement
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
@@ -149,12 +149,15 @@ class MatchResult:
         return _result_steps(self.pair, self.candidates, candidate, 0.0)
 
 
-def match(source: Surface, target: Surface, options: MatchOptions | None = None, **given: Any) -> MatchResult:
+def match(
+    source: Surface | PointCloud, target: Surface | PointCloud, options: MatchOptions | None = None, **given: Any
+) -> MatchResult:
     """Find for every vertex of the target the point on the source that it corresponds to.
 
     Args:
-        source: the surface that the map lands on; it carries the attributes.
-        target: the surface that the map starts from; it receives them.
+        source: the surface that the map lands on; it carries the attributes. Of a point cloud it is the surface that
+            is reconstructed from it, `PointCloud.surface`.
+        target: the surface, or the points, that the map starts from; it receives them.
         options: how to match them, see `MatchOptions`.
         given: the same as keyword arguments, or what of the options is to be different.
 
@@ -170,15 +173,24 @@ def match(source: Surface, target: Surface, options: MatchOptions | None = None,
 
 @on_one_blas_thread
 def match_steps(
-    source: Surface, target: Surface, options: MatchOptions | None = None, **given: Any
+    source: Surface | PointCloud, target: Surface | PointCloud, options: MatchOptions | None = None, **given: Any
 ) -> Steps[MatchResult]:
     """`match` as a generator that yields `Progress` and returns the result."""
     if options is not None and not isinstance(options, MatchOptions):
         raise TypeError(f"{options!r} is not MatchOptions: give options by their names, such as initial='proximity'.")
     options = MatchOptions(**given) if options is None else replace(options, **given)
-    axes, paired = checked_axes(options.common_axes), checked_regions(options.regions, source, target)
     yield Progress(0.0, "Reading the meshes")
-    yield from spread(side_by_side(_reading(source), _reading(target)), 0.0, 0.01, "Reading the meshes")
+    reading = side_by_side(_reading_steps(source), _reading_steps(target))
+    surfaces = yield from spread(reading, 0.0, 0.01, "Reading the meshes")
+    notes = (*_notes_on_cloud("source", source, surfaces[0]), *_notes_on_cloud("target", target, surfaces[1]))
+    return (yield from _surfaces_steps(*surfaces, options, notes))
+
+
+def _surfaces_steps(
+    source: Surface, target: Surface, options: MatchOptions, notes: tuple[str, ...]
+) -> Steps[MatchResult]:
+    """`match_steps` of surfaces that are read, of which some notes are to be made."""
+    axes, paired = checked_axes(options.common_axes), checked_regions(options.regions, source, target)
     bodies = yield from spread(bodies_steps(source, target, options.seed), 0.01, 0.04, "Finding the bodies")
     known = Constraints(options.landmarks, axes, paired)
     exact = options.landmarks if options.exact_landmarks else None
@@ -196,7 +208,7 @@ def match_steps(
             for part in (body.source, body.target)
         )
         shapes = yield from spread(side_by_side(*analysing), 0.0, ANALYSING, "Analysing the shapes")
-        pair = Pair(source, target, *shapes, options.k_final, options.step, exact, paired)
+        pair = Pair(source, target, *shapes, options.k_final, options.step, exact, paired, notes)
         finding = _candidates_steps(pair, options.initial, known, options.initial_map)
         candidates = yield from within(finding, ANALYSING, 1.0)
         return Attempt(pair, candidates, body.coverage)
@@ -252,10 +264,32 @@ def prepared_steps(
     return result
 
 
-def _reading(surface: Surface) -> Generator[float, None, WorkingMesh]:
-    """The surface's working mesh, in a single step."""
+def _reading_steps(shape: Surface | PointCloud) -> Generator[float, None, Surface]:
+    """The surface of a shape, with its working mesh, in a single step."""
     yield from ()
-    return kept_working_mesh(surface)
+    surface = as_surface(shape)
+    kept_working_mesh(surface)
+    return surface
+
+
+def _notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
+    """What points alone do not tell."""
+    if not isinstance(shape, PointCloud):
+        return ()
+    left_out = int((surface.working.vertex_of < 0).sum())
+    notes = (
+        (
+            shape.normals is None and not surface.working.sides_are_known,
+            f"Nothing tells the outer side of the {role}, an open point cloud without normals: this map may be the "
+            "mirror image of the right one; compare the other candidates.",
+        ),
+        (
+            left_out > NOTES.without_partner * len(shape.points),
+            f"{left_out} of the {role}'s points are on no part of the surface that runs through the others: noise, or "
+            "another density.",
+        ),
+    )
+    return tuple(text for true, text in notes if true)
 
 
 def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
@@ -283,7 +317,7 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
     carrying = in_background(lambda: lifted(pair, fit, confidence))
     whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
-    notes = (*_notes_on_rest(there, back, source, target), *whole.notes)
+    notes = (*_notes_on_rest(there, back, source, target), *whole.notes, *pair.notes)
     if over > NOTES.folds:
         notes = (
             f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "

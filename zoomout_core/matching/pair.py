@@ -58,6 +58,7 @@ class Pair:
         step: growth of the functional map in an iteration.
         exact_landmarks: landmarks that the final map is to hit, as `landmarks_on_parts` takes them, or None.
         regions: source vertices and target vertices that belong together.
+        notes: what a user should know of the two, whatever the map, a sentence each.
     """
 
     source: Surface
@@ -68,6 +69,7 @@ class Pair:
     step: int
     exact_landmarks: tuple[ArrayLike, ArrayLike] | None = None
     regions: Sequence[tuple[Integers, Integers]] = ()
+    notes: tuple[str, ...] = ()
 
 
 def positions_of_part(surface: Surface, shape: ShapeAnalysis) -> Floats:

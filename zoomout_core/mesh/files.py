@@ -35,20 +35,34 @@ def read_surface(path: str | PathLike[str]) -> Surface:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    vertices, corner_vertex, face_start = _read(_existing(path))
-    if len(face_start) < 2:
+    shape = read_shape(path)
+    if isinstance(shape, PointCloud):
         raise MeshError(
-            f"{path} holds no faces, only {len(vertices)} points: give a file with a surface, "
+            f"{path} holds no faces, only {len(shape.points)} points: give a file with a surface, "
             "or read it as a point cloud."
         )
+    return shape
+
+
+def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
+    """Read a mesh file as `read_surface` does, or as `read_point_cloud` does where it holds no faces.
+
+    Raises:
+        MeshError: the file is missing, cannot be read, or holds points or faces that cannot be used.
+        TypeError: the path is neither a string nor a path.
+        ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
+    """
+    vertices, corner_vertex, face_start = _read(_existing(path))
     try:
+        if len(face_start) < 2:
+            return PointCloud(vertices, _normals(Path(path)))
         return Surface.from_corners(vertices, corner_vertex, face_start)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 
 
 def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
-    """Read the points of a file, whether it holds faces or not; normals are not read.
+    """Read the points of a file, whether it holds faces or not, and the normals of a PLY file.
 
     Raises:
         MeshError: the file is missing, cannot be read, or holds points that cannot be used.
@@ -57,7 +71,7 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
     """
     vertices = _read(_existing(path))[0]
     try:
-        return PointCloud(vertices)
+        return PointCloud(vertices, _normals(Path(path)))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 
@@ -182,6 +196,14 @@ def _read_ply(path: Path) -> Polygons:
     vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
     face = columns.get("face", {})
     return vertices, *_flat(face.get("vertex_indices", face.get("vertex_index", [])))
+
+
+def _normals(path: Path) -> Floats | None:
+    """(n, 3) normals, where a PLY file has one for each vertex."""
+    columns = ply_columns(_bytes(path))["vertex"] if path.suffix.lower() == ".ply" else {}
+    if not {"nx", "ny", "nz"} <= columns.keys():
+        return None
+    return np.stack([np.array(columns[axis], dtype=np.float64) for axis in ("nx", "ny", "nz")], axis=1)
 
 
 def ply_columns(content: bytes) -> dict[str, dict[str, Any]]:

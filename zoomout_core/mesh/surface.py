@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.reconstruction import triangulated_points
+from zoomout_core.mesh.triangles import triangle_areas, unit_vectors
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
 
@@ -180,7 +181,7 @@ class PointCloud:
 
     Args:
         points: (n, 3) positions.
-        normals: (n, 3) unit normals, or None.
+        normals: (n, 3) normals on the outside, or None.
 
     Raises:
         MeshError: fewer than 12 points, coordinates that are not finite, or not a normal for each point.
@@ -195,6 +196,35 @@ class PointCloud:
             raise MeshError(f"{len(self.points)} points need as many finite normals: correct them, or leave them out.")
         if len(self.points) < 12:
             raise MeshError(f"A point cloud of {len(self.points)} points is too small: at least 12 are needed.")
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The surface that is reconstructed from the points: they are its vertices, in their order.
+
+        Raises:
+            MeshError: no surface passes through the points.
+        """
+        triangles = triangulated_points(self.points, None if self.normals is None else unit_vectors(self.normals))
+        if not len(triangles):
+            raise MeshError("No surface passes through the points: do they lie on a line, or in one place?")
+        return Surface(self.points, triangles)
+
+
+def as_surface(shape: Surface | PointCloud) -> Surface:
+    """A surface itself, and of a point cloud the one that is reconstructed from it.
+
+    Raises:
+        MeshError: no surface passes through the points.
+        TypeError: it is neither.
+    """
+    if isinstance(shape, PointCloud):
+        return shape.surface
+    if not isinstance(shape, Surface):
+        raise TypeError(
+            f"A Surface or a PointCloud is needed, not a {type(shape).__name__}: make one, such as "
+            "Surface(vertices, faces)."
+        )
+    return shape
 
 
 # --- the edge: what a user hands in -------------------------------------------------------------------------

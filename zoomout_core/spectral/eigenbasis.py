@@ -16,16 +16,17 @@ import numpy as np
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
+from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, SingleFloats
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.decimation import decimated_steps
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import one_blas_thread, threads
-from zoomout_core.spectral.laplacian import mesh_laplacian, point_cloud_laplacian
+from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.tuning import Tuning, tuned
 
 # Vertices whose eigenvectors are assembled at once: bounds the memory, and the time between two steps.
@@ -112,7 +113,8 @@ class SpectralBasis:
 def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> SpectralBasis:
     """The first `k` eigenfunctions of a surface or point cloud.
 
-    Borders that coincide are welded first; a vertex of several welded ones gets its share of their area.
+    Borders that coincide are welded first; a vertex of several welded ones gets its share of their area. That of a
+    point cloud is the basis of the surface that is reconstructed from it.
 
     Args:
         shape: what to analyse.
@@ -123,31 +125,27 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
         A basis with a row for every vertex of the surface, or every point.
 
     Raises:
-        MeshError: k is out of range.
+        MeshError: k is out of range, or no surface passes through the points.
         TypeError: the shape is none, or k no whole number.
     """
-    if not isinstance(shape, Surface | PointCloud):
-        raise TypeError(
-            f"An eigenbasis is of a Surface or a PointCloud, not of a {type(shape).__name__}: make one, such as "
-            "Surface(vertices, faces)."
-        )
+    surface = as_surface(shape)
     if not isinstance(k, int | np.integer):
         raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
     with one_blas_thread:
-        if isinstance(shape, PointCloud):
-            stiffness, areas = point_cloud_laplacian(shape.points)
-            eigenvalues, eigenvectors = drain(eigenpairs_steps(stiffness, areas, k, seed))
-            return SpectralBasis(eigenvalues, eigenvectors, areas, shape.points)
-        working = shape.working
+        working = surface.working
         basis = _basis_of(working, k, seed)
     vertex_of = working.vertex_of
     if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # nothing welded, nothing left out
-        return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, shape.vertices)
+        return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, surface.vertices)
     unused = vertex_of < 0
     copies = np.bincount(vertex_of[~unused], minlength=len(working.vertices))
     eigenvectors, areas = basis.eigenvectors[vertex_of], (basis.areas / copies)[vertex_of]
     eigenvectors[unused], areas[unused] = 0, 0
-    return SpectralBasis(basis.eigenvalues, eigenvectors, areas, shape.vertices)
+    if isinstance(shape, PointCloud):
+        # A point that the surface leaves out is as good as the one beside it.
+        beside = cKDTree(shape.points[~unused]).query(shape.points[unused])[1]
+        eigenvectors[unused] = eigenvectors[~unused][beside]
+    return SpectralBasis(basis.eigenvalues, eigenvectors, areas, surface.vertices)
 
 
 def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:

@@ -1,4 +1,4 @@
-"""The Laplace-Beltrami operator of meshes and point clouds.
+"""The Laplace-Beltrami operator of meshes.
 
 Sharp and Crane, A Laplacian for Nonmanifold Triangle Meshes (2020): an intrinsic Delaunay triangulation of
 the tufted cover, so that slivers, borders and non-manifold edges do no harm.
@@ -11,7 +11,6 @@ import robust_laplacian
 from scipy.sparse import csc_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.surface import MeshError
 
 # Vertex areas are at least this part of their mean: smaller ones only amplify rounding in the eigenvectors.
 SMALLEST_AREA = 1e-6
@@ -24,19 +23,6 @@ def mesh_laplacian(vertices: Floats, triangles: Integers) -> tuple[csc_array, Fl
         (n, n) symmetric positive semi-definite stiffness, and (n,) areas that sum to one.
     """
     stiffness, mass = robust_laplacian.mesh_laplacian(np.ascontiguousarray(vertices), np.ascontiguousarray(triangles))
-    return csc_array(stiffness), _unit_areas(mass.diagonal())
-
-
-def point_cloud_laplacian(points: Floats) -> tuple[csc_array, Floats]:
-    """Stiffness matrix and point areas of a point cloud; shapes and scaling as for `mesh_laplacian`.
-
-    Raises:
-        MeshError: no surface passes through the points, as where they lie on a line.
-    """
-    try:
-        stiffness, mass = robust_laplacian.point_cloud_laplacian(np.ascontiguousarray(points))
-    except RuntimeError as error:
-        raise MeshError("No surface passes through the points: do they lie on a line, or in one place?") from error
     return csc_array(stiffness), _unit_areas(mass.diagonal())
 
 

@@ -28,7 +28,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.stepping import Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import (
@@ -97,7 +97,7 @@ class Symmetry(SelfMap):
 
 
 def detect_symmetry(
-    surface: Surface,
+    surface: Surface | PointCloud,
     most: int = 8,
     left: ArrayLike = LEFT,
     k_final: int = K_FINAL,
@@ -109,7 +109,8 @@ def detect_symmetry(
     """Find the symmetries of a surface, whatever its pose and however it is meshed.
 
     Args:
-        surface: what may be symmetric. Its largest part decides; loose parts follow, a left eye onto the right one.
+        surface: what may be symmetric, or points of it. Its largest part decides; loose parts follow, a left eye onto
+            the right one.
         most: how many symmetries to return.
         left: (3,) direction to the character's left, in the surface's frame. It tells the sides apart.
         k_final: size of the final functional maps; less on meshes with fewer vertices.
@@ -132,7 +133,7 @@ def detect_symmetry(
 
 @on_one_blas_thread
 def detect_symmetry_steps(
-    surface: Surface,
+    surface: Surface | PointCloud,
     most: int = 8,
     left: ArrayLike = LEFT,
     k_final: int = K_FINAL,
@@ -145,7 +146,7 @@ def detect_symmetry_steps(
     check_sizes(k_final, step, samples, proxy_vertices)
     if most < 1:
         raise ValueError(f"most is {most}: ask for one symmetry or more.")
-    to_the_left = _unit_vector(left)
+    to_the_left, surface = _unit_vector(left), as_surface(surface)
     bodies = yield from within(bodies_of_steps(surface, seed), 0.0, START_OF_BODY[0])
     attempts: list[Attempt] = []
     for body, start, end in zip(bodies, START_OF_BODY, START_OF_BODY[1:], strict=False):

@@ -12,7 +12,7 @@ from scipy.sparse import issparse
 
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
@@ -119,8 +119,8 @@ RULES: dict[Kind, Rule] = {
 def transfer(
     attribute: Attribute,
     result: Match | SurfaceMap,
-    source: Surface,
-    target: Surface,
+    source: Surface | PointCloud,
+    target: Surface | PointCloud,
     fill_below: float | None = None,
     **options: Any,
 ) -> Attribute:
@@ -147,7 +147,10 @@ def transfer(
 
 
 def map_target(
-    result: Match | SurfaceMap, source: Surface, target: Surface, fill_below: float | None = None
+    result: Match | SurfaceMap,
+    source: Surface | PointCloud,
+    target: Surface | PointCloud,
+    fill_below: float | None = None,
 ) -> MappedTarget:
     """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.
 
@@ -158,6 +161,7 @@ def map_target(
     if fill_below is not None and not 0 <= fill_below <= 1:
         raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
     surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
+    source, target = as_surface(source), as_surface(target)
     confidence = np.ones(len(target.vertices)) if isinstance(result, SurfaceMap) else np.asarray(result.confidence)
     _check_map(surface_map, confidence, source, target)
     return MappedTarget(source, target, surface_map, confidence, fill_below)

@@ -4,8 +4,8 @@ import sys
 import numpy as np
 import pytest
 
-from zoomout_core.mesh.files import read_point_cloud, read_surface
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.files import read_point_cloud, read_shape, read_surface
+from zoomout_core.mesh.surface import MeshError, PointCloud
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -178,6 +178,16 @@ def test_a_point_cloud_is_read_as_points_and_refused_as_a_surface(tmp_path):
     np.testing.assert_array_equal(read_point_cloud(tmp_path / "cloud.ply").points, points)
     with pytest.raises(MeshError, match="no faces, only 40 points"):
         read_surface(tmp_path / "cloud.ply")
+
+
+def test_a_cloud_has_the_normals_of_its_ply_file(tmp_path):
+    rows = np.random.default_rng(0).random((40, 6)).astype(np.float32)
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    header = ["ply", "format binary_little_endian 1.0", "element vertex 40", *(f"property float {n}" for n in names)]
+    (tmp_path / "cloud.ply").write_bytes("\n".join([*header, "end_header\n"]).encode() + rows.tobytes())
+    cloud = read_shape(tmp_path / "cloud.ply")
+    assert isinstance(cloud, PointCloud)
+    np.testing.assert_array_equal(cloud.normals, rows[:, 3:])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,39 @@
+"""Point clouds are matched as the surfaces that run through them, and results say what points do not tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, true_vertex
+
+import zoomout_core as zo
+
+
+@pytest.mark.parametrize("role", ["source", "target"])
+def test_a_cloud_is_matched_with_a_mesh_without_a_hint(role: str, resting: Creature, bent: Creature) -> None:
+    truth = true_vertex(resting, bent)
+    cloud = zo.PointCloud((resting if role == "source" else bent).surface.vertices)
+    source, target = (cloud, bent.surface) if role == "source" else (resting.surface, cloud)
+    result = zo.match(source, target)
+    apart = np.linalg.norm(
+        result.surface_map.interpolate(resting.surface.vertices) - resting.surface.vertices[truth], axis=1
+    )
+    assert apart.mean() < 0.03 * np.sqrt(resting.surface.area)
+    assert not [note for note in result.notes if "cloud" in note]
+    heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, resting.surface.vertices[:, 2])
+    carried = zo.transfer(heights, result, source, target)
+    assert np.corrcoef(carried.values, resting.surface.vertices[truth, 2])[0, 1] > 0.99
+
+
+def test_an_open_cloud_without_normals_has_no_outer_side() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 24), np.linspace(-1, 1, 18)), axis=-1).reshape(-1, 2)
+    grid = grid + np.random.default_rng(0).uniform(-0.01, 0.01, grid.shape)
+    x, y = grid.T
+    points = np.column_stack([x, y, 0.3 * x * y])
+    said = "Nothing tells the outer side of the target, an open point cloud without normals"
+    source, cloud = zo.PointCloud(points).surface, zo.PointCloud(points)
+    result = zo.match(source, cloud)
+    assert [note for note in result.notes if note.startswith(said)]
+    assert [note for note in result.use(len(result.candidates) - 1).notes if note.startswith(said)]
+    facing = zo.PointCloud(points, np.tile([0.0, 0, 1], (len(points), 1)))
+    assert not [note for note in zo.match(source, facing).notes if note.startswith(said)]

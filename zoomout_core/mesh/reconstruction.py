@@ -1,0 +1,214 @@
+"""A triangle mesh through the points of a cloud, by Delaunay triangulations in their tangent planes.
+
+Each point is joined to its natural neighbours in its tangent plane (Gopi, Krishnan and Silva, Surface reconstruction
+based on lower dimensional localized Delaunay triangulation, 2000). Of these triangles those are taken, first the ones
+that all three of their corners agree on, that make an oriented manifold. Points across a gap between limbs lie above
+the tangent plane, not in it, and are no neighbours. Normals that are not given are those of the planes that fit best,
+turned alike along the tree of the smallest turns (Hoppe et al., Surface reconstruction from unorganized points, 1992).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.triangles import area_normals, unique_edges, unit_vectors
+from zoomout_core.tuning import Tuning, tuned
+
+# Points whose neighbours are looked at together: bounds the memory.
+BLOCK = 1 << 15
+# The neighbour whose distance is the spacing of the points: as many as a vertex of a mesh has.
+SPACING = 6
+
+
+@dataclass(frozen=True)
+class ReconstructionTuning(Tuning, set_by="judgement"):
+    """Which points may be neighbours on the surface.
+
+    Attributes:
+        neighbours: the nearest points in space, of which the neighbours on the surface are taken.
+        plane_neighbours: the nearest points in space, to which tangent planes are fitted.
+        steepest: sine of the angle between the tangent plane and the direction of a neighbour.
+        least_cosine: of the angle between the normals of neighbours, whose sense counts where it is known.
+        longest: edge of a triangle, by the spacing around each corner: the distance of its sixth neighbour.
+        smallest_part: parts of fewer triangles are no surface, but points that stand off one.
+    """
+
+    neighbours: int = tuned(24, "points", 6, 100)
+    plane_neighbours: int = tuned(12, "points", 3, 100)
+    steepest: float = tuned(0.6, "1", 0, 1)
+    least_cosine: float = tuned(0.3, "1", 0, 1)
+    longest: float = tuned(8.0, "1", 1, 1000)
+    smallest_part: int = tuned(20, "triangles", 0, 10_000)
+
+
+RECONSTRUCTION = ReconstructionTuning()
+
+
+def triangulated_points(points: Floats, normals: Floats | None = None) -> Integers:
+    """(m, 3) the triangles of an oriented manifold through points (n, 3).
+
+    A few points of a noisy cloud are in no triangle, nor are the second and later ones at a place.
+
+    Args:
+        points: positions.
+        normals: (n, 3) unit normals on the outside, if known.
+    """
+    _, first = np.unique(points, axis=0, return_index=True)
+    first.sort()
+    if len(first) < 4:
+        return np.zeros((0, 3), dtype=np.int64)
+    points = points[first]
+    count = min(RECONSTRUCTION.neighbours, len(points) - 1)
+    distance, near = (np.asarray(array) for array in cKDTree(points).query(points, count + 1))
+    facing = _plane_normals(points, near) if normals is None else normals[first]
+    either = normals is None
+    blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
+    stars = np.concatenate([_stars(block, near[block, 1:], points, facing, either) for block in blocks])
+    triangles, agreed = np.unique(np.sort(stars, axis=1), axis=0, return_counts=True)
+    longest = _longest_edges(points, triangles)
+    spanned = longest <= RECONSTRUCTION.longest * distance[:, min(SPACING, count)][triangles].min(axis=1)
+    triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
+    if normals is None:
+        facing = facing * _senses(facing, triangles[agreed > 1])[:, None]
+    # Those that more corners agree on first, then those with shorter edges.
+    triangles = _manifold(triangles, np.lexsort((longest, -agreed)), points, facing)
+    edges, _ = unique_edges(triangles)
+    _, part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(len(points),) * 2), directed=False)
+    part = part[triangles[:, 0]]
+    return first[triangles[np.bincount(part)[part] >= RECONSTRUCTION.smallest_part]]
+
+
+def _plane_normals(points: Floats, near: Integers) -> Floats:
+    """(n, 3) unit normals, of either sense, of the planes that fit points and those near them (n, c) best."""
+    around = points[near[:, : RECONSTRUCTION.plane_neighbours + 1]]
+    around = around - around.mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nci,ncj->nij", around, around))
+    return np.asarray(vectors[:, :, 0])
+
+
+def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, either: bool) -> Integers:
+    """(s, 3) the Delaunay triangles around some points (b,), among the points near them (b, c), in tangent planes.
+
+    Inverted at the unit circle around a point, its neighbours in the triangulation are the corners of the convex hull.
+
+    Args:
+        centre: numbers of the points.
+        near: of the points near them.
+        points: (n, 3) positions.
+        normals: (n, 3) unit normals.
+        either: whether these are of either sense.
+    """
+    offset, normal = points[near] - points[centre, None], normals[centre]
+    length = np.linalg.norm(offset, axis=2)
+    height = np.einsum("bcx,bx->bc", offset, normal)
+    cosine = np.einsum("bcx,bx->bc", normals[near], normal)
+    cosine = np.abs(cosine) if either else cosine
+    joined = (np.abs(height) <= RECONSTRUCTION.steepest * length) & (cosine >= RECONSTRUCTION.least_cosine)
+    u = unit_vectors(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
+    x, y = (np.einsum("bcx,bx->bc", offset, axis) for axis in (u, np.cross(normal, u)))
+    angle = np.where(joined, np.arctan2(y, x), np.inf)
+    order = np.argsort(angle, axis=1, kind="stable")
+    near, length, angle, joined = (np.take_along_axis(array, order, axis=1) for array in (near, length, angle, joined))
+    # Turned into the plane at its own distance: on a curved surface the projection is nearer than the path.
+    inverse = 1 / length
+    x, y = inverse * np.cos(np.where(joined, angle, 0)), inverse * np.sin(np.where(joined, angle, 0))
+    corner, following = _hull_corners(joined, x, y)
+    row, column = np.nonzero(corner)
+    after = following[row, column]
+    ahead = x[row, column] * y[row, after] - y[row, column] * x[row, after] > 0  # by less than half a turn
+    row, column, after = row[ahead], column[ahead], after[ahead]
+    return np.column_stack([centre[row], near[row, column], near[row, after]])
+
+
+def _hull_corners(joined: Booleans, x: Floats, y: Floats) -> tuple[Booleans, Integers]:
+    """Corners of the convex hulls of rows of points and the origin; the points (b, c) are sorted by angle.
+
+    Args:
+        joined: which points there are.
+        x: first coordinates.
+        y: second ones.
+
+    Returns:
+        (b, c) which are corners, and for each the column of the next one.
+    """
+    corner, following = joined.copy(), np.zeros(joined.shape, dtype=np.int64)
+    rows = np.arange(len(joined))
+    while len(rows):
+        after, before = _next(corner[rows]), _next(corner[rows, ::-1])[:, ::-1]
+        before = corner.shape[1] - 1 - before
+        following[rows] = after
+        X, Y = x[rows], y[rows]
+        (x0, y0), (x1, y1) = (
+            (np.take_along_axis(X, column, axis=1), np.take_along_axis(Y, column, axis=1)) for column in (before, after)
+        )
+        # A point inside the triangle of the origin and those beside it; none is where these are half a turn apart.
+        inside = (X - x0) * (y1 - Y) - (Y - y0) * (x1 - X) <= 0
+        inside &= corner[rows] & (x0 * Y - y0 * X > 0) & (X * y1 - Y * x1 > 0)
+        corner[rows] &= ~inside
+        rows = rows[inside.any(axis=1)]
+    return corner, following
+
+
+def _next(chosen: Booleans) -> Integers:
+    """(b, c) for each column the next one in its row that is chosen, around the end."""
+    columns = chosen.shape[1]
+    number = np.where(chosen, np.arange(columns), columns)
+    number = np.column_stack([number[:, 1:], number.min(axis=1) + columns * chosen.any(axis=1)])
+    ahead = np.minimum.accumulate(number[:, ::-1], axis=1)[:, ::-1]
+    return np.asarray(np.minimum(np.where(ahead >= columns, number[:, -1:], ahead), 2 * columns) % columns)
+
+
+def _longest_edges(points: Floats, triangles: Integers) -> Floats:
+    """(m,) lengths of the longest edges of triangles (m, 3)."""
+    return np.asarray(np.linalg.norm(points[triangles] - points[np.roll(triangles, -1, axis=1)], axis=2).max(axis=1))
+
+
+def _senses(normals: Floats, triangles: Integers) -> Floats:
+    """(n,) 1 or -1, by which normals (n, 3) agree along the edges of triangles where these turn least."""
+    n = len(normals)
+    edges, _ = unique_edges(triangles)
+    turn = 1 - np.abs(np.einsum("ex,ex->e", normals[edges[:, 0]], normals[edges[:, 1]]))
+    # An edge of no turn would be none in a sparse matrix.
+    tree = minimum_spanning_tree(coo_array((turn + 1e-3, edges.T), shape=(n, n)).tocsr())
+    tree = tree + tree.T
+    parent = np.arange(n)
+    _, component = connected_components(tree, directed=False)
+    for root in np.unique(component, return_index=True)[1]:
+        order, before = breadth_first_order(tree, root, directed=False)
+        parent[order[1:]] = before[order[1:]]
+    sense = np.where(np.einsum("nx,nx->n", normals, normals[parent]) < 0, -1.0, 1.0)
+    while not np.array_equal(parent, parent[parent]):
+        sense, parent = sense * sense[parent], parent[parent]
+    return np.asarray(sense * sense[parent])
+
+
+def _manifold(triangles: Integers, order: Integers, points: Floats, normals: Floats) -> Integers:
+    """(t, 3) those of the triangles (m, 3), turned as the normals (n, 3) are, that share each edge with one other.
+
+    They are taken in the given order (m,).
+    """
+    facing = np.einsum("mx,mcx->mc", area_normals(points, triangles), normals[triangles])
+    sense = np.sign(facing).sum(axis=1)
+    turned = np.where(sense[:, None] < 0, triangles[:, ::-1], triangles)
+    rank = np.argsort(order)
+    half_edges = turned * len(points) + np.roll(turned, -1, axis=1)
+    half_edge = np.unique(half_edges, return_inverse=True)[1].reshape(-1, 3)
+    free = np.ones(half_edge.max(initial=-1) + 1, dtype=bool)
+    taken = np.zeros(len(triangles), dtype=bool)
+    left = np.flatnonzero(np.abs(sense) == 3)
+    while len(left):
+        # Those that come first at all of their edges, all at once.
+        foremost = np.full(len(free), len(triangles))
+        np.minimum.at(foremost, half_edge[left].ravel(), np.repeat(rank[left], 3))
+        first = (foremost[half_edge[left]] == rank[left, None]).all(axis=1)
+        taken[left[first]] = True
+        free[half_edge[left[first]].ravel()] = False
+        left = left[~first]
+        left = left[free[half_edge[left]].all(axis=1)]
+    return turned[taken]
