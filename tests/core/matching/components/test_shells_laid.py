@@ -232,6 +232,7 @@ def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_
         found = map_of(source, target)
         assert found.paired == 2
         on_knob = target.working.component == 2
+        assert 0 <= found.confidence.min() < found.confidence.max() <= 1
         share = loose.area / target.area
         if alone:
             assert found.alone == pytest.approx(share, rel=0.1)

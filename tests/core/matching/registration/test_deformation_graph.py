@@ -73,6 +73,35 @@ def test_the_nodes_of_a_stiff_row_move_together() -> None:
     np.testing.assert_allclose(bending.images - chain(4).images, 0.01, atol=1e-3)
 
 
+def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
+    places = np.array([[0.0, 0, 0], [1, 0, 0], [9, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [9, 1, 0]])
+    nodes = Nodes(
+        vertex=np.arange(3),
+        near=np.array([[0, 1], [1, 0], [2, 2], [0, 1], [0, 1], [2, 2]]),
+        weight=np.array([[1.0, 0], [1, 0], [1, 0], [0.5, 0.5], [0.5, 0.5], [1, 0]]),
+        first=np.array([0, 1]),
+        second=np.array([1, 0]),
+        bond=np.ones(2),
+    )
+    bending = DeformationGraph(
+        nodes, places, np.ones((6, 3)), np.tile(np.eye(3), (3, 1, 1)), places[:3].copy(), np.zeros((3, 6))
+    )
+    vertex, shift = np.array([0, 1, 3, 4]), np.array([0.1, 0.2, 0.3])
+    bending.step(vertex, np.tile(shift, (4, 1)), np.tile(np.eye(3), (4, 1, 1)), 0.3, False)
+    positions, _, _ = bending.moved()
+    np.testing.assert_allclose(positions[vertex] - places[vertex], np.tile(shift, (4, 1)), atol=1e-3)
+    np.testing.assert_allclose(positions[[2, 5]], places[[2, 5]], atol=1e-6)
+
+
+def test_a_row_that_is_held_at_one_end_alone_moves_as_a_whole() -> None:
+    # About its end it may turn as it likes.
+    bending = chain(40)
+    step(bending, np.array([0]), np.full((1, 3), 0.01))
+    np.testing.assert_allclose(bending.images[0] - chain(40).images[0], 0.01, rtol=1e-3)
+    assert np.isfinite(bending.images).all()
+    assert np.abs(bending.images - chain(40).images).max() < 0.02
+
+
 def test_what_turns_about_a_limb_takes_its_neighbour_along() -> None:
     bending = chain(2)
     step(bending, *turn_asked_for(bending, 0, 0.05))

@@ -17,7 +17,6 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_steps, lifted_fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
@@ -222,26 +221,6 @@ def test_coarse_meshes_keep_the_map_that_they_have() -> None:
     assert not fit.fits.any()
     assert fit.positions.shape == (280, 3)
     assert fit.rotations.shape == (280, 3, 3)
-
-
-def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
-    places = np.array([[0.0, 0, 0], [1, 0, 0], [9, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [9, 1, 0]])
-    nodes = Nodes(
-        vertex=np.arange(3),
-        near=np.array([[0, 1], [1, 0], [2, 2], [0, 1], [0, 1], [2, 2]]),
-        weight=np.array([[1.0, 0], [1, 0], [1, 0], [0.5, 0.5], [0.5, 0.5], [1, 0]]),
-        first=np.array([0, 1]),
-        second=np.array([1, 0]),
-        bond=np.ones(2),
-    )
-    bending = DeformationGraph(
-        nodes, places, np.ones((6, 3)), np.tile(np.eye(3), (3, 1, 1)), places[:3].copy(), np.zeros((3, 6))
-    )
-    vertex, shift = np.array([0, 1, 3, 4]), np.array([0.1, 0.2, 0.3])
-    bending.step(vertex, np.tile(shift, (4, 1)), np.tile(np.eye(3), (4, 1, 1)), 0.3, False)
-    positions, _, _ = bending.moved()
-    np.testing.assert_allclose(positions[vertex] - places[vertex], np.tile(shift, (4, 1)), atol=1e-3)
-    np.testing.assert_allclose(positions[[2, 5]], places[[2, 5]], atol=1e-6)
 
 
 def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
