@@ -187,6 +187,14 @@ def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) 
 
 
 def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
+    def one_by_one(function, items):
+        yield 0.0
+        found = [function(item) for item in items]
+        yield 0.5
+        yield 1.0
+        return found
+
+    monkeypatch.setattr(bodies, "for_each", one_by_one)
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
     def main_part_steps(*_: object):

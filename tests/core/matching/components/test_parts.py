@@ -236,6 +236,8 @@ def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
     ours, theirs = [part_of(Surface(points, triangles))], [part_of(halves), part_of(Surface(points, triangles), 0.005)]
     none = np.zeros((1, 0), bool), np.zeros((2, 0), bool)
     assert paired(ours, theirs, *none)[0] == {0: 1}
+    # Alone in its place it need not be of the same shape.
+    assert paired(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
 
 
 def test_hems_that_belong_together_are_brought_together() -> None:

@@ -137,10 +137,10 @@ def test_a_shell_lies_on_its_partner_alone() -> None:
 # --- which is whose like ------------------------------------------------------------------------------------------
 
 
-def partners(target: Side, source: Side) -> dict[int, int]:
-    """Numbers by number, largest first, where the body stays."""
+def partners(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
+    """Numbers by number, largest first, where the body stays, or grows."""
     motion: Any = SimpleNamespace(
-        carry=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
+        carry=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
     )
     pair: Any = SimpleNamespace(regions=[])
     return dict(_partners(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
@@ -169,6 +169,12 @@ def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() 
         near, far = ROD.vertices * 1.05 + np.array([0, 0.02 * sign, 0]), ROD.vertices - np.array([0, 0.13 * sign, 0])
         source = side_of(ROD.with_vertices(near), ROD.with_vertices(far))
         assert partners(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
+
+
+@pytest.mark.parametrize("scale", [0.4, 2.5])
+def test_shells_may_grow_as_the_body_does(scale: float) -> None:
+    target = side_of(ROD.with_vertices(ROD.vertices / scale))
+    assert partners(target, side_of(ROD.with_vertices(ROD.vertices + np.array([0, 0.1, 0]))), scale) == {0: 0}
 
 
 def test_a_shell_nearby_is_tried_though_many_far_off_are_more_of_its_size() -> None:
@@ -240,6 +246,26 @@ def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_
         else:
             assert found.alone < share
             assert 0.1 < found.confidence[on_knob].mean() < 0.8
+
+
+@pytest.mark.parametrize(("trust", "of_body"), [(0.8, 0.8), (1.3, 1.0), (-0.3, 0.0)])
+def test_trust_is_that_in_the_body_and_falls_with_the_square_of_the_distance(trust: float, of_body: float) -> None:
+    target = Surface.joined([TRUNK, *(ball(0.01, (0, 0.21 + off, 0), count=20) for off in (0.01, 0.05, 0.2))])
+    found = map_of(TRUNK, target, trust)
+    mesh = target.working
+    apart = np.linalg.norm(
+        found.surface_map.interpolate(TRUNK.working.to_surface(TRUNK.working.vertices))
+        - mesh.to_surface(mesh.vertices),
+        axis=1,
+    )
+    squared = (apart[mesh.component > 0] / np.sqrt(TRUNK.area)) ** 2
+    np.testing.assert_allclose(found.confidence[mesh.component == 0], of_body, atol=1e-3)
+    found_trust = found.confidence[mesh.component > 0]
+    if of_body:
+        fallen = (of_body / found_trust - 1) / squared
+        np.testing.assert_allclose(fallen, np.median(fallen), rtol=0.02)
+    else:
+        np.testing.assert_array_equal(found_trust, 0)
 
 
 def test_what_lies_over_each_other_stays() -> None:

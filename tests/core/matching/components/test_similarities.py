@@ -48,6 +48,32 @@ def test_a_shell_finds_its_image_exactly() -> None:
     assert left < 0.02
 
 
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_a_shell_far_from_the_origin_finds_its_image_though_it_grows(scale: float) -> None:
+    points, corners = egg()
+    truth = Similarities(
+        np.array([scale]), Rotation.from_rotvec((0.4, 0.2, -0.3)).as_matrix()[None], np.array([[1.0, 2, 3]])
+    )
+    far = points + np.array([40.0, 0, 0])
+    found, left = registered(
+        Shells.of([(far, corners)]), Shells.of([(truth(far[None])[0], corners)]), ONE, ONE, truth, 1
+    )
+    assert degrees_off(found, truth) < 1
+    assert left[0] < 0.02 * scale
+
+
+@pytest.mark.parametrize("scale", [0.25, 4.0])
+def test_what_is_left_is_measured_on_the_source_in_both_directions(scale: float) -> None:
+    points, corners = egg()
+    half = corners[(points[corners][:, :, 0] < 0).all(axis=1)]
+    still = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
+    grown = Similarities(np.array([scale]), np.eye(3)[None], np.zeros((1, 3)))
+    for one, other in ((corners, half), (half, corners)):
+        plain = registered(Shells.of([(points, one)]), Shells.of([(points, other)]), ONE, ONE, still, 1)[1]
+        large = registered(Shells.of([(points, one)]), Shells.of([(scale * points, other)]), ONE, ONE, grown, 1)[1]
+        np.testing.assert_allclose(large, scale * plain, rtol=1e-6)
+
+
 def test_a_shell_that_is_turned_about_finds_its_image_along_its_axes() -> None:
     # By so much that closest points alone would end elsewhere.
     truth = similarity(1.0, (0.0, 0.0, 1.3))

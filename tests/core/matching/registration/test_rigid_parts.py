@@ -141,6 +141,14 @@ def test_a_limb_that_has_moved_keeps_its_goals(full: Proxy) -> None:
     assert np.abs(found - full.full.vertices)[~limb].max() < 1e-4
 
 
+def test_goals_that_are_wrong_each_in_its_own_way_do_not_disturb_the_others(full: Proxy) -> None:
+    goal, random = rough(full), np.random.default_rng(2)
+    wrong = random.random(len(goal)) < 0.3
+    goal[wrong] += random.normal(scale=0.1, size=(wrong.sum(), 3))
+    found, _ = settled(full, goal)
+    assert np.abs(found - full.full.vertices)[~wrong].max() < 1e-4
+
+
 def test_a_few_goals_beside_all_others_were_wrong(full: Proxy) -> None:
     goal, few = rough(full), np.zeros(len(full.full.vertices), dtype=bool)
     few[::25] = True
