@@ -201,6 +201,7 @@ def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked
     guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
     found = drain(rank_steps(guesses, *shapes, quotas=((1, 1), (0, 0))))
     assert [one.reverses_orientation for one in found].count(True) == (not sides_are_known)
+    assert [one.reverses_orientation for one in found].count(False) == 1
 
 
 def test_progress_of_ranking_rises_through_screening_refining_and_aligning(ranked) -> None:
