@@ -14,6 +14,7 @@ from benchmarks import refinement as refinement_table
 from benchmarks import scale as scale_tables
 from benchmarks import speed as speed_tables
 from benchmarks import symmetry as symmetry_tables
+from benchmarks import tuning as tuning_table
 
 
 @click.group()
@@ -138,6 +139,18 @@ def limb(file: Path) -> None:
 def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool, figure: Path | None) -> None:
     """How often a shape's own symmetry is found, how exactly, by which criterion, and what mirroring by it is worth."""
     report(symmetry_tables.run(data, pairs, things, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--stage", "stages", multiple=True, help="Only stages whose name has this in it, such as `shells`.")
+def tuning(data: Path, pairs: int | None, json_file: Path | None, stages: tuple[str, ...]) -> None:
+    """What half of each tuned number, and twice as much, does to the maps."""
+    try:
+        rows = tuning_table.run(data, pairs, stages)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    report({"rows": rows}, data, json_file)
 
 
 def report(tables: dict[str, list[dict[str, Any]]], data: Path | None, json_file: Path | None) -> None:

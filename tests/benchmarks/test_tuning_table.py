@@ -1,0 +1,43 @@
+"""The table of tuned numbers tries half and twice of each, tells what changes, and leaves them as they were."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from benchmarks import tuning
+from benchmarks.__main__ import main
+from zoomout_core.matching.confidence import CONFIDENCE
+from zoomout_core.tuning import stages
+
+
+def test_each_number_is_tried_with_less_and_with_more(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(tuning, "_error_of_pair", lambda _: seen.append(asdict(CONFIDENCE)) or CONFIDENCE.pooling)
+    rows = tuning.run(data, 1, ["matching.confidence"])
+    own, *others = seen
+    assert own == asdict(CONFIDENCE)
+    for row, tried in zip(rows, others, strict=True):
+        assert {name for name in own if tried[name] != own[name]} == {row["number"]}
+        assert tried[row["number"]] == row["tried"] != row["value"]
+    pooling = [(row["better"], row["worse"]) for row in rows if row["number"] == "pooling"]
+    assert pooling == [(1, 0), (0, 1)]
+    assert not any(row["better"] or row["worse"] for row in rows if row["number"] != "pooling")
+
+
+def test_values_stay_in_their_range_whole_or_nested() -> None:
+    assert tuning._scaled(((1, 4), (2, 7)), 0.5, 1, 100) == ((1, 2), (1, 4))
+    assert tuning._scaled(0.8, 2.0, 0, 1) == 1.0
+    for stage in stages().values():
+        for number, value in tuning._trials(stage):
+            assert type(value) is type(getattr(stage, number))
+
+
+def test_a_name_of_no_stage_is_refused(data: Path) -> None:
+    outcome = CliRunner().invoke(main, ["tuning", "--data", str(data), "--stage", "nothing"])
+    assert outcome.exit_code == 1
+    assert "No stage is called so" in outcome.output
+    assert "scores" in outcome.output
