@@ -152,6 +152,20 @@ def test_triangles_of_all_sizes_are_rasterised_without_gaps() -> None:
     np.testing.assert_array_equal(alone[:, :, 3], found[:, :, 3])
 
 
+def test_a_triangle_is_rasterised_up_to_its_corners() -> None:
+    # Each of which is all that lies in its voxel.
+    corners = np.array([[2.45, 2.45, 3], [13.55, 2.45, 3], [2.45, 13.55, 3]])
+    found = _rasterised(corners, np.array([[0, 1, 2]]), np.array([18, 18, 12]))
+    assert found[[2, 14, 2], [2, 2, 14], 3].all()
+
+
+def test_surface_nets_close_what_reaches_the_last_layer_but_one() -> None:
+    solid = block((10, 10, 10), ((1, 1, 1), (8, 8, 8)))
+    vertices, triangles = surface_nets(np.where(solid, 1.0, -1.0))
+    assert is_closed(triangles)
+    assert volume(vertices, triangles) == pytest.approx(8**3, rel=0.05)
+
+
 @pytest.mark.parametrize("resolution", [24, 33])
 def test_a_coarse_skin_lies_where_its_mesh_does(resolution: int) -> None:
     voxel = 4 / resolution

@@ -221,6 +221,7 @@ def over_each_other(source: Surface, target: Surface) -> bool:
 def test_surfaces_lie_over_each_other_if_nearly_all_of_both_does() -> None:
     assert over_each_other(ball(), ball(count=250))
     assert over_each_other(ball(), ball(1.05, count=250))
+    assert over_each_other(ball(), ball(1.085, count=250))
     assert not over_each_other(ball(), ball(1.3, count=250))
     assert not over_each_other(ball(1.3), ball(count=250))
 

@@ -197,6 +197,11 @@ def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: ShapeAnal
     np.testing.assert_allclose(nodes.weight.sum(axis=1), 1)
     assert (np.diff(nodes.weight, axis=1) <= 1e-12).all()
     np.testing.assert_array_equal(nodes.near[nodes.vertex, 0], np.arange(40))
+    # The roots of weights fall evenly with the distance, to zero at the nearest node that has none.
+    distance = np.sort(shape.distances[:40].T, axis=1)[:, : nodes.near.shape[1] + 1]
+    nearness = distance[:, -1:] - distance[:, :-1]
+    root = np.sqrt(nodes.weight / nodes.weight[:, :1])
+    np.testing.assert_allclose(root, nearness / nearness[:, :1], atol=1e-4)
     np.testing.assert_allclose(np.bincount(nodes.first, nodes.bond), 1)
     assert (nodes.first != nodes.second).all()
     assert {tuple(pair) for pair in np.stack([nodes.first, nodes.second], axis=1).tolist()} == {
