@@ -96,6 +96,7 @@ def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
     sides = ["-" in origin for origin in origins]
     assert sides == sorted(sides)
     assert 2 <= sum(sides) < len(sides)
+    assert all(float(origin.split()[2]) for origin in origins)  # pseudo-scalars have a weight
     assert all("+" in origin for origin, reverses in zip(origins, sides, strict=True) if not reverses)
 
 

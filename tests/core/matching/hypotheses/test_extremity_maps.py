@@ -19,6 +19,7 @@ from zoomout_core.matching.hypotheses.extremities import (
     cheapest_pairings,
     extremities,
     extremity_hypotheses,
+    pairings,
 )
 from zoomout_core.matching.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
@@ -64,6 +65,18 @@ def test_pairings_at_all_levels_come_in_turns() -> None:
     sizes = [len(of_first) for of_first, _ in _all_pairings(tips, tips)]
     assert sizes[0] == 6
     assert 4 in sizes[1:3]
+
+
+@pytest.mark.parametrize("order", [[1, 2, 0], [2, 1, 0]])
+def test_a_tip_is_told_by_how_far_all_of_the_surface_is(order: list[int]) -> None:
+    # Three tips as far from each other, that stand out alike.
+    places, average = (
+        LandmarkFeatures(np.arange(3), np.ones((3, 3)) - np.eye(3), np.zeros((3, 3, 3))),
+        np.array([2, 1, 1.5]),
+    )
+    tips, other = (Extremities(places, each, np.ones(3)) for each in (average, average[order]))
+    of_tips, of_other = pairings(tips, other)[0]
+    np.testing.assert_array_equal(average[order][of_other], average[of_tips])
 
 
 def test_a_pairing_costs_the_mean_of_its_pairs_and_of_its_twos_of_pairs() -> None:
