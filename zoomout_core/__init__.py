@@ -12,6 +12,12 @@ from zoomout_core.mesh.files import read_point_cloud, read_surface
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.runtime.stepping import Progress, drain
 from zoomout_core.runtime.threads import set_threads
+from zoomout_core.spectral.descriptors import (
+    heat_kernel_map,
+    heat_kernel_signature,
+    wave_kernel_map,
+    wave_kernel_signature,
+)
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
@@ -38,6 +44,8 @@ __all__ = [
     "eigenbasis",
     "forget_shapes",
     "geodesic_error",
+    "heat_kernel_map",
+    "heat_kernel_signature",
     "match",
     "match_by_proximity",
     "match_by_proximity_steps",
@@ -48,5 +56,7 @@ __all__ = [
     "set_threads",
     "store_shapes",
     "transfer",
+    "wave_kernel_map",
+    "wave_kernel_signature",
     "zoomout",
 ]

@@ -1,4 +1,4 @@
-"""What an array holds, and in which precision, for mypy; and sums over segments."""
+"""What an array holds, and in which precision, for mypy; checks of counts; and sums over segments."""
 
 from typing import Any, TypeAlias
 
@@ -16,6 +16,17 @@ SingleFloats: TypeAlias = NDArray[np.float32]
 AnyFloats: TypeAlias = NDArray[np.floating[Any]]
 # Of 4 or 8 bytes, as scipy's sparse matrices and Blender have them.
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
+
+
+def check_counts(**numbers: Any) -> None:
+    """Check numbers, by their names, that a user gave.
+
+    Raises:
+        ValueError: one is no whole number, or below one.
+    """
+    for name, number in numbers.items():
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise ValueError(f"{name} is {number!r}: give a whole number that is at least one.")
 
 
 def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:

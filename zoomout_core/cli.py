@@ -18,7 +18,7 @@ from zoomout_core.command_options import (
     with_progress_bar,
 )
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
-from zoomout_core.maps.surface_map import SurfaceMap, vertex_numbers
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.matching.match import MatchResult, match_steps
 from zoomout_core.matching.presets import DETAIL
@@ -29,7 +29,7 @@ from zoomout_core.matching.proximity import (
     match_by_proximity_steps,
 )
 from zoomout_core.mesh.files import read_shape
-from zoomout_core.mesh.surface import MeshError, Surface, as_surface
+from zoomout_core.mesh.surface import MeshError, Surface, as_surface, vertex_numbers
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 
 # A start that nothing follows.

@@ -32,9 +32,9 @@ from meshlab_filter.mesh_data import (
 from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, read_stored, store
 from zoomout_core.arrays import Floats
-from zoomout_core.maps.surface_map import vertex_numbers
 from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.runtime.stepping import Progress, Steps, within
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
 
 # Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
@@ -136,28 +136,6 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
         raise MeshError(f"There is no file {path}: check the path.") from None
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
-
-
-def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
-    """Numbers (m,) of vertices, checked; whole floats will do.
-
-    Args:
-        numbers: as the user gave them.
-        count: how many vertices there are.
-        what: what they are, in words, for the message.
-
-    Raises:
-        ValueError: they are no list of whole numbers from 0 to count - 1; the message names the first that is none.
-    """
-    array = np.asarray(numbers)
-    if array.ndim != 1 or array.dtype.kind not in "iuf":
-        raise ValueError(
-            f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
-        )
-    wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # a NaN among them
-    if len(wrong):
-        raise ValueError(f"{what} must be numbers of its {count} vertices, counted from 0, and {wrong[0]} is none.")
-    return array.astype(np.int64)
 
 
 def _npz(path: str | PathLike[str]) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
-from zoomout_core.arrays import Floats, Integers, RealsOrIntegers
+from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts
 from zoomout_core.maps.anchors import Anchors, beside
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.maps.surface_map import vertex_numbers
+from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.tuning import Tuning, tuned
@@ -194,9 +194,7 @@ def _samples(basis: SpectralBasis, count: int) -> Integers:
 
 
 def _check_sizes(available: int, shape: tuple[int, ...], k_final: int, step: int, samples: int | None) -> None:
-    for name, number in (("k_final", k_final), ("step", step), ("samples", 1 if samples is None else samples)):
-        if not isinstance(number, int | np.integer) or number < 1:
-            raise ValueError(f"{name} is {number!r}: give a whole number that is at least one.")
+    check_counts(k_final=k_final, step=step, samples=1 if samples is None else samples)
     if k_final > available:
         raise ValueError(f"k_final is {k_final}, but the bases hold {available} eigenfunctions: compute more of them.")
     if len(shape) == 2 and max(shape) > k_final:

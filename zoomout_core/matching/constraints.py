@@ -18,11 +18,11 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.maps.surface_map import SurfaceMap, vertex_numbers
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_part
 from zoomout_core.matching.scores import IN_SPACE, Disagreement, correlation
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.tuning import Tuning, tuned
 

@@ -11,9 +11,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.maps.surface_map import vertex_numbers
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.tuning import Tuning, tuned
 
 

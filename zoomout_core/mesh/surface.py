@@ -230,6 +230,28 @@ def as_surface(shape: Surface | PointCloud) -> Surface:
 # --- the edge: what a user hands in -------------------------------------------------------------------------
 
 
+def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
+    """Numbers (m,) of vertices, checked; whole floats will do.
+
+    Args:
+        numbers: as the user gave them.
+        count: how many vertices there are.
+        what: what they are, in words, for the message.
+
+    Raises:
+        ValueError: they are no list of whole numbers from 0 to count - 1; the message names the first that is none.
+    """
+    array = np.asarray(numbers)
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise ValueError(
+            f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
+        )
+    wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # a NaN among them
+    if len(wrong):
+        raise ValueError(f"{what} must be numbers of its {count} vertices, counted from 0, and {wrong[0]} is none.")
+    return array.astype(np.int64)
+
+
 def _checked_points(points: ArrayLike) -> Floats:
     try:
         array = np.array(points, dtype=np.float64)

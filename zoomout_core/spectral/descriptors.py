@@ -9,14 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_array, csr_array
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, check_counts
+from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.tuning import Tuning, tuned
 
-# Norm of functions that vanish but for rounding; signatures are of order one.
+# Norm of functions that vanish but for rounding, and width of bands about a single energy; both are of order one.
 NOTHING = 1e-9
 
 
@@ -35,34 +37,123 @@ BANDS = BandTuning()
 
 
 def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None, width: float = 7.0) -> Floats:
-    """(n, count) wave kernel signatures at `count` energies.
+    """(n, count) wave kernel signatures: at each vertex, how likely a particle of each energy is there.
 
     Args:
-        basis: eigenfunctions; the constant one is left out.
-        count: number of energies.
+        basis: eigenfunctions; the null space, of functions that are constant on each component, is left out.
+        count: number of energies, evenly spread over the logarithms of the eigenvalues.
         k: use the first k eigenfunctions (all when None).
         width: standard deviation of an energy band, in steps between energies.
+
+    Raises:
+        ValueError: no eigenfunction is left, or a number is out of range.
     """
-    log_eigenvalues = np.log(np.maximum(basis.eigenvalues[1:k], 1e-12))
-    low, high = log_eigenvalues[0], log_eigenvalues[-1]
-    sigma = width * (high - low) / count
-    margin = min(2 * sigma, (high - low) / 4)
-    energies = np.linspace(low + margin, high - margin, count)
-    weights = np.exp(-((energies[:, None] - log_eigenvalues) ** 2) / (2 * sigma**2))
-    weights /= weights.sum(axis=1, keepdims=True)
-    return basis.eigenvectors[:, 1:k] ** 2 @ weights.T
+    used, weights = _wave_weights(basis, count, k, width)
+    return basis.eigenvectors[:, used] ** 2 @ weights.T
 
 
 def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None = None) -> Floats:
-    """(n, count) heat kernel signatures at times spread geometrically over what the basis resolves."""
-    eigenvalues = basis.eigenvalues[1:k]
+    """(n, count) heat kernel signatures: at each vertex, the heat that is left there of what was there.
+
+    Args:
+        basis: eigenfunctions; the null space, of functions that are constant on each component, is left out.
+        count: number of times, spread geometrically over what the basis resolves.
+        k: use the first k eigenfunctions (all when None).
+
+    Raises:
+        ValueError: no eigenfunction is left, or a number is out of range.
+    """
+    used, weights = _heat_weights(basis, count, k)
+    return basis.eigenvectors[:, used] ** 2 @ weights.T
+
+
+def wave_kernel_map(
+    basis: SpectralBasis, landmarks: ArrayLike, count: int = 100, k: int | None = None, width: float = 7.0
+) -> Floats:
+    """(n, l * count) wave kernels from each landmark to all vertices, one landmark after the other.
+
+    At the landmark itself they are its wave kernel signature.
+
+    Args:
+        basis: eigenfunctions; the null space is left out.
+        landmarks: (l,) vertex numbers.
+        count: number of energies.
+        k: use the first k eigenfunctions (all when None).
+        width: standard deviation of an energy band, in steps between energies.
+
+    Raises:
+        ValueError: as for `wave_kernel_signature`, or landmarks are no vertices.
+    """
+    return _from_landmarks(basis, landmarks, *_wave_weights(basis, count, k, width))
+
+
+def heat_kernel_map(basis: SpectralBasis, landmarks: ArrayLike, count: int = 100, k: int | None = None) -> Floats:
+    """(n, l * count) heat that has come from each landmark to all vertices, one landmark after the other.
+
+    At the landmark itself it is its heat kernel signature.
+
+    Args:
+        basis: eigenfunctions; the null space is left out.
+        landmarks: (l,) vertex numbers.
+        count: number of times.
+        k: use the first k eigenfunctions (all when None).
+
+    Raises:
+        ValueError: as for `heat_kernel_signature`, or landmarks are no vertices.
+    """
+    return _from_landmarks(basis, landmarks, *_heat_weights(basis, count, k))
+
+
+def _from_landmarks(basis: SpectralBasis, landmarks: ArrayLike, used: slice, weights: Floats) -> Floats:
+    vertices = vertex_numbers(landmarks, len(basis.areas), "Landmarks")
+    at_landmarks = basis.eigenvectors[vertices, used]
+    kernels = at_landmarks[:, None] * weights  # (l, count, k)
+    return np.asarray(basis.eigenvectors[:, used] @ kernels.reshape(-1, weights.shape[1]).T)
+
+
+def _wave_weights(basis: SpectralBasis, count: int, k: int | None, width: float) -> tuple[slice, Floats]:
+    """The eigenfunctions beyond the null space, and (count, k) the weight of each at each energy."""
+    if not 0 < width < np.inf:
+        raise ValueError(f"The width of an energy band is {width!r}: give a number above zero.")
+    used = _beyond_null_space(basis, count, k)
+    log_eigenvalues = np.log(np.maximum(basis.eigenvalues[used], 1e-12))
+    low, high = log_eigenvalues[0], log_eigenvalues[-1]
+    sigma = max(width * (high - low) / count, NOTHING)
+    margin = min(2 * sigma, (high - low) / 4)
+    energies = np.linspace(low + margin, high - margin, count)
+    weights = np.exp(-((energies[:, None] - log_eigenvalues) ** 2) / (2 * sigma**2))
+    total = weights.sum(axis=1, keepdims=True)
+    if not total.all():
+        raise ValueError(f"Energy bands of width {width} lie between the eigenvalues: widen them.")
+    return used, weights / total
+
+
+def _heat_weights(basis: SpectralBasis, count: int, k: int | None) -> tuple[slice, Floats]:
+    """The eigenfunctions beyond the null space, and (count, k) what is left of each at each time."""
+    used = _beyond_null_space(basis, count, k)
+    eigenvalues = basis.eigenvalues[used]
     times = np.geomspace(4 * np.log(10) / eigenvalues[-1], 4 * np.log(10) / eigenvalues[0], count)
-    return basis.eigenvectors[:, 1:k] ** 2 @ np.exp(-np.outer(eigenvalues, times))
+    return used, np.exp(-np.outer(times, eigenvalues))
+
+
+def _beyond_null_space(basis: SpectralBasis, count: int, k: int | None) -> slice:
+    """The eigenfunctions that descriptors are made of; the null space is told by its rank, whatever its rounding."""
+    available = len(basis.eigenvalues)
+    k = available if k is None else k
+    check_counts(count=count, k=k)
+    if k > available:
+        raise ValueError(f"k is {k}, but the basis holds {available} eigenfunctions: compute more of them.")
+    if k <= basis.components:
+        raise ValueError(
+            f"Descriptors need more eigenfunctions than the {basis.components} that are constant on components: "
+            "use more of them."
+        )
+    return slice(basis.components, k)
 
 
 def signature_bands(basis: SpectralBasis, count: int, k: int) -> Floats:
-    """(n, count) wave kernel signatures in narrow bands of energy, of mean zero and unit norm; k as above."""
-    bands = wave_kernel_signature(basis, count, k, BANDS.width)
+    """(n, count) wave kernel signatures, of the first k functions, in narrow bands, of mean zero and unit norm."""
+    bands = wave_kernel_signature(basis, count, min(k, len(basis.eigenvalues)), BANDS.width)
     bands = bands - basis.areas @ bands
     return unit_columns(bands, np.sqrt(basis.areas @ bands**2))
 

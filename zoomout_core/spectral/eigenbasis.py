@@ -94,12 +94,14 @@ class SpectralBasis:
         eigenvectors: (n, k) values at the vertices; orthonormal under `areas`.
         areas: (n,) lumped vertex areas, summing to one; zero for a vertex that no face uses.
         points: (n, 3) the vertices' positions.
+        components: number of connected components: as many of the first eigenvalues are zero.
     """
 
     eigenvalues: Floats
     eigenvectors: Floats
     areas: Floats
     points: Floats
+    components: int = 1
 
     def coefficients(self, functions: Floats) -> Floats:
         """(k, d) coefficients of functions (n, d) given at the vertices."""
@@ -134,9 +136,9 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
     with one_blas_thread:
         working = surface.working
         basis = _basis_of(working, k, seed)
-    vertex_of = working.vertex_of
+    vertex_of, components = working.vertex_of, int(working.component.max()) + 1
     if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # nothing welded, nothing left out
-        return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, surface.vertices)
+        return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, surface.vertices, components)
     unused = vertex_of < 0
     copies = np.bincount(vertex_of[~unused], minlength=len(working.vertices))
     eigenvectors, areas = basis.eigenvectors[vertex_of], (basis.areas / copies)[vertex_of]
@@ -145,7 +147,7 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
         # A point that the surface leaves out is as good as the one beside it.
         beside = cKDTree(shape.points[~unused]).query(shape.points[unused])[1]
         eigenvectors[unused] = eigenvectors[~unused][beside]
-    return SpectralBasis(basis.eigenvalues, eigenvectors, areas, surface.vertices)
+    return SpectralBasis(basis.eigenvalues, eigenvectors, areas, surface.vertices, components)
 
 
 def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from creatures import Creature, directions
+import pytest
+from creatures import Creature, creature, directions
 from scipy.spatial import ConvexHull
 
+from zoomout_core import heat_kernel_map, heat_kernel_signature, wave_kernel_map, wave_kernel_signature
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
-from zoomout_core.spectral.descriptors import (
-    heat_kernel_signature,
-    mean_curvature,
-    pseudo_scalars,
-    wave_kernel_signature,
-)
-from zoomout_core.spectral.eigenbasis import working_basis_steps
+from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalars
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis, working_basis_steps
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 
@@ -28,6 +25,57 @@ def test_signatures_of_the_same_place_agree_in_another_pose(resting: Creature, b
         right = np.abs(first[image] - second).mean()
         wrong = np.abs(first[np.random.default_rng(0).permutation(image)] - second).mean()
         assert right < wrong / 2
+
+
+@pytest.mark.parametrize("signature", [wave_kernel_signature, heat_kernel_signature])
+def test_loose_parts_leave_signatures_of_a_surface_as_they_are(signature) -> None:
+    # What is constant on each part, however its eigenvalue is rounded, says nothing of a place.
+    alone = eigenbasis(creature(600, seed=1).surface, 40)
+    part = SpectralBasis(
+        np.concatenate([[0, 1e-13, 1e-7], alone.eigenvalues[1:]]),
+        np.column_stack([np.ones((600, 3)), alone.eigenvectors[:, 1:]]),
+        alone.areas,
+        alone.points,
+        components=3,
+    )
+    np.testing.assert_array_equal(signature(part, 10), signature(alone, 10))
+    with pytest.raises(ValueError, match="more eigenfunctions than the 3 that are constant"):
+        signature(part, 10, k=3)
+
+
+def test_a_basis_says_how_many_components_its_surface_has() -> None:
+    one, other = creature(300, seed=0).surface, creature(200, seed=1).surface
+    joined = Surface.joined([one, other.with_vertices(other.vertices * 0.3 + 9)])
+    assert eigenbasis(one, 5).components == 1
+    basis = eigenbasis(joined, 5)
+    assert basis.components == 2
+    assert basis.eigenvalues[1] < 1e-6 < basis.eigenvalues[2]
+
+
+@pytest.mark.parametrize(
+    ("signature", "kernels"), [(wave_kernel_signature, wave_kernel_map), (heat_kernel_signature, heat_kernel_map)]
+)
+def test_descriptors_from_landmarks_are_symmetric_and_signatures_at_themselves(signature, kernels) -> None:
+    basis = eigenbasis(creature(300, seed=0).surface, 30)
+    vertices = np.arange(300)
+    found = kernels(basis, vertices, 4).reshape(300, 300, 4)  # vertex, landmark, energy or time
+    np.testing.assert_allclose(found[vertices, vertices], signature(basis, 4), rtol=1e-9)
+    np.testing.assert_allclose(found, found.transpose(1, 0, 2), atol=1e-9)
+    np.testing.assert_array_equal(kernels(basis, [7, 5], 4), found[:, [7, 5]].reshape(300, 8))
+
+
+def test_descriptors_refuse_what_is_out_of_range() -> None:
+    basis = eigenbasis(creature(300, seed=0).surface, 12)
+    for wrong, words in (
+        (lambda: wave_kernel_signature(basis, 0), "count is 0: give a whole number"),
+        (lambda: heat_kernel_signature(basis, 5, k=13), "holds 12 eigenfunctions: compute more"),
+        (lambda: wave_kernel_signature(basis, 5, width=float("nan")), "give a number above zero"),
+        (lambda: wave_kernel_signature(basis, 100, width=0.01), "between the eigenvalues: widen"),
+        (lambda: wave_kernel_map(basis, [300]), "Landmarks must be numbers of its 300 vertices"),
+        (lambda: heat_kernel_map(basis, [0.5]), "Landmarks must be numbers of its 300 vertices"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            wrong()
 
 
 def test_pseudo_scalars_turn_their_sign_in_the_mirror(resting: Creature) -> None:
