@@ -9,6 +9,8 @@ from typing import Any
 import click
 
 from benchmarks import correspondence as correspondence_tables
+from benchmarks import discretisation as discretisation_table
+from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
 from benchmarks import refinement as refinement_table
 from benchmarks import scale as scale_tables
@@ -139,6 +141,20 @@ def limb(file: Path) -> None:
 def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool, figure: Path | None) -> None:
     """How often a shape's own symmetry is found, how exactly, by which criterion, and what mirroring by it is worth."""
     report(symmetry_tables.run(data, pairs, things, figure), data, json_file)
+
+
+@main.command()
+@common_options
+def discretisation(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How often `match` is right, and how exact, where the same people are meshed in other ways, or are clouds."""
+    report(discretisation_table.run(data, pairs), data, json_file)
+
+
+@main.command("point_clouds")
+@common_options
+def point_clouds(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How often `match` is right, and how exact, between clouds and meshes."""
+    report(point_clouds_table.run(data, pairs), data, json_file)
 
 
 @main.command()

@@ -10,8 +10,8 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import geodesic_error
-from zoomout_core.mesh.files import read_surface
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.files import read_shape, read_surface
+from zoomout_core.mesh.surface import Surface, as_surface
 
 # In a set with this file, it has for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"
@@ -23,7 +23,7 @@ FEW_PLACES = 200
 
 @dataclass(frozen=True)
 class PairOfMeshes:
-    """Two meshes of a set: the map starts on the target and lands on the source.
+    """Two meshes of a set, or the surfaces of its clouds: the map starts on the target and lands on the source.
 
     Attributes:
         target_name: as in `pairs.txt`, where it stands first.
@@ -83,7 +83,7 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     by_template = (folder / TEMPLATE).is_file()
     truth = _truth(folder / (TEMPLATE if by_template else "correspondence.npz"))
     ending = "ply" if by_template else "off"
-    target, source = (read_surface(folder / f"{name}.{ending}") for name in (target_name, source_name))
+    target, source = (as_surface(read_shape(folder / f"{name}.{ending}")) for name in (target_name, source_name))
     target_vertex, source_vertex = truth[target_name], truth[source_name]
     mirrored_vertex = truth.get(f"{source_name}.sym")
     if by_template:
@@ -117,8 +117,8 @@ def mirrored_places(folder: Path, name: str) -> tuple[Surface, Integers, Integer
 
 
 def _every_kind_against_every_kind(folder: Path) -> list[list[str]]:
-    """All ordered pairs of meshes KIND_SUBJECT of different subjects."""
-    names = [name for name in sorted(_truth(folder / TEMPLATE)) if not name.startswith("cloud")]
+    """All ordered pairs of meshes and clouds KIND_SUBJECT of different subjects."""
+    names = sorted(_truth(folder / TEMPLATE))
     return [[a, b] for a in names for b in names if a.split("_")[1] != b.split("_")[1]]
 
 

@@ -1,0 +1,83 @@
+"""Clouds in every direction, drawn from meshes or as a set has them; kinds of meshes against each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from creatures import creature, directions
+from scipy.spatial import cKDTree
+
+import zoomout_core as zo
+from benchmarks import discretisation, point_clouds
+from benchmarks.datasets import PairOfMeshes, load_pair
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set with a common template: two people, as a mesh and as a cloud."""
+    folder = tmp_path_factory.mktemp("people")
+    template, vertex = directions(600, seed=9), {}
+    for person, bend in (("a", 0.0), ("b", 0.9)):
+        for seed, kind in enumerate(("iso", "cloud")):
+            shape = creature(900, seed, bend)
+            mesh = trimesh.Trimesh(shape.surface.vertices, shape.surface.triangles, process=False)
+            made = mesh if kind == "iso" else trimesh.PointCloud(mesh.vertices)
+            made.export(folder / f"{kind}_{person}.ply")
+            vertex[f"{kind}_{person}"] = cKDTree(template).query(shape.directions)[1]
+    np.savez(folder / "template_vertex.npz", **vertex)
+    return folder
+
+
+@pytest.fixture
+def matched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of matches: those onto person b are right, the others wrong, and all are said to be right."""
+
+    def outcome(pair: PairOfMeshes) -> tuple[SimpleNamespace, float]:
+        known = pair.source.vertices[pair.source_vertex]
+        assert len(known) > 100
+        return SimpleNamespace(certainty=0.95), 10.0 if pair.source_name.endswith("b") else 200.0
+
+    for module in (point_clouds, discretisation):
+        monkeypatch.setattr(module, "matched", outcome)
+
+
+@pytest.mark.usefixtures("matched")
+def test_clouds_of_a_set_are_matched_with_its_meshes_and_with_each_other(people: Path) -> None:
+    tables = point_clouds.run(people, None)
+    found = {row["direction"]: (row["pairs"], row["right"], row["sure and wrong"]) for row in tables["rows"]}
+    assert found == dict.fromkeys(("cloud to cloud", "cloud to mesh", "mesh to cloud"), (2, 1, 1))
+    assert len(point_clouds.run(people, 3)["pairs"]) == 3
+
+
+def test_points_are_drawn_from_the_meshes_of_other_sets(data: Path) -> None:
+    pair = load_pair(data / "creatures", "a", "b")
+    found = dict(point_clouds._pairs(pair, 0, sampled=True))
+    assert list(found) == list(point_clouds.DIRECTIONS)
+    drawn = found["cloud to cloud"]
+    for surface, vertex, whole, known in (
+        (drawn.target, drawn.target_vertex, pair.target, pair.target_vertex),
+        (drawn.source, drawn.source_vertex, pair.source, pair.source_vertex),
+    ):
+        assert len(surface.vertices) == point_clouds.POINTS
+        apart = np.linalg.norm(surface.vertices[vertex] - whole.vertices[known], axis=1)
+        assert np.median(apart) < 0.03 * np.sqrt(whole.area)
+    assert found["cloud to mesh"].source is pair.source
+    assert found["mesh to cloud"].target is pair.target
+
+
+@pytest.mark.usefixtures("matched")
+def test_each_kind_of_mesh_has_a_row_against_each_kind(people: Path) -> None:
+    tables = discretisation.run(people, None)
+    assert tables["rows"] == [{"target": kind, "cloud": 105.0, "iso": 105.0} for kind in ("cloud", "iso")]
+    assert tables["right"] == [{"target": kind, "cloud": "1/2", "iso": "1/2"} for kind in ("cloud", "iso")]
+
+
+def test_a_match_is_measured_at_known_places(data: Path) -> None:
+    pair = load_pair(data / "creatures", "a", "b")
+    result, error = discretisation.matched(pair)
+    own = 1000 * zo.geodesic_error(result.surface_map, pair.source, pair.target_vertex, pair.source_vertex)
+    assert error == pytest.approx(own.mean(), rel=0.2)
