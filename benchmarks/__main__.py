@@ -10,9 +10,9 @@ import click
 
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
+from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
-from benchmarks import refinement as refinement_table
 from benchmarks import scale as scale_tables
 from benchmarks import speed as speed_tables
 from benchmarks import symmetry as symmetry_tables
@@ -53,9 +53,9 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
 
 @main.command()
 @common_options
-def refinement(data: Path, pairs: int | None, json_file: Path | None) -> None:
+def peers(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """ZoomOut alone, with all given, beside another implementation of it."""
-    report({"rows": refinement_table.run(data, pairs)}, data, json_file)
+    report({"rows": peers_table.run(data, pairs)}, data, json_file)
 
 
 @main.command()

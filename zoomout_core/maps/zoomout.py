@@ -22,7 +22,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class ZoomOutTuning(Tuning, set_by="refinement"):
+class ZoomOutTuning(Tuning, set_by="peers"):
     """Where upsampling begins, and the rounds on all vertices, which recover the exactness that sampling costs.
 
     Attributes:
