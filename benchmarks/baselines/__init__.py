@@ -1,0 +1,5 @@
+"""The systems that ZoomOut's paper compares it with, each written anew from its own paper.
+
+A map leads from the target's vertices to the source's, and a functional map has shape (k_target, k_source), as in
+`zoomout_core.maps`. Every method starts from a vertex map.
+"""
