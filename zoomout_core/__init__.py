@@ -1,7 +1,13 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
 from zoomout_core.evaluation import geodesic_error
-from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
+from zoomout_core.maps.functional_map import (
+    commutativity_error,
+    functional_map_of,
+    orthonormality_error,
+    precise_map_of,
+    vertex_map_of,
+)
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import zoomout
 from zoomout_core.matching.match import MatchResult, match, match_steps
@@ -43,6 +49,7 @@ __all__ = [
     "drain",
     "eigenbasis",
     "forget_shapes",
+    "functional_map_of",
     "geodesic_error",
     "heat_kernel_map",
     "heat_kernel_signature",
@@ -51,11 +58,13 @@ __all__ = [
     "match_by_proximity_steps",
     "match_steps",
     "orthonormality_error",
+    "precise_map_of",
     "read_point_cloud",
     "read_surface",
     "set_threads",
     "store_shapes",
     "transfer",
+    "vertex_map_of",
     "wave_kernel_map",
     "wave_kernel_signature",
     "zoomout",

@@ -7,25 +7,148 @@ from target to source C = Phi_target' A_target Phi_source[T].
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, check_counts
+from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.maps.nearest import nearest
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import PointCloud, Surface, as_surface, vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 
 def functional_map_of(
-    vertex: Integers, basis_source: SpectralBasis, basis_target: SpectralBasis, k_source: int, k_target: int
+    pointwise: ArrayLike | SurfaceMap,
+    basis_source: SpectralBasis,
+    basis_target: SpectralBasis,
+    k_source: int | None = None,
+    k_target: int | None = None,
 ) -> Floats:
-    """(k_target, k_source) functional map of a vertex map (n_t,), weighted by the target's areas."""
-    weighted = basis_target.areas[:, None] * basis_source.eigenvectors[vertex, :k_source]
-    return basis_target.eigenvectors[:, :k_target].T @ weighted
+    """The functional map of a pointwise map, weighted by the target's areas.
+
+    Args:
+        pointwise: (n_t,) source vertex of each target vertex, or a map to points of the source.
+        basis_source: of the surface that the map lands on.
+        basis_target: of the surface that the map starts from.
+        k_source: how many of the source's functions; None for all.
+        k_target: how many of the target's.
+
+    Returns:
+        (k_target, k_source) functional map.
+
+    Raises:
+        ValueError: the map is not between these shapes, or the bases hold fewer functions.
+    """
+    k_source = len(basis_source.eigenvalues) if k_source is None else k_source
+    k_target = len(basis_target.eigenvalues) if k_target is None else k_target
+    check_fits_bases((k_target, k_source), basis_source, basis_target)
+    n_source, n_target = len(basis_source.areas), len(basis_target.areas)
+    if isinstance(pointwise, SurfaceMap):
+        if len(pointwise.triangle) != n_target or pointwise.source_triangles.max() >= n_source:
+            raise ValueError(
+                f"The map of {len(pointwise.triangle)} vertices is not between these shapes of {n_source} source and "
+                f"{n_target} target vertices: give their own."
+            )
+        images = pointwise.interpolate(basis_source.eigenvectors[:, :k_source])
+    else:
+        images = basis_source.eigenvectors[checked_vertices(pointwise, n_source, n_target), :k_source]
+    return basis_target.eigenvectors[:, :k_target].T @ (basis_target.areas[:, None] * images)
 
 
-def vertex_map_of(functional_map: Floats, basis_source: SpectralBasis, basis_target: SpectralBasis) -> Integers:
-    """(n_t,) vertex map of a functional map (k_t, k_s): the ZoomOut conversion."""
-    k_target, k_source = functional_map.shape
-    embedded = basis_source.eigenvectors[:, :k_source] @ functional_map.T
-    return nearest(basis_target.eigenvectors[:, :k_target], embedded)
+def vertex_map_of(functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis) -> Integers:
+    """(n_t,) vertex map of a functional map (k_t, k_s), the conversion of ZoomOut.
+
+    Each target vertex goes to the source vertex whose row of Phi_source C' is nearest to its own of Phi_target.
+
+    Raises:
+        ValueError: the functional map is none, or larger than the bases.
+    """
+    return nearest(*_embeddings(functional_map, basis_source, basis_target))
+
+
+def precise_map_of(
+    functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis, source: Surface | PointCloud
+) -> SurfaceMap:
+    """The map of a functional map (k_t, k_s) to points of the source's triangles, the precise map.
+
+    Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017): each row of Phi_target is projected onto
+    the triangles that the source's become with the rows of Phi_source C' as vertices. Triangles around the nearest
+    vertex are looked at.
+
+    Args:
+        functional_map: from functions of the source to functions of the target.
+        basis_source: of the surface that the map lands on.
+        basis_target: of the surface that the map starts from.
+        source: what the basis of the source is of.
+
+    Raises:
+        ValueError: the functional map is none, or larger than the bases, or the source's basis is of another shape.
+    """
+    surface = as_surface(source)
+    if len(surface.vertices) != len(basis_source.areas):
+        raise ValueError(
+            f"The source has {len(surface.vertices)} vertices, but its basis is of a shape with "
+            f"{len(basis_source.areas)}: give the shape that it was computed of."
+        )
+    queries, embedded = _embeddings(functional_map, basis_source, basis_target)
+    # Across borders that coincide the triangles of the welded mesh are neighbours.
+    working = surface.working
+    used = np.flatnonzero(working.vertex_of >= 0)
+    stands_for = np.empty(len(working.vertices), dtype=np.int64)
+    stands_for[working.vertex_of[used]] = used
+    embedded = embedded[stands_for]
+    around = Neighbourhoods(working.triangles, len(embedded))
+    triangle, barycentric = project_to_embedding(queries, embedded, around, nearest(queries, embedded))
+    return SurfaceMap(working.triangle_of[triangle], barycentric, surface.triangles)
+
+
+def _embeddings(
+    functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis
+) -> tuple[Floats, Floats]:
+    """(n_t, k_t) of the target's vertices and (n_s, k_t) of the source's, near where they correspond."""
+    C = checked_functional_map(functional_map)
+    check_fits_bases(C.shape, basis_source, basis_target)
+    k_target, k_source = C.shape
+    return basis_target.eigenvectors[:, :k_target], basis_source.eigenvectors[:, :k_source] @ C.T
+
+
+def checked_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integers:
+    """A vertex map (n_t,) as the user gave it, checked.
+
+    Raises:
+        ValueError: it does not name one of n_source source vertices for each of n_target target vertices.
+    """
+    if np.ndim(vertex) == 1 and np.size(vertex) != n_target:
+        raise ValueError(
+            f"A vertex map must name one of {n_source} source vertices for each of {n_target} target vertices, "
+            f"not for {np.size(vertex)}."
+        )
+    return vertex_numbers(vertex, n_source, "Images on the source")
+
+
+def checked_functional_map(functional_map: ArrayLike) -> Floats:
+    """A functional map (k_t, k_s) as the user gave it, checked.
+
+    Raises:
+        ValueError: it is no matrix of finite numbers.
+    """
+    C = np.asarray(functional_map)
+    if C.ndim != 2 or C.size == 0:
+        raise ValueError(f"A functional map must be a matrix, not of shape {C.shape}.")
+    if C.dtype.kind not in "iuf" or not np.isfinite(C).all():
+        raise ValueError("A functional map must consist of finite numbers: correct it.")
+    return C
+
+
+def check_fits_bases(size: tuple[int, ...], basis_source: SpectralBasis, basis_target: SpectralBasis) -> None:
+    """Raise ValueError unless the bases hold as many functions as a map of this size (k_target, k_source) needs."""
+    check_counts(k_target=size[0], k_source=size[1])
+    available = len(basis_target.eigenvalues), len(basis_source.eigenvalues)
+    if size[0] > available[0] or size[1] > available[1]:
+        raise ValueError(
+            f"A functional map of {size[0]} target and {size[1]} source functions is larger than the bases, which hold "
+            f"{available[0]} and {available[1]}: compute more of them."
+        )
 
 
 def commutativity_error(functional_map: Floats, eigenvalues_source: Floats, eigenvalues_target: Floats) -> float:
