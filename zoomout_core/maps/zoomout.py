@@ -5,7 +5,9 @@ A small functional map gives a pointwise map, the pointwise map a slightly large
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +15,13 @@ from scipy.linalg import qr, solve_triangular
 
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts
 from zoomout_core.maps.anchors import Anchors, beside
-from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
+from zoomout_core.maps.functional_map import (
+    check_fits_bases,
+    checked_functional_map,
+    checked_vertices,
+    functional_map_of,
+    vertex_map_of,
+)
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -37,6 +45,13 @@ class ZoomOutTuning(Tuning, set_by="peers"):
 
 
 ZOOMOUT = ZoomOutTuning()
+
+# A column of a triangular factor with less on its diagonal, relative to the largest, depends on those before it.
+DEPENDENT = 1e-12
+# Sizes of functional maps, each (k_target, k_source), or one number for both.
+Sizes: TypeAlias = Sequence[int | tuple[int, int]]
+# How many farthest points of each shape, or vertex numbers on the source and on the target; None: all vertices.
+Samples: TypeAlias = int | tuple[ArrayLike, ArrayLike] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +85,12 @@ class SampledBasis:
 
     @classmethod
     def of(cls, basis: SpectralBasis, samples: Integers) -> SampledBasis:
-        """The basis at the samples (s,); at least as many samples as eigenfunctions are needed."""
+        """The basis at the samples (s,): its leading eigenfunctions, as many as are linearly independent there."""
         rows = basis.eigenvectors[samples]
         Q, R = qr(rows, mode="economic")
-        return cls(samples, rows, Q, solve_triangular(R, np.eye(len(R))))
+        diagonal = np.abs(R.diagonal())
+        k = int(np.argmin([*(diagonal > DEPENDENT * diagonal.max(initial=0)), False]))
+        return cls(samples, rows[:, :k], Q[:, :k], solve_triangular(R[:k, :k], np.eye(k)))
 
     def fit(self, values: Floats, k: int) -> Floats:
         """(..., k, d) least-squares coefficients of values (..., s, d) at the samples."""
@@ -86,7 +103,8 @@ def zoomout(
     initial: ArrayLike,
     k_final: int = 120,
     step: int = 5,
-    samples: int | None = 500,
+    samples: Samples = 500,
+    sizes: Sizes | None = None,
 ) -> Refined:
     """Refine a functional map or a pointwise map by spectral upsampling.
 
@@ -94,31 +112,29 @@ def zoomout(
         basis_source: of the surface that the map lands on.
         basis_target: of the surface that the map starts from.
         initial: (k_t, k_s) functional map, or (n_t,) source vertex of each target vertex.
-        k_final: size of the final functional map.
+        k_final: size of the final functional map, on its larger side.
         step: by how much it grows in an iteration.
-        samples: iterate on this many farthest points of each shape (at least k_final are taken), and finish on
-            all vertices; None to iterate on all vertices throughout.
+        samples: iterate on this many farthest points of each shape (at least k_final are taken), or on these vertices
+            of the source and of the target, and finish on all vertices; None to iterate on all vertices throughout.
+        sizes: (k_target, k_source), or one number for both, of the functional map that each iteration fits to the
+            pointwise map before it, in place of k_final and step.
 
     Returns:
-        The functional map at k_final and the dense vertex map.
+        The functional map at the last size and the dense vertex map.
 
     Raises:
-        ValueError: the bases hold fewer than k_final eigenfunctions, the initial map does not fit them, or a
-            number is below one.
+        ValueError: the bases hold too few eigenfunctions, the initial map does not fit them, a number is below one, or
+            the samples do not tell the functions apart.
     """
-    initial = checked_start(initial, len(basis_source.areas), len(basis_target.areas))
-    available = min(len(basis_source.eigenvalues), len(basis_target.eigenvalues))
-    _check_sizes(available, initial.shape, k_final, step, samples)
-    if initial.ndim == 1:
-        k = min(ZOOMOUT.initial_size, k_final)
-        initial = functional_map_of(initial, basis_source, basis_target, k, k)
-    if samples is None:
-        return _dense(basis_source, basis_target, initial, k_final, step)
-    count = max(samples, k_final)
-    source = SampledBasis.of(basis_source, _samples(basis_source, count))
-    target = SampledBasis.of(basis_target, _samples(basis_target, count))
-    functional_map, _ = upsample(source, target, initial, k_final, step)
-    return _finished(basis_source, basis_target, functional_map)
+    functional_map, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
+    if samples is not None:
+        source, target = _sampled(basis_source, basis_target, samples, (functional_map.shape, *ahead))
+        functional_map, _ = _upsampled(source, target, functional_map, ahead)
+        functional_map, ahead = _finishing(functional_map)
+    for k_target, k_source in ahead:
+        vertex = vertex_map_of(functional_map, basis_source, basis_target)
+        functional_map = functional_map_of(vertex, basis_source, basis_target, k_source, k_target)
+    return Refined(functional_map, vertex_map_of(functional_map, basis_source, basis_target))
 
 
 def upsample(
@@ -142,7 +158,18 @@ def upsample(
     Returns:
         The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.
     """
-    for k_target, k_source in _sizes(functional_map.shape[-2:], k_final, step):
+    return _upsampled(source, target, functional_map, _growth(functional_map.shape[-2:], k_final, step), anchors)
+
+
+def _upsampled(
+    source: SampledBasis,
+    target: SampledBasis,
+    functional_map: Floats,
+    sizes: Sequence[tuple[int, int]],
+    anchors: Anchors | None = None,
+) -> tuple[Floats, Integers]:
+    """The loop on samples through given sizes; see `upsample`."""
+    for k_target, k_source in sizes:
         match = nearest_samples(source, target, functional_map, anchors)
         functional_map = target.fit(source.rows[match, :k_source], k_target)
     return functional_map, nearest_samples(source, target, functional_map, anchors)
@@ -159,28 +186,42 @@ def nearest_samples(
     return nearest(beside(target.rows[:, :k_target], anchors.target), beside(embedded, anchors.source))
 
 
-def _dense(
-    basis_source: SpectralBasis, basis_target: SpectralBasis, functional_map: Floats, k_final: int, step: int
-) -> Refined:
-    for k_target, k_source in _sizes(functional_map.shape, k_final, step):
-        vertex = vertex_map_of(functional_map, basis_source, basis_target)
-        functional_map = functional_map_of(vertex, basis_source, basis_target, k_source, k_target)
-    return Refined(functional_map, vertex_map_of(functional_map, basis_source, basis_target))
+def _begun(
+    basis_source: SpectralBasis,
+    basis_target: SpectralBasis,
+    initial: ArrayLike,
+    k_final: int,
+    step: int,
+    sizes: Sizes | None,
+) -> tuple[Floats, list[tuple[int, int]]]:
+    """The functional map to begin with, and the sizes to go through; see `zoomout`."""
+    start = checked_start(initial, len(basis_source.areas), len(basis_target.areas))
+    if sizes is not None:
+        ahead = _checked_sizes(sizes, basis_source, basis_target)
+    else:
+        check_counts(k_final=k_final, step=step)
+        check_fits_bases((k_final, k_final), basis_source, basis_target)
+        if start.ndim == 2 and max(start.shape) > k_final:
+            raise ValueError(f"The initial functional map is {start.shape}, larger than k_final = {k_final}.")
+        first = min(ZOOMOUT.initial_size, k_final), min(ZOOMOUT.initial_size, k_final)
+        ahead = [first, *_growth(first, k_final, step)] if start.ndim == 1 else _growth(start.shape, k_final, step)
+    if start.ndim == 2:
+        check_fits_bases(start.shape, basis_source, basis_target)
+        return start, ahead
+    (k_target, k_source), *ahead = ahead
+    return functional_map_of(start, basis_source, basis_target, k_source, k_target), ahead
 
 
-def _finished(basis_source: SpectralBasis, basis_target: SpectralBasis, functional_map: Floats) -> Refined:
-    """From the functional map that samples have led to, to the dense map: grown again on all vertices, in big steps."""
+def _finishing(functional_map: Floats) -> tuple[Floats, list[tuple[int, int]]]:
+    """The start and sizes of the rounds on all vertices, in big steps, for the map that samples have led to."""
     shape = np.array(functional_map.shape)
     start = min(1.0, ZOOMOUT.finishing_size / shape.min())
-    first, *sizes = np.rint(shape * np.linspace(start, 1, ZOOMOUT.finishing_rounds)[:, None]).astype(int)
-    functional_map = functional_map[: first[0], : first[1]]
-    for k_target, k_source in (*sizes, shape):
-        vertex = vertex_map_of(functional_map, basis_source, basis_target)
-        functional_map = functional_map_of(vertex, basis_source, basis_target, k_source, k_target)
-    return Refined(functional_map, vertex_map_of(functional_map, basis_source, basis_target))
+    grown = np.rint(shape * np.linspace(start, 1, ZOOMOUT.finishing_rounds)[:, None]).astype(int)
+    first, *sizes = ((int(k_target), int(k_source)) for k_target, k_source in (*grown, shape))
+    return functional_map[: first[0], : first[1]], sizes
 
 
-def _sizes(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, int]]:
+def _growth(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, int]]:
     """The sizes (k_target, k_source) to go through; a start at k_final is iterated once more there."""
     growth = list(range(step, k_final - max(shape) + 1, step))
     if not growth or growth[-1] != k_final - max(shape):
@@ -188,17 +229,53 @@ def _sizes(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, i
     return [(shape[0] + more, shape[1] + more) for more in growth]
 
 
-def _samples(basis: SpectralBasis, count: int) -> Integers:
+def _sampled(
+    basis_source: SpectralBasis, basis_target: SpectralBasis, samples: Samples, sizes: Sequence[tuple[int, ...]]
+) -> tuple[SampledBasis, SampledBasis]:
+    """Both bases at the user's samples, or at farthest points, which tell the functions of all sizes apart."""
+    k_target, k_source = np.max(sizes, axis=0)
+    if isinstance(samples, int | np.integer):
+        check_counts(samples=samples)
+        count = max(int(samples), k_target, k_source)
+        samples = _farthest_vertices(basis_source, count), _farthest_vertices(basis_target, count)
+    try:
+        on_source, on_target = samples  # type: ignore[misc]
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"samples is {samples!r}: give a number, None, or vertex numbers on the source and on the target."
+        ) from None
+    return (
+        _checked_samples(on_source, basis_source, k_source, "source"),
+        _checked_samples(on_target, basis_target, k_target, "target"),
+    )
+
+
+def _farthest_vertices(basis: SpectralBasis, count: int) -> Integers:
     used = np.flatnonzero(basis.areas > 0)
     return used[farthest_points(basis.points[used], count)]
 
 
-def _check_sizes(available: int, shape: tuple[int, ...], k_final: int, step: int, samples: int | None) -> None:
-    check_counts(k_final=k_final, step=step, samples=1 if samples is None else samples)
-    if k_final > available:
-        raise ValueError(f"k_final is {k_final}, but the bases hold {available} eigenfunctions: compute more of them.")
-    if len(shape) == 2 and max(shape) > k_final:
-        raise ValueError(f"The initial functional map is {shape}, larger than k_final = {k_final}.")
+def _checked_samples(samples: ArrayLike, basis: SpectralBasis, k: int, side: str) -> SampledBasis:
+    sampled = SampledBasis.of(basis, vertex_numbers(samples, len(basis.areas), f"Samples of the {side}"))
+    if sampled.rows.shape[1] < k:
+        raise ValueError(
+            f"The {len(sampled.samples)} samples of the {side} do not tell its {k} functions apart: give at least as "
+            "many samples as functions, spread over the shape."
+        )
+    return sampled
+
+
+def _checked_sizes(sizes: Sizes, basis_source: SpectralBasis, basis_target: SpectralBasis) -> list[tuple[int, int]]:
+    pairs: list[Any]
+    try:
+        pairs = [(size, size) if np.ndim(size) == 0 else tuple(size) for size in sizes]  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        pairs = []
+    if not pairs or not all(len(pair) == 2 for pair in pairs):
+        raise ValueError(f"sizes is {sizes!r}: give a list of whole numbers, or of pairs (k_target, k_source) of them.")
+    for pair in pairs:
+        check_fits_bases(pair, basis_source, basis_target)
+    return pairs
 
 
 def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIntegers:
@@ -209,14 +286,7 @@ def checked_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIn
     """
     start = np.asarray(initial)
     if start.ndim == 1:
-        if len(start) != n_target:
-            raise ValueError(
-                f"The initial map must name one of {n_source} source vertices for each of {n_target} target vertices, "
-                f"not for {len(start)}."
-            )
-        return vertex_numbers(start, n_source, "Images on the source")
-    if start.ndim != 2 or start.size == 0:
+        return checked_vertices(start, n_source, n_target)
+    if start.ndim != 2:
         raise ValueError(f"The initial map must be a vector or a matrix, not of shape {start.shape}.")
-    if start.dtype.kind not in "iuf" or not np.isfinite(start).all():
-        raise ValueError("The initial functional map must consist of finite numbers: correct it.")
-    return start
+    return checked_functional_map(start)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from creatures import Creature, true_vertex
 
-from zoomout_core import commutativity_error, eigenbasis, geodesic_error, orthonormality_error, zoomout
+from zoomout_core import (
+    commutativity_error,
+    eigenbasis,
+    geodesic_error,
+    orthonormality_error,
+    zoomout,
+)
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import NEAREST, nearest, nearest_among
 from zoomout_core.maps.zoomout import SampledBasis
@@ -62,16 +68,6 @@ def test_a_moved_copy_is_recovered_exactly_from_a_small_map(basis, moved, moved_
     assert np.array_equal(refined.vertex, moved[1])
 
 
-def test_the_signs_of_eigenvectors_change_no_map(basis, moved, moved_basis) -> None:
-    signs = np.random.default_rng(1).choice([-1.0, 1.0], size=100)
-    turned = SpectralBasis(basis.eigenvalues, basis.eigenvectors * signs, basis.areas, basis.points)
-    coarse = np.roll(moved[1], 1)  # a start that is no isometry
-    one = zoomout(basis, moved_basis, coarse, k_final=40, samples=None)
-    two = zoomout(turned, moved_basis, coarse, k_final=40, samples=None)
-    assert (one.vertex == two.vertex).mean() > 0.999
-    np.testing.assert_allclose(one.functional_map * signs[:40], two.functional_map, atol=1e-3)
-
-
 def test_swapping_the_shapes_inverts_a_bijection(basis, moved, moved_basis) -> None:
     C = functional_map_of(moved[1], basis, moved_basis, 10, 10)
     there = zoomout(basis, moved_basis, C, k_final=80)
@@ -95,10 +91,49 @@ def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting
     assert sampled < 1.1 * full
 
 
-def test_a_rectangular_start_stays_rectangular(basis, moved_basis, moved) -> None:
-    C = functional_map_of(moved[1], basis, moved_basis, 24, 20)
-    refined = zoomout(basis, moved_basis, C, k_final=64)
-    assert refined.functional_map.shape == (60, 64)
+@pytest.mark.parametrize("samples", [None, 500])
+@pytest.mark.parametrize(("size", "final"), [((20, 24), (60, 64)), ((24, 20), (64, 60))])
+def test_a_rectangular_start_stays_rectangular(basis, moved_basis, moved, samples, size, final) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, size[1], size[0])
+    refined = zoomout(basis, moved_basis, C, k_final=64, samples=samples)
+    assert refined.functional_map.shape == final
+    assert (refined.vertex == moved[1]).mean() > 0.99
+
+
+@pytest.mark.parametrize("samples", [None, 300])
+def test_sizes_that_grow_evenly_are_the_usual_ones(basis, moved_basis, moved, samples) -> None:
+    C, vertex = functional_map_of(moved[1], basis, moved_basis, 10, 10), np.roll(moved[1], 1)
+    for start, sizes in ((C, range(15, 41, 5)), (vertex, [20, (25, 25), *range(30, 41, 5)])):
+        usual = zoomout(basis, moved_basis, start, k_final=40, samples=samples)
+        chosen = zoomout(basis, moved_basis, start, samples=samples, sizes=sizes)
+        assert np.array_equal(chosen.functional_map, usual.functional_map)
+        assert np.array_equal(chosen.vertex, usual.vertex)
+
+
+@pytest.mark.parametrize("samples", [None, 60])
+@pytest.mark.parametrize("sizes", [[(30, 10)], [50, (20, 40), (37, 53)], np.array([[30, 20], [24, 28]])])
+def test_any_sizes_are_gone_through_to_the_last(basis, moved_basis, moved, sizes, samples) -> None:
+    for start in (functional_map_of(moved[1], basis, moved_basis, 10, 12), moved[1]):
+        refined = zoomout(basis, moved_basis, start, sizes=sizes, samples=samples)
+        assert refined.functional_map.shape == tuple(sizes[-1])
+
+
+def test_samples_can_be_chosen(basis, moved_basis, moved) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 8, 8)
+    farthest = farthest_points(basis.points, 200), farthest_points(moved_basis.points, 200)
+    counted = zoomout(basis, moved_basis, C, k_final=60, samples=200)
+    named = zoomout(basis, moved_basis, C, k_final=60, samples=farthest)
+    assert np.array_equal(named.functional_map, counted.functional_map)
+    # Each shape may have samples of its own number; a repeated one tells nothing more and does no harm.
+    source, target = farthest_points(basis.points, 900), farthest_points(moved_basis.points, 120)
+    any_others = zoomout(basis, moved_basis, C, k_final=40, samples=(source[::-1], np.repeat(target, 2)))
+    assert (any_others.vertex == moved[1]).mean() > 0.99
+
+
+def test_fewer_samples_than_the_basis_has_functions_are_enough_for_a_smaller_map(basis, moved_basis, moved) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 8, 8)
+    refined = zoomout(basis, moved_basis, C, k_final=40, samples=60)
+    assert (refined.vertex == moved[1]).mean() > 0.99
 
 
 def test_nested_factors_fit_like_least_squares(basis: SpectralBasis) -> None:
@@ -141,7 +176,7 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
         (np.full(4000, 0.5), {"k_final": 50}, "0.5 is none"),
         (np.full(4000, np.nan), {"k_final": 50}, "nan is none"),
         (np.zeros((2, 2, 2)), {"k_final": 50}, "vector or a matrix"),
-        (np.zeros((0, 4)), {"k_final": 50}, "vector or a matrix"),
+        (np.zeros((0, 4)), {"k_final": 50}, "must be a matrix"),
         (3, {"k_final": 50}, "vector or a matrix"),
         (np.full((4, 4), np.nan), {"k_final": 50}, "finite numbers"),
         (np.full((4, 4), "a"), {"k_final": 50}, "finite numbers"),
@@ -149,6 +184,23 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
         (np.eye(4), {"k_final": -5}, "k_final is -5"),
         (np.eye(4), {"k_final": 50.0}, r"k_final is 50\.0"),
         (np.eye(4), {"k_final": 50, "samples": 0}, "samples is 0"),
+        (np.eye(4), {"k_final": 50, "samples": 5.5}, r"samples is 5\.5"),
+        (np.eye(4), {"k_final": 50, "samples": "all"}, "samples is 'all'"),
+        (np.eye(4), {"k_final": 50, "samples": (range(49), range(60))}, "The 49 samples of the source do not tell"),
+        (np.eye(4), {"k_final": 50, "samples": (range(60), range(49))}, "The 49 samples of the target do not tell"),
+        (np.eye(4), {"k_final": 50, "samples": (range(60), [7] * 60)}, "its 50 functions apart"),
+        (np.eye(4), {"k_final": 50, "samples": (range(60), [4000] * 60)}, "Samples of the target .* 4000 is none"),
+        (np.eye(4), {"k_final": 50, "samples": ([-1] * 60, range(60))}, "Samples of the source .* -1 is none"),
+        (np.eye(4), {"k_final": 50, "samples": ([], [])}, "The 0 samples of the source do not tell"),
+        (np.eye(4), {"sizes": []}, r"sizes is \[\]: give a list"),
+        (np.eye(4), {"sizes": 50}, "sizes is 50: give a list"),
+        (np.eye(4), {"sizes": [(1, 2, 3)]}, "give a list"),
+        (np.eye(4), {"sizes": [20, [(1, 2), 3]]}, "give a list"),
+        (np.eye(4), {"sizes": [20, "large"]}, "a whole number that is at least one"),
+        (np.eye(4), {"sizes": [(20, 0)]}, "a whole number that is at least one"),
+        (np.eye(4), {"sizes": [20.5]}, "a whole number that is at least one"),
+        (np.eye(4), {"sizes": [20, (101, 20)]}, "101 target and 20 source functions is larger than the bases"),
+        (np.eye(101), {"sizes": [20]}, "larger than the bases"),
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, sentence) -> None:
