@@ -9,7 +9,7 @@ from zoomout_core.maps.functional_map import (
     vertex_map_of,
 )
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import zoomout
+from zoomout_core.maps.zoomout import zoomout, zoomout_both_ways
 from zoomout_core.matching.match import MatchResult, match, match_steps
 from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
 from zoomout_core.matching.options import MatchOptions
@@ -68,4 +68,5 @@ __all__ = [
     "wave_kernel_map",
     "wave_kernel_signature",
     "zoomout",
+    "zoomout_both_ways",
 ]

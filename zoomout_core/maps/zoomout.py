@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import qr, solve, solve_triangular
 
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts
 from zoomout_core.maps.anchors import Anchors, beside
@@ -137,6 +137,51 @@ def zoomout(
     return Refined(functional_map, vertex_map_of(functional_map, basis_source, basis_target))
 
 
+def zoomout_both_ways(
+    basis_source: SpectralBasis,
+    basis_target: SpectralBasis,
+    initial: ArrayLike,
+    k_final: int = 120,
+    step: int = 5,
+    samples: Samples = 500,
+    sizes: Sizes | None = None,
+) -> tuple[Refined, Refined]:
+    """Refine a map and its inverse together, so that they come closer to a bijection.
+
+    Ren et al., MapTree: Recovering multiple solutions in the space of maps (2020). The functional map of each direction
+    is fitted to the pointwise maps T and S of both: Phi_target C to Phi_source[T], and Phi_target[S] C to Phi_source.
+
+    Args:
+        basis_source: of the surface that the map lands on.
+        basis_target: of the surface that the map starts from.
+        initial: as for `zoomout`; the inverse starts from the transpose.
+        k_final: as for `zoomout`, like all below.
+        step: growth.
+        samples: what to iterate on.
+        sizes: of the map; those of its inverse are the other way round.
+
+    Returns:
+        What `zoomout` returns, and the same of the map from the source to the target.
+
+    Raises:
+        ValueError: as for `zoomout`.
+    """
+    there, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
+    back = there.T
+    if samples is not None:
+        sampled = _sampled(basis_source, basis_target, samples, (there.shape, *ahead))
+        source, target = (_Places(each.rows, np.full(len(each.rows), 1 / len(each.rows))) for each in sampled)
+        there, back = _upsampled_both_ways(source, target, there, back, ahead)
+        back, _ = _finishing(back)
+        there, ahead = _finishing(there)
+    source, target = (_Places(basis.eigenvectors, basis.areas) for basis in (basis_source, basis_target))
+    there, back = _upsampled_both_ways(source, target, there, back, ahead)
+    return (
+        Refined(there, vertex_map_of(there, basis_source, basis_target)),
+        Refined(back, vertex_map_of(back, basis_target, basis_source)),
+    )
+
+
 def upsample(
     source: SampledBasis,
     target: SampledBasis,
@@ -184,6 +229,58 @@ def nearest_samples(
     if anchors is None:
         return nearest(target.rows[:, :k_target], embedded)
     return nearest(beside(target.rows[:, :k_target], anchors.target), beside(embedded, anchors.source))
+
+
+class _Places(NamedTuple):
+    """Vertices of a shape that a map is refined on.
+
+    Attributes:
+        rows: (p, k) eigenvectors there.
+        weights: (p,) in the fits of functional maps.
+    """
+
+    rows: Floats
+    weights: Floats
+
+
+def _upsampled_both_ways(
+    source: _Places, target: _Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
+) -> tuple[Floats, Floats]:
+    """The loop of both directions.
+
+    Args:
+        source: of the shape that the map lands on.
+        target: of the shape that the map starts from.
+        there: (k_target, k_source).
+        back: (k_source, k_target).
+        sizes: to go through.
+    """
+    for k_target, k_source in sizes:
+        to_source, to_target = _nearest_places(source, target, there), _nearest_places(target, source, back)
+        there = _fit_to_both(source, target, to_source, to_target, k_source, k_target)
+        back = _fit_to_both(target, source, to_target, to_source, k_target, k_source)
+    return there, back
+
+
+def _nearest_places(source: _Places, target: _Places, functional_map: Floats) -> Integers:
+    """(p_t,) the place of the source that a functional map (k_t, k_s) assigns to each place of the target."""
+    k_target, k_source = functional_map.shape
+    return nearest(target.rows[:, :k_target], source.rows[:, :k_source] @ functional_map.T)
+
+
+def _fit_to_both(
+    source: _Places, target: _Places, to_source: Integers, to_target: Integers, k_source: int, k_target: int
+) -> Floats:
+    """(k_target, k_source) functional map that fits pointwise maps of both directions best (least squares)."""
+    along, against = target.rows[:, :k_target], target.rows[to_target, :k_target]
+    weighted, weighted_against = target.weights[:, None] * along, source.weights[:, None] * against
+    return np.asarray(
+        solve(
+            weighted.T @ along + weighted_against.T @ against,
+            weighted.T @ source.rows[to_source, :k_source] + weighted_against.T @ source.rows[:, :k_source],
+            assume_a="pos",
+        )
+    )
 
 
 def _begun(

@@ -12,6 +12,7 @@ from zoomout_core import (
     geodesic_error,
     orthonormality_error,
     zoomout,
+    zoomout_both_ways,
 )
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import NEAREST, nearest, nearest_among
@@ -136,6 +137,33 @@ def test_fewer_samples_than_the_basis_has_functions_are_enough_for_a_smaller_map
     assert (refined.vertex == moved[1]).mean() > 0.99
 
 
+@pytest.mark.parametrize("samples", [None, 400])
+def test_both_ways_a_moved_copy_is_recovered_with_its_inverse(basis, moved, moved_basis, samples) -> None:
+    C = functional_map_of(moved[1], basis, moved_basis, 6, 6)
+    there, back = zoomout_both_ways(basis, moved_basis, C, k_final=50, samples=samples)
+    assert np.array_equal(there.vertex, moved[1])
+    assert np.array_equal(back.vertex, np.argsort(moved[1]))
+    np.testing.assert_allclose(there.functional_map @ back.functional_map, np.eye(50), atol=1e-3)
+
+
+def test_both_ways_sizes_are_the_other_way_round_for_the_inverse(basis, moved, moved_basis) -> None:
+    there, back = zoomout_both_ways(basis, moved_basis, moved[1], sizes=[20, (30, 40)])
+    assert there.functional_map.shape == (30, 40)
+    assert back.functional_map.shape == (40, 30)
+
+
+def test_both_ways_a_start_that_is_mostly_wrong_is_overcome(resting, bent, basis) -> None:
+    other, truth, random = eigenbasis(bent.surface, 60), true_vertex(resting, bent), np.random.default_rng(0)
+    start = np.where(random.random(len(truth)) < 0.8, random.integers(4000, size=len(truth)), truth)
+    alone = zoomout(basis, other, start, k_final=60).vertex
+    together = zoomout_both_ways(basis, other, start, k_final=60)[0].vertex
+    missed = [
+        np.linalg.norm(resting.surface.vertices[vertex] - resting.surface.vertices[truth], axis=1).mean()
+        for vertex in (alone, together)
+    ]
+    assert missed[1] < 0.5 * missed[0]
+
+
 def test_nested_factors_fit_like_least_squares(basis: SpectralBasis) -> None:
     samples = farthest_points(basis.points, 150)
     sampled = SampledBasis.of(basis, samples)
@@ -204,9 +232,10 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, sentence) -> None:
-    with pytest.raises(ValueError, match=sentence) as refusal:
-        zoomout(basis, basis, initial, **arguments)
-    assert "\n" not in str(refusal.value)
+    for refine in (zoomout, zoomout_both_ways):
+        with pytest.raises(ValueError, match=sentence) as refusal:
+            refine(basis, basis, initial, **arguments)
+        assert "\n" not in str(refusal.value)
 
 
 def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
