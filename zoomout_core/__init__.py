@@ -9,7 +9,7 @@ from zoomout_core.maps.functional_map import (
     vertex_map_of,
 )
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import zoomout, zoomout_both_ways
+from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
 from zoomout_core.matching.match import MatchResult, match, match_steps
 from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
 from zoomout_core.matching.options import MatchOptions
@@ -62,6 +62,7 @@ __all__ = [
     "read_point_cloud",
     "read_surface",
     "set_threads",
+    "slanted_sizes",
     "store_shapes",
     "transfer",
     "vertex_map_of",

@@ -117,7 +117,7 @@ def zoomout(
         samples: iterate on this many farthest points of each shape (at least k_final are taken), or on these vertices
             of the source and of the target, and finish on all vertices; None to iterate on all vertices throughout.
         sizes: (k_target, k_source), or one number for both, of the functional map that each iteration fits to the
-            pointwise map before it, in place of k_final and step.
+            pointwise map before it, in place of k_final and step. Of a part and a whole: `slanted_sizes`.
 
     Returns:
         The functional map at the last size and the dense vertex map.
@@ -180,6 +180,48 @@ def zoomout_both_ways(
         Refined(there, vertex_map_of(there, basis_source, basis_target)),
         Refined(back, vertex_map_of(back, basis_target, basis_source)),
     )
+
+
+def slanted_sizes(
+    basis_source: SpectralBasis, basis_target: SpectralBasis, k_initial: int = 20, k_final: int = 120, step: int = 5
+) -> list[tuple[int, int]]:
+    """Sizes of functional maps between a part and a whole, either way, for `zoomout`.
+
+    A part has fewer functions below a frequency, in proportion to its area (Rodola et al., Partial functional
+    correspondence, 2017), so that its side of the functional map grows more slowly. Both bases must be at the same
+    scale: see `SpectralBasis.at_area`.
+
+    Args:
+        basis_source: of the surface that the map lands on.
+        basis_target: of the surface that the map starts from.
+        k_initial: of the whole's functions.
+        k_final: of the whole's functions.
+        step: growth of their number.
+
+    Returns:
+        (k_target, k_source) of each iteration, with k_source = k_final k_target / r, rounded, where the target is the
+        part and r of its eigenvalues are as low as the first k_final of the source; the other way round likewise.
+
+    Raises:
+        ValueError: a number is below one, or the bases hold too few eigenfunctions.
+    """
+    check_counts(k_initial=k_initial, k_final=k_final, step=step)
+    on_source, on_target = basis_source.eigenvalues, basis_target.eigenvalues
+    k = min(k_final, len(on_source), len(on_target))
+    target_is_part = on_target[k - 1] >= on_source[k - 1]
+    part, whole = (on_target, on_source) if target_is_part else (on_source, on_target)
+    r = int((part <= whole[min(k_final, len(whole)) - 1]).sum())
+    if len(whole) < k_final or r == len(part) < k_final:
+        raise ValueError(
+            f"{len(whole)} eigenfunctions of the whole and {len(part)} of the part are too few for "
+            f"k_final = {k_final}: compute more of them."
+        )
+    r = min(r, k_final)
+    grown = np.append(np.arange(min(k_initial, k_final), k_final, step), k_final)
+    k_part = np.unique(np.maximum(np.rint(grown * (r / k_final)).astype(int), 1))
+    k_whole = np.rint(k_part * (k_final / r)).astype(int)
+    k_target, k_source = (k_part, k_whole) if target_is_part else (k_whole, k_part)
+    return list(zip(k_target.tolist(), k_source.tolist(), strict=True))
 
 
 def upsample(

@@ -103,6 +103,22 @@ class SpectralBasis:
     points: Floats
     components: int = 1
 
+    def at_area(self, area: float) -> SpectralBasis:
+        """The basis of the surface scaled to another area, such as a part's relative to that of its whole.
+
+        Raises:
+            ValueError: the area is no positive number.
+        """
+        if not 0 < area < np.inf:
+            raise ValueError(f"The area is {area!r}: give a positive number.")
+        return SpectralBasis(
+            self.eigenvalues / area,
+            self.eigenvectors / np.sqrt(area),
+            self.areas * area,
+            self.points,
+            self.components,
+        )
+
     def coefficients(self, functions: Floats) -> Floats:
         """(k, d) coefficients of functions (n, d) given at the vertices."""
         return self.eigenvectors.T @ (self.areas[:, None] * functions)

@@ -11,6 +11,7 @@ from zoomout_core import (
     eigenbasis,
     geodesic_error,
     orthonormality_error,
+    slanted_sizes,
     zoomout,
     zoomout_both_ways,
 )
@@ -162,6 +163,69 @@ def test_both_ways_a_start_that_is_mostly_wrong_is_overcome(resting, bent, basis
         for vertex in (alone, together)
     ]
     assert missed[1] < 0.5 * missed[0]
+
+
+@pytest.fixture(scope="module")
+def half(bent: Creature) -> tuple[Surface, np.ndarray]:
+    """The left half of the bent creature, and the numbers that its vertices have there."""
+    inside = (bent.directions[:, 0] > 0.1)[bent.surface.triangles].all(axis=1)
+    used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
+    return Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)), used
+
+
+def test_a_part_is_refined_best_by_sizes_along_the_slant(resting, bent, basis, half) -> None:
+    part, used = half
+    truth = true_vertex(resting, bent)[used]
+    other = eigenbasis(part, 100).at_area(part.area / resting.surface.area)
+    sizes = slanted_sizes(basis, other, k_final=100)
+    r = int((other.eigenvalues < basis.eigenvalues[99]).sum())
+    assert 40 < r < 60
+    assert sizes[-1] == (r, 100)
+    assert all(k_source == round(100 * k_target / r) for k_target, k_source in sizes)
+    assert slanted_sizes(other, basis, k_final=100) == [size[::-1] for size in sizes]
+
+    def missed(vertex: np.ndarray) -> float:
+        return float(np.linalg.norm(resting.surface.vertices[vertex] - resting.surface.vertices[truth], axis=1).mean())
+
+    slanted = missed(zoomout(basis, other, truth, sizes=sizes).vertex)
+    assert slanted < 0.8 * missed(zoomout(basis, other, truth, k_final=100).vertex)
+    assert slanted < 0.8 * missed(zoomout(basis, eigenbasis(part, 100), truth, sizes=sizes).vertex)  # not at scale
+
+
+def test_wholes_have_square_sizes(basis: SpectralBasis, moved_basis: SpectralBasis) -> None:
+    assert slanted_sizes(basis, basis, k_initial=5, k_final=21, step=8) == [(5, 5), (13, 13), (21, 21)]
+    assert slanted_sizes(basis, basis, k_initial=50, k_final=30) == [(30, 30)]
+
+
+def test_a_basis_at_another_area_is_that_of_the_scaled_surface(basis: SpectralBasis) -> None:
+    larger = basis.at_area(4.0)
+    np.testing.assert_allclose(larger.coefficients(larger.eigenvectors), np.eye(100), atol=1e-5)
+    np.testing.assert_allclose(larger.eigenvalues * 4, basis.eigenvalues)
+    np.testing.assert_allclose(larger.areas.sum(), 4)
+    for area in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="give a positive number"):
+            basis.at_area(area)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"k_final": 101}, "100 eigenfunctions of the whole and 100 of the part are too few for k_final = 101"),
+        ({"k_final": 0}, "k_final is 0"),
+        ({"k_initial": 0}, "k_initial is 0"),
+        ({"step": 0.5}, r"step is 0\.5"),
+    ],
+)
+def test_slants_beyond_the_bases_are_refused(basis: SpectralBasis, arguments, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        slanted_sizes(basis, basis, **({"k_final": 100} | arguments))
+
+
+def test_a_slant_needs_the_parts_functions_up_to_the_highest_frequency(basis: SpectralBasis) -> None:
+    few = SpectralBasis(basis.eigenvalues[:30] * 2, basis.eigenvectors[:, :30], basis.areas, basis.points)
+    with pytest.raises(ValueError, match="100 eigenfunctions of the whole and 30 of the part are too few"):
+        slanted_sizes(basis, few, k_final=100)
+    assert slanted_sizes(basis, few, k_final=40)[-1][1] == 40
 
 
 def test_nested_factors_fit_like_least_squares(basis: SpectralBasis) -> None:
