@@ -25,6 +25,7 @@ from zoomout_core.spectral.descriptors import (
     wave_kernel_signature,
 )
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
+from zoomout_core.spectral.hamiltonian import hamiltonian_basis
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
 
@@ -51,6 +52,7 @@ __all__ = [
     "forget_shapes",
     "functional_map_of",
     "geodesic_error",
+    "hamiltonian_basis",
     "heat_kernel_map",
     "heat_kernel_signature",
     "match",

@@ -94,7 +94,7 @@ class SpectralBasis:
         eigenvectors: (n, k) values at the vertices; orthonormal under `areas`.
         areas: (n,) lumped vertex areas, summing to one; zero for a vertex that no face uses.
         points: (n, 3) the vertices' positions.
-        components: number of connected components: as many of the first eigenvalues are zero.
+        components: number of connected components: as many of the Laplacian's first eigenvalues are zero.
     """
 
     eigenvalues: Floats
@@ -152,6 +152,13 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
     with one_blas_thread:
         working = surface.working
         basis = _basis_of(working, k, seed)
+    return on_shape(basis, shape)
+
+
+def on_shape(basis: SpectralBasis, shape: Surface | PointCloud) -> SpectralBasis:
+    """The basis of a shape's working mesh, with a row for every vertex of the surface, or every point."""
+    surface = as_surface(shape)
+    working = surface.working
     vertex_of, components = working.vertex_of, int(working.component.max()) + 1
     if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # nothing welded, nothing left out
         return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, surface.vertices, components)

@@ -1,0 +1,111 @@
+"""Functions of a Hamiltonian live where its potential is low, and lead maps of parts to their places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, directions, true_vertex
+from scipy.spatial import ConvexHull
+
+import zoomout_core as zo
+
+# Eigenvalues on a hemisphere, at the unit area of its sphere, whose functions vanish on the equator: of the degree l
+# there are l.
+DEGREE = np.repeat([1, 2, 3], [1, 2, 3])
+HEMISPHERE = 4 * np.pi * DEGREE * (DEGREE + 1)
+
+
+def test_without_a_potential_it_is_the_ordinary_basis(resting: Creature) -> None:
+    basis, hamiltonian = zo.eigenbasis(resting.surface, 30), zo.hamiltonian_basis(resting.surface, np.zeros(4000), 30)
+    np.testing.assert_allclose(hamiltonian.eigenvalues, basis.eigenvalues, atol=1e-6)
+    np.testing.assert_allclose(hamiltonian.eigenvectors, basis.eigenvectors, atol=1e-4)
+    np.testing.assert_array_equal(hamiltonian.areas, basis.areas)
+
+
+@pytest.mark.parametrize("count", [900, 3000])
+def test_a_strong_potential_is_a_wall(count: int) -> None:
+    points = directions(count, seed=3)
+    sphere, beyond = zo.Surface(points, ConvexHull(points).simplices), points[:, 2] < 0
+    eigenvalues = zo.hamiltonian_basis(sphere, beyond, 6, strength=10_000).eigenvalues
+    np.testing.assert_allclose(eigenvalues, HEMISPHERE, rtol=0.1)
+
+
+def test_functions_are_orthonormal_and_next_to_nothing_where_the_potential_is_one(resting: Creature) -> None:
+    beyond = resting.directions[:, 0] < 0.1
+    basis = zo.hamiltonian_basis(resting.surface, beyond, 40)
+    np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(40), atol=1e-5)
+    mass = basis.areas[beyond] @ basis.eigenvectors[beyond] ** 2
+    assert mass.max() < 0.01
+    # By the minimax principle a higher potential raises every eigenvalue.
+    weaker, stronger = (zo.hamiltonian_basis(resting.surface, beyond, 40, each).eigenvalues for each in (3, 30))
+    assert (weaker < basis.eigenvalues).all()
+    assert (basis.eigenvalues < stronger).all()
+
+
+def test_a_cloud_and_split_vertices_have_the_functions_of_their_surface() -> None:
+    points = directions(3000, seed=1)
+    beyond = points[:, 2] < 0
+    cloud = zo.hamiltonian_basis(zo.PointCloud(points), beyond, 6, strength=10_000)
+    assert cloud.eigenvectors.shape == (3000, 6)
+    np.testing.assert_allclose(cloud.eigenvalues, HEMISPHERE, rtol=0.1)
+    sphere = zo.Surface(points, ConvexHull(points).simplices)
+    corners = sphere.triangles.ravel()
+    soup = zo.Surface(points[corners], np.arange(len(corners)).reshape(-1, 3))
+    whole, split = (zo.hamiltonian_basis(sphere, beyond, 6), zo.hamiltonian_basis(soup, beyond[corners], 6))
+    np.testing.assert_allclose(split.eigenvalues, whole.eigenvalues, rtol=1e-5)
+    np.testing.assert_allclose(split.areas.sum(), 1)
+
+
+def test_a_part_is_found_on_the_whole(resting: Creature) -> None:
+    """Started from a map of which one half is wrong, in functions that live on the same region of the whole."""
+    bent = creature(2500, seed=1, bend=0.5)
+    inside = (bent.directions[:, 0] > 0.1)[bent.surface.triangles].all(axis=1)
+    used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
+    part = zo.Surface(bent.surface.vertices[used], triangles.reshape(-1, 3))
+    truth = true_vertex(resting, bent)[used]
+    random = np.random.default_rng(0)
+    start = np.where(random.random(len(truth)) < 0.5, random.integers(4000, size=len(truth)), truth)
+    outside = resting.directions[:, 0] < 0.1
+    basis_part = zo.eigenbasis(part, 60).at_area(part.area / resting.surface.area)
+    basis_whole = zo.hamiltonian_basis(resting.surface, outside, 60)
+    vertex = zo.zoomout(basis_whole, basis_part, start, k_final=60).vertex
+    assert outside[start].mean() > 0.2
+    assert outside[vertex].mean() < 0.01
+    assert off(resting, vertex, truth) < 0.3 * off(resting, start, truth)
+
+
+def off(source: Creature, vertex: np.ndarray, truth: np.ndarray) -> float:
+    """Mean distance in space between images and true images on the source."""
+    return float(np.linalg.norm(source.surface.vertices[vertex] - source.surface.vertices[truth], axis=1).mean())
+
+
+@pytest.mark.parametrize(
+    ("potential", "arguments", "sentence"),
+    [
+        (np.zeros(7), {}, r"must be 4000 numbers, one for each vertex, not float64 \(7,\)"),
+        (np.zeros((4000, 1)), {}, "must be 4000 numbers"),
+        (np.full(4000, "a"), {}, "must be 4000 numbers"),
+        (np.full(4000, np.nan), {}, "from 0 to 1, and nan is not"),
+        (np.full(4000, 1.5), {}, r"from 0 to 1, and 1\.5 is not"),
+        (np.full(4000, -0.1), {}, r"and -0\.1 is not"),
+        (np.ones(4000), {}, "below 1 at 0 vertices, too few for 10"),
+        (np.arange(4000) > 8, {}, "below 1 at 9 vertices"),
+        (np.zeros(4000), {"strength": -1.0}, r"strength is -1\.0"),
+        (np.zeros(4000), {"strength": np.nan}, "strength is nan"),
+        (np.zeros(4000), {"strength": "high"}, "strength is 'high'"),
+    ],
+)
+def test_potentials_that_are_none_are_refused(resting: Creature, potential, arguments, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        zo.hamiltonian_basis(resting.surface, potential, 10, **arguments)
+    assert "\n" not in str(refusal.value)
+
+
+def test_what_is_no_shape_or_no_number_is_refused(resting: Creature) -> None:
+    with pytest.raises(TypeError, match="A Surface or a PointCloud is needed"):
+        zo.hamiltonian_basis(resting.surface.vertices, np.zeros(4000), 10)
+    for k in (0, 4000):
+        with pytest.raises(zo.MeshError, match="4000 vertices allow 1 to 3999"):
+            zo.hamiltonian_basis(resting.surface, np.zeros(4000), k)
+    with pytest.raises(TypeError, match="give a whole number"):
+        zo.hamiltonian_basis(resting.surface, np.zeros(4000), 10.0)

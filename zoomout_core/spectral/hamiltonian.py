@@ -1,0 +1,82 @@
+"""Functions that live where a potential is low: the eigenfunctions of Hamiltonians.
+
+Melzi et al., Localized manifold harmonics for spectral shape analysis (2018); Choukroun et al., Hamiltonian operator
+for spectral shape analysis (2020): (W + tau A diag(v)) phi = lambda A phi, with a potential v.
+"""
+
+from __future__ import annotations
+
+from numbers import Real
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csc_array, diags_array
+
+from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.threads import one_blas_thread
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps, on_shape
+from zoomout_core.spectral.laplacian import mesh_laplacian
+
+
+def hamiltonian_basis(
+    shape: Surface | PointCloud, potential: ArrayLike, k: int = 200, strength: float = 10.0, seed: int = 0
+) -> SpectralBasis:
+    """The first `k` eigenfunctions of a Hamiltonian, which live where the potential is low.
+
+    The potential is scaled by tau, a multiple of the k-th eigenvalue of a surface as large as the part where it is low,
+    4 pi k over that part's area (Weyl's law). Functions reach into the rest about as far as one over the square root of
+    tau. With a potential of zero this is the `eigenbasis`.
+
+    Args:
+        shape: what to analyse.
+        potential: (n,) at the vertices or points, from 0 where functions live to 1 where they vanish.
+        k: how many eigenfunctions; at most one less than the vertices, and than those where the potential is below 1.
+        strength: tau, relative to that eigenvalue.
+        seed: start of the iteration.
+
+    Returns:
+        A basis with a row for every vertex of the surface, or every point, orthonormal over the whole surface at unit
+        area.
+
+    Raises:
+        ValueError: the potential is not (n,) numbers from 0 to 1, leaves room for fewer than k functions, or strength
+            is no number of at least zero.
+        MeshError: k is out of range, or no surface passes through the points.
+        TypeError: the shape is none, or k no whole number.
+    """
+    surface = as_surface(shape)
+    if not isinstance(k, int | np.integer):
+        raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
+    if not (isinstance(strength, Real) and 0 <= strength < np.inf):
+        raise ValueError(f"strength is {strength!r}: give a finite number of at least zero.")
+    working = surface.working
+    barrier = _of_working_vertices(_checked_potential(potential, len(surface.vertices)), working.vertex_of)
+    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    room = int((barrier < 1).sum())
+    if room < max(k, 1):
+        raise ValueError(
+            f"The potential is below 1 at {room} vertices, too few for {k} eigenfunctions: lower it, or ask for fewer."
+        )
+    tau = strength * 4 * np.pi * k / (areas @ (1 - barrier))
+    with one_blas_thread:
+        hamiltonian = stiffness + diags_array(tau * areas * barrier)
+        eigenvalues, eigenvectors = drain(eigenpairs_steps(csc_array(hamiltonian), areas, k, seed))
+    return on_shape(SpectralBasis(eigenvalues, eigenvectors, areas, working.vertices), shape)
+
+
+def _checked_potential(potential: ArrayLike, n: int) -> Floats:
+    values = np.asarray(potential)
+    if values.shape != (n,) or values.dtype.kind not in "biuf":
+        raise ValueError(f"The potential must be {n} numbers, one for each vertex, not {values.dtype} {values.shape}.")
+    wrong = values[~((values >= 0) & (values <= 1))]  # a NaN among them
+    if len(wrong):
+        raise ValueError(f"The potential must be from 0 to 1, and {wrong[0]} is not: scale it.")
+    return values.astype(np.float64)
+
+
+def _of_working_vertices(values: Floats, vertex_of: Integers) -> Floats:
+    """(m,) means of values (n,) at the vertices that are welded into one."""
+    used = vertex_of >= 0
+    return segment_sum(values[used], vertex_of[used]) / np.bincount(vertex_of[used])
