@@ -17,13 +17,15 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import area_normals, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
 from zoomout_core.tuning import Tuning, tuned
 
 # Points whose neighbours are looked at together: bounds the memory.
 BLOCK = 1 << 15
 # The neighbour whose distance is the spacing of the points: as many as a vertex of a mesh has.
 SPACING = 6
+# A triangle of less area, by the square of its longest edge, is three points on a line.
+ON_A_LINE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ def triangulated_points(points: Floats, normals: Floats | None = None) -> Intege
     triangles, agreed = np.unique(np.sort(stars, axis=1), axis=0, return_counts=True)
     longest = _longest_edges(points, triangles)
     spanned = longest <= RECONSTRUCTION.longest * distance[:, min(SPACING, count)][triangles].min(axis=1)
+    spanned &= triangle_areas(points, triangles) > ON_A_LINE * longest**2
     triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
     if normals is None:
         facing = facing * _senses(facing, triangles[agreed > 1])[:, None]

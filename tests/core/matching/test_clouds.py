@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from creatures import Creature, true_vertex
+from creatures import Creature, directions, true_vertex
 
 import zoomout_core as zo
+from zoomout_core.matching.match import _notes_on_cloud
 
 
 @pytest.mark.parametrize("role", ["source", "target"])
@@ -37,3 +38,14 @@ def test_an_open_cloud_without_normals_has_no_outer_side() -> None:
     assert [note for note in result.use(len(result.candidates) - 1).notes if note.startswith(said)]
     facing = zo.PointCloud(points, np.tile([0.0, 0, 1], (len(points), 1)))
     assert not [note for note in zo.match(source, facing).notes if note.startswith(said)]
+
+
+@pytest.mark.parametrize(("strays", "said"), [(0, False), (5, False), (60, True)])
+def test_points_off_the_surface_are_counted(strays: int, said: bool) -> None:
+    ball = directions(600, seed=1)
+    far = np.linspace(4, 20, strays)[:, None] * [1.0, 0.5, 0.2]  # a line, which no surface runs through
+    cloud = zo.PointCloud(np.concatenate([ball, far]))
+    notes = _notes_on_cloud("target", cloud, cloud.surface)
+    assert bool(notes) == said
+    assert all("of the target's points are on no part of the surface" in note for note in notes)
+    assert not _notes_on_cloud("target", cloud.surface, cloud.surface)
