@@ -111,10 +111,10 @@ def _cosines(surface_map: SurfaceMap, source: Surface, target: Surface, near: Bo
     """(n_t,) of the angle between each vertex's normal and that of the source at its image; 0 without a normal."""
     there = unit_vectors(surface_map.interpolate(_normals(source)))
     cosine = np.einsum("nx,nx->n", there, _normals(target))
-    working, used = target.working, target.working.vertex_of >= 0
+    working = target.working
     component = working.component[working.vertex_of]  # of no meaning where no face uses the vertex
     areas = vertex_areas(working.vertices, working.triangles)[working.vertex_of]
-    agreement = segment_sum(cosine * areas * (used & near), component)
+    agreement = segment_sum(cosine * areas * near, component)
     edges, edge_of = unique_edges(working.triangles)
     border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
     is_open = np.zeros(len(agreement), dtype=bool)

@@ -24,7 +24,7 @@ class BoundaryLoopTuning(Tuning, set_by="judgement"):
     Attributes:
         most_apart: of the centres of two loops of one cut.
         most_unlike: factor by which their sizes may differ.
-        points_per_edge: that stand for a loop.
+        points_per_edge: that stand for a loop, and one more.
         loop_weight: of the loops' goals against stiffness.
         screening_length: over which displacements of loops fade, at unit area of the part.
     """
@@ -45,7 +45,7 @@ class BoundaryLoop:
 
     Attributes:
         vertices: (n,) by their places in the part's vertices.
-        along: (p, 3) points that cover it evenly edge by edge.
+        along: (p, 3) points that cover it evenly edge by edge, the ends of each among them.
         centre: (3,) of its length.
         size: root mean square distance from the centre.
     """
@@ -92,5 +92,5 @@ def _boundary_loop(edges: Integers, points: Floats) -> BoundaryLoop:
     weights = length / max(length.sum(), 1e-300)
     centre = weights @ (a + b) / 2
     size = float(np.sqrt(weights @ (((a + b) / 2 - centre) ** 2).sum(axis=1)))
-    step = (np.arange(LOOPS.points_per_edge) / LOOPS.points_per_edge)[:, None, None]
+    step = np.linspace(0, 1, LOOPS.points_per_edge + 1)[:, None, None]
     return BoundaryLoop(np.unique(edges), ((1 - step) * a + step * b).reshape(-1, 3), centre, size)

@@ -227,7 +227,7 @@ def _levels(first: Floats, second: Floats) -> list[int]:
     counts = np.arange(EXTREMITIES.fewest, min(len(first), len(second)))
     drop = np.minimum(first[counts - 1] / first[counts], second[counts - 1] / second[counts])
     best = counts[np.argsort(-drop, kind="stable")][: EXTREMITIES.levels]
-    return [int(count) for count in best if len(first) != len(second) or count < len(first)]
+    return [int(count) for count in best]
 
 
 def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:

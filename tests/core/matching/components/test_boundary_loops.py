@@ -101,3 +101,7 @@ def test_of_two_loops_near_one_the_nearest_alone_is_drawn_to_it() -> None:
     found = loops_on_loops(replace(short, points=short.points + np.array([0, 0, 0.02])), TUBE)[:, 2]
     np.testing.assert_allclose(found[np.isclose(z, 0)], 0, atol=2e-3)
     assert found[np.isclose(z, 0.1)].min() > 0.09
+
+
+def test_a_tube_that_lies_on_its_like_stays() -> None:
+    np.testing.assert_allclose(loops_on_loops(TUBE, TUBE), TUBE.points, atol=1e-9)
