@@ -1,6 +1,7 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
 from zoomout_core.evaluation import geodesic_error
+from zoomout_core.maps.descriptor_fit import fit_functional_map
 from zoomout_core.maps.functional_map import (
     commutativity_error,
     functional_map_of,
@@ -26,6 +27,7 @@ from zoomout_core.spectral.descriptors import (
 )
 from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.spectral.hamiltonian import hamiltonian_basis
+from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
 from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
 
@@ -49,6 +51,7 @@ __all__ = [
     "detect_symmetry_steps",
     "drain",
     "eigenbasis",
+    "fit_functional_map",
     "forget_shapes",
     "functional_map_of",
     "geodesic_error",
@@ -59,6 +62,8 @@ __all__ = [
     "match_by_proximity",
     "match_by_proximity_steps",
     "match_steps",
+    "multiplication_operators",
+    "orientation_operators",
     "orthonormality_error",
     "precise_map_of",
     "read_point_cloud",

@@ -174,3 +174,22 @@ def orthonormality_error(functional_map: Floats) -> float:
         block = functional_map[:k, :k]
         energy += float(np.linalg.norm(block.T @ block - np.eye(k)) ** 2) / k
     return energy
+
+
+def eigenvalue_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
+    """(k_t, k_s) squared difference of two eigenvalues, of mean one in each row."""
+    return _of_mean_one((eigenvalues_target[:, None] - eigenvalues_source) ** 2)
+
+
+def resolvent_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
+    """(k_t, k_s) how far the resolvents of two eigenvalues are apart (exponent 1/2), of mean one in each row."""
+    largest = max(eigenvalues_source[-1], eigenvalues_target[-1])
+    parts = []
+    for eigenvalues in (eigenvalues_source, eigenvalues_target):
+        relative = eigenvalues / largest
+        parts.append(np.stack([np.sqrt(relative), np.ones_like(relative)]) / (1 + relative))
+    return _of_mean_one(((parts[1][:, :, None] - parts[0][:, None, :]) ** 2).sum(axis=0))
+
+
+def _of_mean_one(mask: Floats) -> Floats:
+    return np.asarray(mask / mask.mean(axis=1, keepdims=True))

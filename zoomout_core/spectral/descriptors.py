@@ -15,7 +15,7 @@ from scipy.sparse import csc_array, csr_array
 from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
 from zoomout_core.tuning import Tuning, tuned
 
 # Norm of functions that vanish but for rounding, and width of bands about a single energy; both are of order one.
@@ -138,11 +138,9 @@ def _heat_weights(basis: SpectralBasis, count: int, k: int | None) -> tuple[slic
 
 def _beyond_null_space(basis: SpectralBasis, count: int, k: int | None) -> slice:
     """The eigenfunctions that descriptors are made of; the null space is told by its rank, whatever its rounding."""
-    available = len(basis.eigenvalues)
-    k = available if k is None else k
-    check_counts(count=count, k=k)
-    if k > available:
-        raise ValueError(f"k is {k}, but the basis holds {available} eigenfunctions: compute more of them.")
+    k = len(basis.eigenvalues) if k is None else k
+    check_counts(count=count)
+    check_size(basis, k)
     if k <= basis.components:
         raise ValueError(
             f"Descriptors need more eigenfunctions than the {basis.components} that are constant on components: "

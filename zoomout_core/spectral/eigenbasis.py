@@ -18,7 +18,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, SingleFloats
+from zoomout_core.arrays import Floats, SingleFloats, check_counts
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.decimation import decimated_steps
@@ -126,6 +126,19 @@ class SpectralBasis:
     def smoothed(self, functions: Floats, time: float) -> Floats:
         """Functions (n, d) after diffusion over the given time (heat flow at unit area)."""
         return self.eigenvectors @ (np.exp(-time * self.eigenvalues)[:, None] * self.coefficients(functions))
+
+
+def check_size(basis: SpectralBasis, k: int) -> None:
+    """Check how many eigenfunctions of a basis are to be used.
+
+    Raises:
+        ValueError: k is no whole number from one to what the basis holds.
+    """
+    check_counts(k=k)
+    if k > len(basis.eigenvalues):
+        raise ValueError(
+            f"k is {k}, but the basis holds {len(basis.eigenvalues)} eigenfunctions: compute more of them."
+        )
 
 
 def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> SpectralBasis:

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from zoomout_core.arrays import Floats
+from zoomout_core.maps.functional_map import resolvent_mask
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
@@ -90,7 +91,7 @@ def _fit(source: ShapeAnalysis, target: ShapeAnalysis, size: int, weight: float,
     F = np.hstack([bands_source[:size], scale * pairs_source[:size]])
     G = np.hstack([bands_target[:size], np.sign(weight) * scale * pairs_target[:size]])
     gram, mixed = F @ F.T, G @ F.T
-    mask = _resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
+    mask = resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
     mask *= mask_weight * np.trace(gram) / size
     # The constant function goes to itself, and nothing else to it.
     C = np.zeros((size, size))
@@ -98,14 +99,3 @@ def _fit(source: ShapeAnalysis, target: ShapeAnalysis, size: int, weight: float,
     systems = gram[1:, 1:] + mask[1:, 1:, None] * np.eye(size - 1)
     C[1:, 1:] = np.linalg.solve(systems, mixed[1:, 1:, None])[:, :, 0]
     return C
-
-
-def _resolvent_mask(eigenvalues_source: Floats, eigenvalues_target: Floats) -> Floats:
-    """(k_t, k_s) how far the resolvents of two eigenvalues are apart (exponent 1/2), of mean one in each row."""
-    largest = max(eigenvalues_source[-1], eigenvalues_target[-1])
-    parts = []
-    for eigenvalues in (eigenvalues_source, eigenvalues_target):
-        relative = eigenvalues / largest
-        parts.append(np.stack([np.sqrt(relative), np.ones_like(relative)]) / (1 + relative))
-    mask = ((parts[1][:, :, None] - parts[0][:, None, :]) ** 2).sum(axis=0)
-    return np.asarray(mask / mask.mean(axis=1, keepdims=True))

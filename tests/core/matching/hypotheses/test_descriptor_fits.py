@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from creatures import creature
 
+from zoomout_core.maps.functional_map import resolvent_mask
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.descriptors import (
     _fit,
-    _resolvent_mask,
     descriptor_hypotheses,
 )
 from zoomout_core.matching.hypotheses.hypothesis import alike
@@ -27,18 +27,6 @@ def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return shape_of(260, 0), shape_of(240, 1)
 
 
-def test_the_mask_is_how_far_resolvents_of_eigenvalues_are_apart() -> None:
-    of_source, of_target = np.array([0.0, 3, 7, 20]), np.array([0.0, 4, 8, 15, 16])
-    x_source, x_target = (np.sqrt(values / 20) for values in (of_source, of_target))
-    apart = np.abs(1 / (x_target[:, None] - 1j) - 1 / (x_source - 1j)) ** 2
-    np.testing.assert_allclose(
-        _resolvent_mask(of_source, of_target), apart / apart.mean(axis=1, keepdims=True), atol=1e-12
-    )
-    np.testing.assert_allclose(
-        _resolvent_mask(of_target, of_source), apart.T / apart.T.mean(axis=1, keepdims=True), atol=1e-12
-    )
-
-
 @pytest.mark.parametrize("weight", [0.5, -2.0])
 def test_a_fit_takes_the_descriptors_over_as_well_as_a_map_near_the_diagonal_can(shapes, weight: float) -> None:
     source, target = shapes
@@ -47,7 +35,7 @@ def test_a_fit_takes_the_descriptors_over_as_well_as_a_map_near_the_diagonal_can
     # As many of each kind count alike, and a reflection turns the sign of pseudo-scalars.
     share = abs(weight) ** 2 * bands.shape[1] / pairs.shape[1]
     mean_square = ((bands[:size] ** 2).sum() + share * (pairs[:size] ** 2).sum()) / size
-    mask = mask_weight * mean_square * _resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
+    mask = mask_weight * mean_square * resolvent_mask(source.basis.eigenvalues[:size], target.basis.eigenvalues[:size])
 
     def energy(C: np.ndarray) -> float:
         off_bands = C @ bands[:size] - bands_there[:size]

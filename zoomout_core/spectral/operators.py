@@ -1,0 +1,91 @@
+"""Operators in a basis that descriptors give: functions become matrices, which a functional map commutes with.
+
+Multiplication by a descriptor: Nogneng and Ovsjanikov, Informative Descriptor Preservation via Commutativity (2017).
+Derivatives along a descriptor's level lines, which turn their sign under a reflection: Ren, Poulenard, Wonka and
+Ovsjanikov, Continuous and Orientation-preserving Correspondences via Functional Maps (2018).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
+
+
+def multiplication_operators(basis: SpectralBasis, descriptors: ArrayLike, k: int) -> Floats:
+    """(d, k, k) the multiplication by each descriptor f, Phi' A diag(f) Phi; symmetric.
+
+    Args:
+        basis: eigenfunctions.
+        descriptors: (n, d) values at the basis's vertices, or (n,) of one.
+        k: use the first k eigenfunctions.
+
+    Raises:
+        ValueError: descriptors that do not fit the basis or are not finite, or k beyond what it holds.
+    """
+    functions = checked_descriptors(basis, descriptors, "The descriptors")
+    check_size(basis, k)
+    rows = basis.eigenvectors[:, :k]
+    weighted = (basis.areas[:, None] * rows).T
+    return np.stack([(weighted * f) @ rows for f in functions.T])
+
+
+def orientation_operators(shape: Surface | PointCloud, basis: SpectralBasis, descriptors: ArrayLike, k: int) -> Floats:
+    """(d, k, k) the operators g -> <n x grad f, grad g> of each descriptor f, with the outward normals n.
+
+    On linear functions they are integrated exactly, and depend on no metric. They are antisymmetric where the surface
+    is closed; a map that keeps the orientation commutes with them, one that reverses it turns their sign.
+
+    Args:
+        shape: what the basis is of.
+        basis: eigenfunctions.
+        descriptors: (n, d) values at the vertices, or (n,) of one.
+        k: use the first k eigenfunctions.
+
+    Raises:
+        ValueError: as for `multiplication_operators`, or the basis is of another surface.
+        MeshError: no surface passes through the points.
+    """
+    surface = as_surface(shape)
+    if len(surface.vertices) != len(basis.areas):
+        raise ValueError(
+            f"The basis is of {len(basis.areas)} vertices, and the surface has {len(surface.vertices)}: give its own."
+        )
+    functions = checked_descriptors(basis, descriptors, "The descriptors")
+    check_size(basis, k)
+    triangles = surface.triangles[surface.working.triangle_of]
+    side = np.where(surface.working.flipped, -1.0, 1.0)
+    corners = basis.eigenvectors[:, :k][triangles.T]  # (3, m, k)
+    mean = (corners.sum(axis=0) * (side / 6)[:, None]).T
+    opposite = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)  # what an edge that faces a corner rises
+    operators = np.empty((functions.shape[1], k, k))
+    for operator, f in zip(operators, functions[triangles.T].transpose(2, 0, 1), strict=True):
+        operator[:] = mean @ sum(f[i, :, None] * opposite[i] for i in range(3))
+    return operators
+
+
+def checked_descriptors(basis: SpectralBasis, descriptors: ArrayLike, what: str) -> Floats:
+    """Descriptors (n, d) as a user gave them, or a single one (n,), checked against their basis.
+
+    Raises:
+        ValueError: there are none, they are not finite, or not of the basis's vertices; `what` begins the message.
+    """
+    try:
+        functions = np.asarray(descriptors, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be an array of numbers, a row for each vertex.") from None
+    if functions.ndim == 1:
+        functions = functions[:, None]
+    if functions.ndim != 2 or len(functions) != len(basis.areas):
+        raise ValueError(
+            f"{what} must have a row for each of the basis's {len(basis.areas)} vertices, not the shape "
+            f"{functions.shape}."
+        )
+    if functions.shape[1] == 0:
+        raise ValueError(f"{what} are none: give at least one.")
+    if not np.isfinite(functions).all():
+        raise ValueError(f"{what} must be finite numbers: correct them, or leave out those that are not.")
+    return functions
