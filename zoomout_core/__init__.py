@@ -1,6 +1,7 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
 from zoomout_core.evaluation import geodesic_error
+from zoomout_core.geometry.shot import shot
 from zoomout_core.maps.descriptor_fit import fit_functional_map
 from zoomout_core.maps.functional_map import (
     commutativity_error,
@@ -69,6 +70,7 @@ __all__ = [
     "read_point_cloud",
     "read_surface",
     "set_threads",
+    "shot",
     "slanted_sizes",
     "store_shapes",
     "transfer",

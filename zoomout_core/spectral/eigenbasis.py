@@ -16,13 +16,12 @@ import numpy as np
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, SingleFloats, check_counts
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.decimation import decimated_steps
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface, from_working
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import one_blas_thread, threads
@@ -177,13 +176,10 @@ def on_shape(basis: SpectralBasis, shape: Surface | PointCloud) -> SpectralBasis
         return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, surface.vertices, components)
     unused = vertex_of < 0
     copies = np.bincount(vertex_of[~unused], minlength=len(working.vertices))
-    eigenvectors, areas = basis.eigenvectors[vertex_of], (basis.areas / copies)[vertex_of]
-    eigenvectors[unused], areas[unused] = 0, 0
-    if isinstance(shape, PointCloud):
-        # A point that the surface leaves out is as good as the one beside it.
-        beside = cKDTree(shape.points[~unused]).query(shape.points[unused])[1]
-        eigenvectors[unused] = eigenvectors[~unused][beside]
-    return SpectralBasis(basis.eigenvalues, eigenvectors, areas, surface.vertices, components)
+    areas = np.where(unused, 0, (basis.areas / copies)[vertex_of])
+    return SpectralBasis(
+        basis.eigenvalues, from_working(shape, basis.eigenvectors), areas, surface.vertices, components
+    )
 
 
 def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:
