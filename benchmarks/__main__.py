@@ -10,11 +10,13 @@ import click
 
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
+from benchmarks import initial_size as initial_size_table
 from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
 from benchmarks import scale as scale_tables
 from benchmarks import speed as speed_tables
+from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
 from benchmarks import tuning as tuning_table
 
@@ -148,6 +150,20 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
 def discretisation(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """How often `match` is right, and how exact, where the same people are meshed in other ways, or are clouds."""
     report(discretisation_table.run(data, pairs), data, json_file)
+
+
+@main.command("step_size")
+@common_options
+def step_size(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How exact ZoomOut is with steps of 1 to 50, beside spectral ICP."""
+    report(step_size_table.run(data, pairs), data, json_file)
+
+
+@main.command("initial_size")
+@common_options
+def initial_size(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How exact ZoomOut is from functional maps of several sizes, and how much noise it bears."""
+    report(initial_size_table.run(data, pairs), data, json_file)
 
 
 @main.command("point_clouds")

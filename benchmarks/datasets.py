@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -98,6 +99,26 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
         source_vertex[picked],
         None if mirrored_vertex is None else mirrored_vertex[picked],
     )
+
+
+def shipped_pairs(folder: Path, method: str) -> list[tuple[str, str]]:
+    """The pairs, target first, of which a set has a map by some method that sends every vertex somewhere."""
+    path = folder / f"map_{method}.npz"
+    if not path.is_file():
+        return []
+    with np.load(path) as maps:
+        return [(target, source) for target, source in pair_names(folder, None) if _is_complete(maps, target, source)]
+
+
+def shipped_map(folder: Path, method: str, target_name: str, source_name: str) -> Integers:
+    """(n_t,) the source vertex of each target vertex in a map of a set."""
+    with np.load(folder / f"map_{method}.npz") as maps:
+        return np.asarray(maps[f"{target_name}__{source_name}"], dtype=np.int64)
+
+
+def _is_complete(maps: Mapping[str, Integers], target: str, source: str) -> bool:
+    name = f"{target}__{source}"
+    return name in maps and maps[name].min() >= 0
 
 
 def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:
