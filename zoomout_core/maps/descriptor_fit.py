@@ -24,7 +24,7 @@ MASKS = {"eigenvalues": eigenvalue_mask, "resolvent": resolvent_mask}
 DENSE = 1600
 # Sums of operators whose energy is less than this part of the largest one's are rounding.
 RANK_TOLERANCE = 1e-14
-# Part of the mean curvature that is added to it in every direction, for what no term decides.
+# Part of the terms' mean curvature that is added in every direction, for what no term decides.
 RIDGE = 1e-10
 # Part of a constant function's squared norm that may lie beyond a basis's null space.
 NOT_CONSTANT = 1e-3
@@ -155,6 +155,12 @@ class _Energy:
         columns = (self.right**2).sum(axis=(0, 2)) + (self.F**2).sum(axis=1)
         return np.asarray(self.mask + rows + columns - 2 * left.T @ right)
 
+    def mean_curvature(self) -> float:
+        """The mean of the second derivatives by each entry, were there nothing that commutes."""
+        k_target, k_source = self.mask.shape
+        on_source = (self.F**2).sum() + (self.right**2).sum()
+        return float(on_source / k_source + (self.left**2).sum() / k_target + self.mask.mean())
+
     def curvature_matrix(self) -> Floats:
         """(k_t, k_s, k_t, k_s) the second derivatives by each two entries."""
         both = np.tensordot(self.left, self.right, (0, 0))
@@ -212,7 +218,7 @@ def _minimiser(energy: _Energy, constant: float) -> Floats:
     C = np.zeros(energy.mask.shape)
     C[0, 0] = constant
     downhill = -energy.gradient(C)[:, 1:]
-    ridge = RIDGE * energy.diagonal_curvature()[:, 1:].mean()
+    ridge = RIDGE * energy.mean_curvature() or RIDGE
     if downhill.size <= DENSE:
         matrix = energy.curvature_matrix()[:, 1:, :, 1:].reshape(downhill.size, downhill.size)
         matrix += ridge * np.eye(downhill.size)

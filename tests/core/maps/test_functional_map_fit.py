@@ -203,6 +203,16 @@ def test_multiplication_makes_few_descriptors_enough(bases, copy) -> None:
     assert off[1] < 0.1 < 0.5 < off[0]
 
 
+@pytest.mark.parametrize("dense", [0, 10_000])
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_what_no_descriptor_decides_stays_zero(bases, value, dense, monkeypatch) -> None:
+    monkeypatch.setattr(descriptor_fit, "DENSE", dense)
+    same = np.full(1000, value)
+    nothing = np.zeros((1, 8, 8)), np.zeros((1, 8, 8))
+    C = zo.fit_functional_map(*bases, same, same, 8, laplacian_weight=0, orientation_operators=nothing)
+    np.testing.assert_allclose(C, np.diag([1.0] + [0] * 7), atol=1e-4)
+
+
 def test_what_does_not_fit_is_refused(bases, signatures) -> None:
     f, g = signatures
     hole = f.copy()
