@@ -7,7 +7,7 @@ The energy is a convex quadratic: small maps are one dense solve, large ones tak
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -67,7 +67,8 @@ def fit_functional_map(
         multiplication_weight: b.
         laplacian_weight: c; the mask D has the mean one in each row.
         orientation_weight: of what w weighs, relative to all else, on the mean over diagonal maps of +-1, among which
-            an isometry's is; the signs of eigenfunctions do not matter to it.
+            an isometry's is; the signs of eigenfunctions do not matter to it. Ren et al. take 0.1, which is enough to
+            keep the orientation, but not always to reverse it.
         orientation_operators: (e, k, k) those of source and target that `zo.orientation_operators` makes of
             descriptors, which may be others; larger ones are cut. None to leave the orientation open.
         orientation: whether the map keeps the orientation, as rigid motions and other poses do, or reverses it, as
@@ -187,12 +188,10 @@ class _Energy:
         nothing = np.zeros((len(self.F), 1)), np.zeros((len(self.G), 1))
         size = _Energy(*nothing, left, right, np.zeros_like(self.mask)).mean_value()
         root = np.sqrt(weight * self.mean_value() / size) if size > 0 else 0.0
-        return _Energy(
-            self.F,
-            self.G,
-            np.concatenate([self.left, root * left]),
-            np.concatenate([self.right, sign * root * right]),
-            self.mask,
+        return replace(
+            self,
+            left=np.concatenate([self.left, root * left]),
+            right=np.concatenate([self.right, sign * root * right]),
         )
 
     def compressed(self) -> _Energy:
@@ -204,12 +203,10 @@ class _Energy:
         energies, mixtures = eigh(pairs @ pairs.T)
         pairs = mixtures[:, energies > RANK_TOLERANCE * energies[-1]].T @ pairs
         left, right = np.split(pairs, [self.left[0].size], axis=1)
-        return _Energy(
-            self.F,
-            self.G,
-            left.reshape(-1, *self.left.shape[1:]),
-            right.reshape(-1, *self.right.shape[1:]),
-            self.mask,
+        return replace(
+            self,
+            left=left.reshape(-1, *self.left.shape[1:]),
+            right=right.reshape(-1, *self.right.shape[1:]),
         )
 
 
