@@ -14,6 +14,7 @@ from benchmarks import initial_size as initial_size_table
 from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
+from benchmarks import refinement as refinement_tables
 from benchmarks import scale as scale_tables
 from benchmarks import speed as speed_tables
 from benchmarks import step_size as step_size_table
@@ -51,6 +52,14 @@ def common_options(command: Any) -> Any:
 def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate: bool, pictures: Path | None) -> None:
     """How often `match` is right with no hint, how exact it is, and whether it knows; published maps beside it."""
     report(correspondence_tables.run(data, pairs, ablate, pictures), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the curves to this image file.")
+def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """ZoomOut beside ICP, Deblur, PMF, RHM and BCICP from the same initial maps, with the paper's own figures."""
+    report(refinement_tables.run(data, pairs, figure), data, json_file)
 
 
 @main.command()

@@ -1,0 +1,103 @@
+"""The table of refinements: every method from the same start, published maps beside them, and the curves."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from creatures import creature, mirrored_vertex, true_vertex
+
+import zoomout_core as zo
+from benchmarks import datasets, refinement
+from benchmarks.__main__ import main
+
+QUICK = ("initial", "ICP")
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The methods that take no time, with few functions."""
+    monkeypatch.setattr(refinement, "METHODS", {name: refinement.METHODS[name] for name in QUICK})
+    monkeypatch.setattr(refinement, "K_FINAL", 30)
+    monkeypatch.setattr(refinement, "K_FIXED", 20)
+    monkeypatch.setattr(datasets, "MOST_PLACES", 100)
+
+
+@pytest.fixture
+def sets(data: Path, tmp_path: Path) -> Path:
+    """One set with mirrored initial maps alone, one that is not isometric, with a published map."""
+    for name, start in (("faust_of_creatures", "WKSini_symm"), ("nonisometric_creatures", "WKSini_direct")):
+        shutil.copytree(data / "creatures", tmp_path / name)
+        with np.load(tmp_path / name / f"map_ini_{start.split('_')[1]}.npz") as maps:
+            there = maps["a__b"]
+        back = np.zeros(len(there), dtype=int)
+        back[there] = np.arange(len(there))
+        np.savez(tmp_path / name / f"map_{start}.npz", a__b=there, b__a=back)
+    np.savez(tmp_path / "nonisometric_creatures" / "map_BIM.npz", a__b=np.where(there == 5, -1, there))
+    return tmp_path
+
+
+def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with np.load(sets / "nonisometric_creatures" / "map_WKSini_direct.npz") as maps:
+        fits = [maps["a__b"], maps["b__a"]]
+    monkeypatch.setattr(refinement, "fitted", lambda *_: fits.pop(0))
+    tables = refinement.run(sets, 1, None)
+    near, far = tables["rows"], tables["not isometric"]
+    assert [row["method"] for row in near] == list(QUICK)
+    assert [row["method"] for row in far] == [*QUICK, "BIM, published"]
+    # The start is the true map, which is fitted where there are mirrored ones alone.
+    for row in (near[0], far[0]):
+        assert row["mean"] < 20
+        assert row["failed %"] == 0
+    assert near[1]["published mean"] == refinement.PUBLISHED["ICP"][0]
+    assert far[1]["published mean"] is None
+    assert far[1]["seconds"] > 0
+    assert far[0]["seconds"] is None
+    # A map that lacks a vertex has an error, and no figures that need all.
+    assert far[-1]["mean"] < 20
+    assert far[-1]["covered %"] is None
+
+
+def test_curves_are_drawn_for_each_set_and_method(tmp_path: Path) -> None:
+    rising = [float(share) for share in refinement.THRESHOLDS / refinement.THRESHOLDS[-1]]
+    places = [("near", "ICP"), ("near", "ZoomOut"), ("far", "ICP"), ("far", "BIM, published")]
+    refinement._draw(
+        [{"set": name, "method": method, "curve": rising} for name, method in places], tmp_path / "curves.png"
+    )
+    image = matplotlib.image.imread(tmp_path / "curves.png")[:, :, :3]
+    assert 100 < (np.ptp(image, axis=2) > 0.3).sum() < 0.2 * image[:, :, 0].size
+
+
+def test_a_fitted_start_keeps_left_and_right() -> None:
+    creatures = creature(900, 0, asymmetry=0.3), creature(800, 1, bend=0.5, asymmetry=0.3)
+    source, target = (each.surface for each in creatures)
+    start = refinement.fitted(source, target)
+    every = np.arange(800)
+    direct, mirrored = (
+        zo.geodesic_error(start, source, every, truth(*creatures)).mean() for truth in (true_vertex, mirrored_vertex)
+    )
+    assert direct < 0.08
+    assert mirrored > 0.2
+
+
+def test_going_there_and_back_is_measured_at_every_vertex(data: Path) -> None:
+    pair = refinement.load_pair(data / "creatures", "a", "b")
+    same = np.arange(len(pair.target.vertices))
+    assert refinement._bijectivity(same, same, pair.target) == 0
+    # One vertex that comes back to a neighbour misses by the edge between them.
+    triangle = pair.target.triangles[0]
+    other = same.copy()
+    other[triangle[0]] = triangle[1]
+    edge = np.linalg.norm(pair.target.vertices[triangle[0]] - pair.target.vertices[triangle[1]])
+    expected = 1000 * edge / np.sqrt(pair.target.area) / len(same)
+    assert refinement._bijectivity(same, other, pair.target) == pytest.approx(expected)
+
+
+def test_a_folder_without_initial_maps_is_refused(data: Path) -> None:
+    refused = CliRunner().invoke(main, ["refinement", "--data", str(data)])
+    assert refused.exit_code == 1
+    assert "holds nothing" in refused.output
