@@ -2,8 +2,8 @@
 
 Each point is joined to its natural neighbours in its tangent plane (Gopi, Krishnan and Silva, Surface reconstruction
 based on lower dimensional localized Delaunay triangulation, 2000). Of these triangles those are taken, first the ones
-that all three of their corners agree on, that make an oriented manifold. Points across a gap between limbs lie above
-the tangent plane, not in it, and are no neighbours. Normals that are not given are those of the planes that fit best,
+that all three of their corners agree on, that make an oriented manifold. Points across a gap are no natural neighbours
+where the gap is wider than the points are apart. Normals that are not given are those of the planes that fit best,
 turned alike along the tree of the smallest turns (Hoppe et al., Surface reconstruction from unorganized points, 1992).
 """
 
@@ -35,15 +35,13 @@ class ReconstructionTuning(Tuning, set_by="judgement"):
     Attributes:
         neighbours: the nearest points in space, of which the neighbours on the surface are taken.
         plane_neighbours: the nearest points in space, to which tangent planes are fitted.
-        steepest: sine of the angle between the tangent plane and the direction of a neighbour.
-        least_cosine: of the angle between the normals of neighbours, whose sense counts where it is known.
+        least_cosine: of the angle between the normals of neighbours, where normals are given.
         longest: edge of a triangle, by the spacing around each corner: the distance of its sixth neighbour.
         smallest_part: parts of fewer triangles are no surface, but points that stand off one.
     """
 
     neighbours: int = tuned(24, "points", 6, 100)
     plane_neighbours: int = tuned(12, "points", 3, 100)
-    steepest: float = tuned(0.6, "1", 0, 1)
     least_cosine: float = tuned(0.3, "1", 0, 1)
     longest: float = tuned(8.0, "1", 1, 1000)
     smallest_part: int = tuned(20, "triangles", 0, 10_000)
@@ -78,6 +76,7 @@ def triangulated_points(points: Floats, normals: Floats | None = None) -> Intege
     spanned &= triangle_areas(points, triangles) > ON_A_LINE * longest**2
     triangles, agreed, longest = triangles[spanned], agreed[spanned], longest[spanned]
     if normals is None:
+        # Triangles of one star alone cross gaps: with them the spectra of seven clouds are a sixth farther off.
         facing = facing * _senses(facing, triangles[agreed > 1])[:, None]
     # Those that more corners agree on first, then those with shorter edges.
     triangles = _manifold(triangles, np.lexsort((longest, -agreed)), points, facing)
@@ -105,14 +104,11 @@ def _stars(centre: Integers, near: Integers, points: Floats, normals: Floats, ei
         near: of the points near them.
         points: (n, 3) positions.
         normals: (n, 3) unit normals.
-        either: whether these are of either sense.
+        either: whether these are of either sense, and tell nothing of who is a neighbour.
     """
     offset, normal = points[near] - points[centre, None], normals[centre]
     length = np.linalg.norm(offset, axis=2)
-    height = np.einsum("bcx,bx->bc", offset, normal)
-    cosine = np.einsum("bcx,bx->bc", normals[near], normal)
-    cosine = np.abs(cosine) if either else cosine
-    joined = (np.abs(height) <= RECONSTRUCTION.steepest * length) & (cosine >= RECONSTRUCTION.least_cosine)
+    joined = either | (np.einsum("bcx,bx->bc", normals[near], normal) >= RECONSTRUCTION.least_cosine)
     u = unit_vectors(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
     x, y = (np.einsum("bcx,bx->bc", offset, axis) for axis in (u, np.cross(normal, u)))
     angle = np.where(joined, np.arctan2(y, x), np.inf)

@@ -7,7 +7,7 @@ import pytest
 from creatures import Creature, directions
 from scipy.spatial import ConvexHull, Delaunay
 
-from zoomout_core.mesh.reconstruction import _hull_corners, triangulated_points
+from zoomout_core.mesh.reconstruction import _hull_corners, _manifold, triangulated_points
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 
@@ -106,3 +106,18 @@ def test_surfaces_stay_and_other_things_are_refused(resting: Creature) -> None:
     assert isinstance(as_surface(PointCloud(directions(50, seed=1))), Surface)
     with pytest.raises(TypeError, match="A Surface or a PointCloud is needed"):
         as_surface(resting.surface.vertices)  # type: ignore[arg-type]
+
+
+def test_noise_leaves_few_holes() -> None:
+    random = np.random.default_rng(1)
+    ball = directions(700, seed=1) * (1 + 0.06 * random.standard_normal((700, 1)))
+    assert (bordering(triangulated_points(ball)) == 1).sum() < 50
+
+
+def test_triangles_whose_corners_face_different_ways_are_left_out_and_edges_go_to_the_first() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [2, 0, 0]])
+    normals = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, -1]])
+    triangles = np.array([[0, 1, 3], [0, 1, 2], [2, 1, 3], [1, 3, 4]])
+    found = _manifold(triangles, np.array([1, 2, 0, 3]), points, normals)
+    assert sorted(map(sorted, found.tolist())) == [[0, 1, 2], [1, 2, 3]]
+    assert (triangle_normals(points, found)[:, 2] > 0).all()

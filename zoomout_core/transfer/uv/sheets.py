@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.cut_mesh import CutSurface, ragged
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -97,7 +97,7 @@ def _sampled_sheets(
         "qc,qcx->qx", samples.barycentric, mapped.source.vertices[mapped.source.triangles[samples.triangle]]
     )
     count = np.bincount(samples.face, minlength=len(mapped.target.face_start) - 1)
-    middle = np.stack([np.bincount(samples.face, axis, minlength=len(count)) for axis in points.T], axis=1)
+    middle = segment_sum(points, samples.face, len(count))
     off_middle = np.linalg.norm(points - middle[samples.face] / count[samples.face, None], axis=1)
     order = np.lexsort((off_middle, samples.face))
     seed_of = np.full(len(order), -1)
