@@ -43,6 +43,12 @@ def common_options(command: Any) -> Any:
     return command
 
 
+def figure_option(command: Any) -> Any:
+    """The option of a table that has a figure."""
+    file = click.Path(dir_okay=False, path_type=Path)
+    return click.option("--figure", type=file, help="Draw the figure to this image file.")(command)
+
+
 @main.command()
 @common_options
 @click.option("--ablate", is_flag=True, help="Leave out each stage of the match in turn, too.")
@@ -56,7 +62,7 @@ def correspondence(data: Path, pairs: int | None, json_file: Path | None, ablate
 
 @main.command()
 @common_options
-@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the curves to this image file.")
+@figure_option
 def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """ZoomOut beside ICP, Deblur, PMF, RHM and BCICP from the same initial maps, with the paper's own figures."""
     report(refinement_tables.run(data, pairs, figure), data, json_file)
@@ -78,7 +84,7 @@ def speed(data: Path, pairs: int | None, json_file: Path | None) -> None:
 
 @main.command()
 @common_options
-@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Draw the growth to this image file.")
+@figure_option
 def scale(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """How the cost grows with vertices, eigenfunctions and samples: fitted exponents."""
     report(scale_tables.run(data, pairs, figure), data, json_file)

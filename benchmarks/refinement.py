@@ -8,7 +8,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple, TypeAlias
 
-import matplotlib
 import numpy as np
 from tqdm import tqdm
 
@@ -18,8 +17,9 @@ from benchmarks.baselines.deblur import deblur
 from benchmarks.baselines.kernel_matching import kernel_matching
 from benchmarks.baselines.rhm import rhm
 from benchmarks.baselines.spectral_icp import spectral_icp
+from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
 from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
@@ -40,8 +40,6 @@ SHIPPED = ("BIM", "PMF_hk", "WKSini_direct_BCICP")
 MATCH = "zo.match, nothing given"
 # Mean error times 1000 above which a pair counts as failed.
 ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
-# Errors times 1000 at which the curves are taken.
-THRESHOLDS = np.arange(0, 251, 5)
 # Melzi et al. 2019: mean errors and seconds on FAUST in its original meshes, from the same kind of initial maps.
 PUBLISHED: dict[str, tuple[float, float | None]] = {
     "initial": (67.3, None),
@@ -110,7 +108,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> dict[str, list[Re
         figure: an image file to draw the share of places below each error to.
 
     Returns:
-        The tables by name, and under `pairs` a record for each pair and method, with its curve at `THRESHOLDS`.
+        The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
     """
     records: list[Record] = []
     for folder in sets_in(data):
@@ -252,7 +250,7 @@ def _figures(pair: PairOfMeshes, maps: Maps) -> Record:
     """What is measured of the maps of a pair; what needs an image of every vertex is left out where one has none."""
     errors = pair.errors(maps.there[:, None])[:, 0]
     figures: Record = {"error": float(np.nanmean(errors)), "seconds": maps.seconds}
-    figures["curve"] = [float((errors <= threshold).mean()) for threshold in THRESHOLDS]
+    figures["curve"] = share_below(errors)
     if maps.there.min() >= 0:
         surface_map = zo.SurfaceMap.from_vertices(maps.there, pair.source)
         figures["covered %"] = 100 * coverage(surface_map, pair.source)
@@ -307,31 +305,9 @@ def _over(statistic: Callable[[list[float]], Any], records: list[Record], column
 
 
 def _draw(records: list[Record], figure: Path) -> None:
-    """Cumulative curves: the share of places whose error is below each threshold, a panel for each set."""
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    sets = list(dict.fromkeys(record["set"] for record in records))
-    methods = list(dict.fromkeys(record["method"] for record in records))
-    fig, panels = pyplot.subplots(1, len(sets), figsize=(6 * len(sets), 5), layout="constrained", squeeze=False)
-    for axes, name in zip(panels[0], sets, strict=True):
-        for number, method in enumerate(methods):
-            curves = [r["curve"] for r in records if (r["set"], r["method"]) == (name, method)]
-            if curves:
-                ours = method.startswith("ZoomOut") or method == MATCH
-                axes.plot(
-                    THRESHOLDS / 1000,
-                    100 * np.mean(curves, axis=0),
-                    color=pyplot.colormaps["tab20"](number),
-                    linestyle="--" if method.endswith("published") or method == "initial" else "-",
-                    linewidth=2.5 if ours else 1.4,
-                    label=method,
-                )
-        axes.set(title=name, xlabel="geodesic error, at unit area", ylabel="% of places", ylim=(0, 100))
-        axes.set_xlim(0, THRESHOLDS[-1] / 1000)
-        axes.grid(alpha=0.3)
-    # Colours go by method, and the panel that has all of them serves for all.
-    lines = max((axes.get_legend_handles_labels() for axes in panels[0]), key=lambda found: len(found[0]))
-    fig.legend(*lines, loc="outside lower center", ncols=6, fontsize="small")
-    fig.savefig(figure, dpi=120)
-    pyplot.close(fig)
+    """Cumulative curves, a panel for each set."""
+    panels: dict[str, dict[str, Floats]] = {}
+    for name, method in dict.fromkeys((record["set"], record["method"]) for record in records):
+        curves = [r["curve"] for r in records if (r["set"], r["method"]) == (name, method)]
+        panels.setdefault(name, {})[method] = np.mean(curves, axis=0)
+    draw_curves(figure, panels)

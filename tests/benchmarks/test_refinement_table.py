@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from creatures import creature, mirrored_vertex, true_vertex
 
 import zoomout_core as zo
-from benchmarks import datasets, refinement
+from benchmarks import curves, datasets, refinement
 from benchmarks.__main__ import main
 
 QUICK = ("initial", "ICP")
@@ -63,7 +63,7 @@ def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: py
 
 
 def test_curves_are_drawn_for_each_set_and_method(tmp_path: Path) -> None:
-    rising = [float(share) for share in refinement.THRESHOLDS / refinement.THRESHOLDS[-1]]
+    rising = [float(share) for share in curves.THRESHOLDS / curves.THRESHOLDS[-1]]
     places = [("near", "ICP"), ("near", "ZoomOut"), ("far", "ICP"), ("far", "BIM, published")]
     refinement._draw(
         [{"set": name, "method": method, "curve": rising} for name, method in places], tmp_path / "curves.png"
