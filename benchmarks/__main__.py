@@ -11,6 +11,7 @@ import click
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
 from benchmarks import initial_size as initial_size_table
+from benchmarks import paper as paper_page
 from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
@@ -20,6 +21,7 @@ from benchmarks import speed as speed_tables
 from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
 from benchmarks import tuning as tuning_table
+from benchmarks.tables import NOT_SHOWN, Tables, as_text
 
 
 @click.group()
@@ -200,32 +202,38 @@ def tuning(data: Path, pairs: int | None, json_file: Path | None, stages: tuple[
     report({"rows": rows}, data, json_file)
 
 
-def report(tables: dict[str, list[dict[str, Any]]], data: Path | None, json_file: Path | None) -> None:
+@main.command()
+@click.option(
+    "--data", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of meshes."
+)
+@click.option("--pairs", type=click.IntRange(min=1), help="Use this many pairs of each set, evenly spread.")
+@click.option(
+    "--page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("docs/paper.md"),
+    show_default=True,
+    help="Write the page here, and figures and records to a folder beside it.",
+)
+@click.option("--only", multiple=True, help="Make this section anew, and keep the others as they are.")
+def paper(data: Path, pairs: int | None, page: Path, only: tuple[str, ...]) -> None:
+    """Every table and figure of ZoomOut's paper on one page, with the published figures beside."""
+    try:
+        failures = paper_page.run(data, pairs, page, only)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    if failures:
+        raise click.ClickException("Sections that could not be made: " + "; ".join(failures))
+    click.echo(f"Written: {page}")
+
+
+def report(tables: Tables, data: Path | None, json_file: Path | None) -> None:
     """Print tables, all but that of single pairs, and write all of them to a file if one is given."""
     if "rows" in tables and not tables["rows"]:
         raise click.ClickException(f"{data} holds nothing that this table is made from: give the folder of the sets.")
-    shown = [show(rows) for name, rows in tables.items() if rows and name != "pairs"]
+    shown = [as_text(rows) for name, rows in tables.items() if rows and name != NOT_SHOWN]
     click.echo("\n\n".join(shown))
     if json_file is not None:
         json_file.write_text(json.dumps(tables, indent=2))
-
-
-def show(rows: list[dict[str, Any]]) -> str:
-    """Rows under a line of column names; columns that are empty throughout are left out."""
-    columns = [name for name in rows[0] if any(row[name] is not None for row in rows)]
-    cells = [columns, *([_cell(row[column]) for column in columns] for row in rows)]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
-    return "\n".join(
-        "  ".join(
-            cell.rjust(width) if i else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-        )
-        for line in cells
-    )
-
-
-def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":

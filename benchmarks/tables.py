@@ -1,0 +1,34 @@
+"""Tables of records as text and as Markdown."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from tabulate import tabulate
+
+Record: TypeAlias = dict[str, Any]
+Tables: TypeAlias = dict[str, list[Record]]
+
+# Records of single pairs go to JSON alone.
+NOT_SHOWN = "pairs"
+
+
+def as_text(rows: list[Record]) -> str:
+    """Records under a line of column names; columns that are empty throughout are left out."""
+    return _table(rows, "plain")
+
+
+def as_markdown(rows: list[Record]) -> str:
+    """The same as a table of Markdown."""
+    return _table(rows, "github")
+
+
+def _table(rows: list[Record], form: str) -> str:
+    columns = [name for name in rows[0] if any(row.get(name) is not None for row in rows)]
+    cells = [[_cell(row.get(column)) for column in columns] for row in rows]
+    align = ("left", *["right"] * (len(columns) - 1))
+    return tabulate(cells, headers=columns, tablefmt=form, colalign=align, disable_numparse=True)
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,73 @@
+"""The page of the paper: its sections, what failed, and sections kept from an earlier run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from benchmarks import paper
+from benchmarks.__main__ import main
+from benchmarks.tables import Tables
+
+
+def section(name: str, tables: Tables) -> paper.Section:
+    def run(data: Path, pairs: int | None, figure: Path) -> Tables:
+        if not tables:
+            raise RuntimeError("no bases")
+        figure.write_bytes(b"")
+        return tables
+
+    return paper.Section(name, name.title(), "It is so.", "It is nearly so.", run)
+
+
+ROWS: Tables = {
+    "rows": [{"method": "ICP", "error": 49.123456, "published": None, "seconds": 1}],
+    "noise": [{"noise": 0.1, "converged": 4}],
+    "pairs": [{"pair": "a b", "curve": [0.5]}],
+}
+
+
+def test_a_page_has_each_section_with_its_tables_and_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "SECTIONS", (section("one", ROWS), section("two", {})))
+    page = tmp_path / "docs" / "paper.md"
+    assert paper.run(tmp_path, 3, page) == ["two: RuntimeError: no bases"]
+    text = page.read_text()
+    assert "| ICP" in text
+    assert "49.12 " in text
+    assert "published |" not in text  # a column that is empty throughout
+    assert "Noise:" in text
+    assert "![One](paper/one.png)" in text
+    assert "--pairs 3" in text
+    assert "**Could not be made**: RuntimeError: no bases." in text
+    assert "curve" not in text
+    assert "pairs" not in json.loads((tmp_path / "docs" / "paper" / "one.json").read_text())["tables"]
+
+
+def test_a_section_is_made_anew_and_the_others_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "paper.md"
+    monkeypatch.setattr(paper, "SECTIONS", (section("one", ROWS), section("two", {})))
+    paper.run(tmp_path, None, page)
+    monkeypatch.setattr(paper, "SECTIONS", (section("one", {}), section("two", ROWS)))
+    assert paper.run(tmp_path, None, page, ("two",)) == []
+    assert page.read_text().count("| ICP") == 2
+
+
+def test_the_command_names_sections_that_fail_and_that_it_does_not_know(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paper, "SECTIONS", (section("one", ROWS), section("two", {})))
+    call = ["paper", "--data", str(tmp_path), "--page", str(tmp_path / "page.md")]
+    failed = CliRunner().invoke(main, call)
+    assert failed.exit_code == 1
+    assert "Sections that could not be made: two: RuntimeError: no bases" in failed.output
+    unknown = CliRunner().invoke(main, [*call, "--only", "three"])
+    assert unknown.exit_code == 1
+    assert "no section 'three': it has one, two" in unknown.output
+    assert CliRunner().invoke(main, [*call, "--only", "one"]).exit_code == 1  # two is still on the page as failed
+
+
+def test_every_section_is_a_command_of_its_own() -> None:
+    assert {each.name for each in paper.SECTIONS} <= set(main.commands)
