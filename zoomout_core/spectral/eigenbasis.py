@@ -10,14 +10,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
-from zoomout_core.arrays import Floats, SingleFloats, check_counts
+from zoomout_core.arrays import Floats, SingleFloats, check_counts, segment_sum
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.decimation import decimated_steps
@@ -93,7 +93,8 @@ class SpectralBasis:
         eigenvectors: (n, k) values at the vertices; orthonormal under `areas`.
         areas: (n,) lumped vertex areas, summing to one; zero for a vertex that no face uses.
         points: (n, 3) the vertices' positions.
-        components: number of connected components: as many of the Laplacian's first eigenvalues are zero.
+        components: number of connected components on which constant functions are eigenfunctions: as many of the first
+            eigenvalues are zero. A Hamiltonian has none where its potential is above zero.
     """
 
     eigenvalues: Floats
@@ -159,40 +160,66 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
         TypeError: the shape is none, or k no whole number.
     """
     surface = as_surface(shape)
-    if not isinstance(k, int | np.integer):
-        raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
+    check_is_whole(k)
     with one_blas_thread:
         working = surface.working
-        basis = _basis_of(working, k, seed)
+        basis = basis_of(working, mesh_laplacian(working.vertices, working.triangles), k, seed)
     return on_shape(basis, shape)
+
+
+def check_is_whole(k: object) -> None:
+    """Check that a number of eigenfunctions is a whole number.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if not isinstance(k, int | np.integer):
+        raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
 
 
 def on_shape(basis: SpectralBasis, shape: Surface | PointCloud) -> SpectralBasis:
     """The basis of a shape's working mesh, with a row for every vertex of the surface, or every point."""
     surface = as_surface(shape)
     working = surface.working
-    vertex_of, components = working.vertex_of, int(working.component.max()) + 1
+    vertex_of = working.vertex_of
     if np.array_equal(vertex_of, np.arange(len(working.vertices))):  # nothing welded, nothing left out
-        return SpectralBasis(basis.eigenvalues, basis.eigenvectors, basis.areas, surface.vertices, components)
+        return replace(basis, points=surface.vertices)
     unused = vertex_of < 0
     copies = np.bincount(vertex_of[~unused], minlength=len(working.vertices))
     areas = np.where(unused, 0, (basis.areas / copies)[vertex_of])
-    return SpectralBasis(
-        basis.eigenvalues, from_working(shape, basis.eigenvectors), areas, surface.vertices, components
-    )
+    return replace(basis, eigenvectors=from_working(shape, basis.eigenvectors), areas=areas, points=surface.vertices)
 
 
-def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:
-    """The basis of a mesh; where its matrix does not fit into memory factorised, nearly, from a smaller mesh.
+def basis_of(
+    mesh: WorkingMesh,
+    laplacian: tuple[csc_array, Floats],
+    k: int,
+    seed: int,
+    potential: Floats | None = None,
+) -> SpectralBasis:
+    """The eigenfunctions of W + diag(areas * potential) on a mesh.
 
-    The functions of the smaller mesh are read at the closest points, and the best combinations of them taken
-    (Rayleigh and Ritz), so that they are orthonormal, and the eigenvalues bounds from above.
+    Where this matrix does not fit into memory factorised, they are taken nearly, from a smaller mesh: its functions are
+    read at the closest points, and the best combinations of them taken (Rayleigh and Ritz), so that they are
+    orthonormal, and the eigenvalues bounds from above.
+
+    Args:
+        mesh: the mesh.
+        laplacian: what `mesh_laplacian` says of it.
+        k: how many eigenfunctions.
+        seed: start of the iteration.
+        potential: (n,) at least zero, in units of eigenvalues; None for the Laplacian alone.
     """
+    stiffness, areas = laplacian
+    constants = mesh.component if potential is None else np.setdiff1d(mesh.component, mesh.component[potential > 0])
+    components = len(np.unique(constants))
+    operator = _with_potential(stiffness, areas, potential)
     try:
-        return drain(working_basis_steps(mesh, k, seed))
+        pairs = drain(eigenpairs_steps(operator, areas, k, seed))
+        return SpectralBasis(*pairs, areas, mesh.vertices, components)
     except MemoryError:
         _log.warning(
-            "There is not enough memory to factorise the Laplacian of %d vertices: its eigenfunctions are taken from a "
+            "There is not enough memory to factorise the matrix of %d vertices: its eigenfunctions are taken from a "
             "mesh of %d, nearly.",
             len(mesh.vertices),
             COARSE_BASIS.vertices,
@@ -200,18 +227,23 @@ def _basis_of(mesh: WorkingMesh, k: int, seed: int) -> SpectralBasis:
     points, triangles, merged = drain(decimated_steps(mesh.vertices, mesh.oriented_triangles, COARSE_BASIS.vertices))
     around = Neighbourhoods(triangles, len(points))
     triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
-    stiffness, areas = mesh_laplacian(points, triangles)
-    _, coarse = drain(eigenpairs_steps(stiffness, areas, int(EIGENSOLVER.surplus * k) + 2, seed))
+    if potential is not None:  # means by area
+        of_coarse = segment_sum(areas, merged)
+        potential = segment_sum(areas * potential, merged) / of_coarse
+    coarse_stiffness, coarse_areas = mesh_laplacian(points, triangles)
+    coarse_operator = _with_potential(coarse_stiffness, coarse_areas, potential)
+    _, coarse = drain(eigenpairs_steps(coarse_operator, coarse_areas, int(EIGENSOLVER.surplus * k) + 2, seed))
     functions = np.einsum("nc,nck->nk", barycentric, coarse[triangles[triangle]])
-    stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
-    damped_inverse = COARSE_BASIS.damping / stiffness.diagonal()[:, None]
+    damped_inverse = COARSE_BASIS.damping / operator.diagonal()[:, None]
     for _ in range(COARSE_BASIS.smoothing):
-        functions -= damped_inverse * (stiffness @ functions)
+        functions -= damped_inverse * (operator @ functions)
     weighted = areas[:, None] * functions
-    eigenvalues, mixing = eigh(
-        functions.T @ (stiffness @ functions), functions.T @ weighted, subset_by_index=(0, k - 1)
-    )
-    return SpectralBasis(np.maximum(eigenvalues, 0), functions @ mixing, areas, mesh.vertices)
+    eigenvalues, mixing = eigh(functions.T @ (operator @ functions), functions.T @ weighted, subset_by_index=(0, k - 1))
+    return SpectralBasis(np.maximum(eigenvalues, 0), functions @ mixing, areas, mesh.vertices, components)
+
+
+def _with_potential(stiffness: csc_array, areas: Floats, potential: Floats | None) -> csc_array:
+    return stiffness if potential is None else csc_array(stiffness + diags_array(potential * areas))
 
 
 def working_basis_steps(mesh: WorkingMesh, k: int, seed: int = 0) -> Generator[float, None, SpectralBasis]:

@@ -10,13 +10,11 @@ from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, diags_array
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import one_blas_thread
-from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps, on_shape
+from zoomout_core.spectral.eigenbasis import SpectralBasis, basis_of, check_is_whole, on_shape
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 
@@ -47,23 +45,21 @@ def hamiltonian_basis(
         TypeError: the shape is none, or k no whole number.
     """
     surface = as_surface(shape)
-    if not isinstance(k, int | np.integer):
-        raise TypeError(f"The number of eigenfunctions is {k!r}: give a whole number.")
+    check_is_whole(k)
     if not (isinstance(strength, Real) and 0 <= strength < np.inf):
         raise ValueError(f"strength is {strength!r}: give a finite number of at least zero.")
     working = surface.working
     barrier = _of_working_vertices(_checked_potential(potential, len(surface.vertices)), working.vertex_of)
-    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    laplacian = mesh_laplacian(working.vertices, working.triangles)
     room = int((barrier < 1).sum())
     if room < max(k, 1):
         raise ValueError(
             f"The potential is below 1 at {room} vertices, too few for {k} eigenfunctions: lower it, or ask for fewer."
         )
-    tau = strength * 4 * np.pi * k / (areas @ (1 - barrier))
+    tau = strength * 4 * np.pi * k / (laplacian[1] @ (1 - barrier))
     with one_blas_thread:
-        hamiltonian = stiffness + diags_array(tau * areas * barrier)
-        eigenvalues, eigenvectors = drain(eigenpairs_steps(csc_array(hamiltonian), areas, k, seed))
-    return on_shape(SpectralBasis(eigenvalues, eigenvectors, areas, working.vertices), shape)
+        basis = basis_of(working, laplacian, k, seed, tau * barrier)
+    return on_shape(basis, shape)
 
 
 def _checked_potential(potential: ArrayLike, n: int) -> Floats:

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import Creature, creature, directions, true_vertex
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
+from zoomout_core.spectral import eigenbasis
+from zoomout_core.tuning import retuned
 
 # Eigenvalues on a hemisphere, at the unit area of its sphere, whose functions vanish on the equator: of the degree l
 # there are l.
@@ -54,6 +58,44 @@ def test_a_cloud_and_split_vertices_have_the_functions_of_their_surface() -> Non
     whole, split = (zo.hamiltonian_basis(sphere, beyond, 6), zo.hamiltonian_basis(soup, beyond[corners], 6))
     np.testing.assert_allclose(split.eigenvalues, whole.eigenvalues, rtol=1e-5)
     np.testing.assert_allclose(split.areas.sum(), 1)
+
+
+def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_smaller_mesh(
+    resting: Creature, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    beyond = resting.directions[:, 0] < 0.1
+    exact = zo.hamiltonian_basis(resting.surface, beyond, 30)
+    factorised = eigenbasis.factorised
+
+    def with_little_memory(matrix: csc_array) -> SuperLU:
+        if matrix.shape[0] > 2500:
+            raise MemoryError
+        return factorised(matrix)
+
+    monkeypatch.setattr(eigenbasis, "factorised", with_little_memory)
+    with retuned(eigenbasis.COARSE_BASIS, vertices=2000):
+        basis = zo.hamiltonian_basis(resting.surface, beyond, 30)
+    assert "not enough memory" in caplog.text
+    np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(30), atol=1e-6)
+    np.testing.assert_allclose(basis.eigenvalues[:20], exact.eigenvalues[:20], rtol=0.1)
+    assert np.linalg.svd(exact.coefficients(basis.eigenvectors), compute_uv=False)[:20].min() > 0.98
+    assert (basis.areas[beyond] @ basis.eigenvectors[beyond] ** 2).max() < 0.02
+
+
+def test_signatures_leave_out_what_is_constant_alone() -> None:
+    """A sphere whose upper half is closed off, beside a small one without a potential: one function is constant."""
+    points = directions(900, seed=3)
+    triangles = ConvexHull(points).simplices
+    sphere, above = zo.Surface(points, triangles), points[:, 2] > 0
+    alone = zo.hamiltonian_basis(sphere, above, 8)
+    assert alone.components == 0
+    lowest = zo.wave_kernel_signature(alone, 1, k=1)  # of the first function
+    np.testing.assert_allclose(lowest[:, 0], alone.eigenvectors[:, 0] ** 2)
+    both = zo.Surface(np.vstack([points, 0.5 * points + [3, 0, 0]]), np.vstack([triangles, triangles + 900]))
+    basis = zo.hamiltonian_basis(both, np.append(above, np.zeros(900, dtype=bool)), 8)
+    assert basis.components == 1
+    assert basis.eigenvalues[0] < 1e-6 < basis.eigenvalues[1]
+    assert zo.hamiltonian_basis(both, np.zeros(1800), 8).components == 2
 
 
 def test_a_part_is_found_on_the_whole(resting: Creature) -> None:
