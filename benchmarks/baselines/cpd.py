@@ -1,0 +1,119 @@
+"""Coherent point drift (CPD), non-rigid.
+
+Myronenko and Song, Point set registration: coherent point drift (2010). The source's points y_m are the centres of a
+Gaussian mixture that the target's points x_n are drawn from, and move by y + v(y), with v(z) = sum_m exp(-||z - y_m||^2
+/ 2 beta^2) w_m. Expectation: the probabilities P_mn that the centre m gave rise to x_n. Maximisation: the weights W of
+
+    (d(P 1) G + lambda sigma^2 I) W = P X - d(P 1) Y,
+
+and the variance sigma^2. The kernel G is replaced by its largest eigenpairs (the paper's section 6), and the iteration
+runs on farthest points; v moves all others. The method knows places alone: it needs poses that are alike.
+
+It is written out here since `pycpd` forms all differences of two points at once, (m, n, 3) numbers in each expectation,
+and moves nothing but the points that it was given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh, solve
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.spectral.sampling import farthest_points
+
+# The authors' choice, for points of mean zero and variance one: width of the kernel, weight of coherence, and the share
+# of outliers.
+BETA, LAMBDA, OUTLIERS = 2.0, 3.0, 0.1
+# Eigenpairs of the kernel, farthest points of each shape, and iterations.
+RANK, SAMPLES, ITERATIONS = 100, 1500, 100
+# The iteration ends when sigma^2 has fallen so far, where nearest points decide.
+LEAST_VARIANCE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """A displacement of space.
+
+    Attributes:
+        centres: (m, 3) of the kernel.
+        weights: (m, 3) W.
+        variance: sigma^2 at the end.
+    """
+
+    centres: Floats
+    weights: Floats
+    variance: float
+
+    def moved(self, points: Floats) -> Floats:
+        """(n, 3) points (n, 3) after the displacement."""
+        return points + kernel(points, self.centres) @ self.weights
+
+
+def cpd(source: Floats, target: Floats, samples: int = SAMPLES) -> Integers:
+    """Bend the source onto the target, and take the nearest points.
+
+    Args:
+        source: (n_s, 3) points that the map lands on.
+        target: (n_t, 3) points that the map starts from, in about the same pose and placement.
+        samples: farthest points of each that the iteration runs on.
+
+    Returns:
+        (n_t,) source point of each target point.
+    """
+    source, target = _normalised(source), _normalised(target)
+    drift = registered(source[farthest_points(source, samples)], target[farthest_points(target, samples)])
+    return np.asarray(cKDTree(drift.moved(source)).query(target)[1])
+
+
+def registered(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Drift:
+    """The displacement that takes points (m, 3) to others (n, 3), both of about mean zero and variance one."""
+    values, vectors = _low_rank(kernel(moving, moving))
+    weights = np.zeros_like(moving)
+    moved = moving
+    variance = float(cdist(moving, fixed, "sqeuclidean").mean() / moving.shape[1])
+    for _ in range(iterations):
+        share = probabilities(moved, fixed, variance)
+        of_moving = share.sum(axis=1)
+        # With G = Q L Q', the inverse is that of a matrix of the rank's size (Woodbury).
+        right = share @ fixed - of_moving[:, None] * moving
+        penalty = LAMBDA * variance
+        small = np.diag(penalty / values) + vectors.T @ (of_moving[:, None] * vectors)
+        inner = solve(small, vectors.T @ right, assume_a="pos")
+        weights = (right - of_moving[:, None] * (vectors @ inner)) / penalty
+        moved = moving + vectors @ (values[:, None] * (vectors.T @ weights))
+        apart = cdist(moved, fixed, "sqeuclidean")
+        variance = float((share * apart).sum() / (share.sum() * moving.shape[1]))
+        if variance < LEAST_VARIANCE:
+            break
+    return Drift(moving, weights, variance)
+
+
+def probabilities(centres: Floats, points: Floats, variance: float) -> Floats:
+    """(m, n) that a centre (m, 3) gave rise to a point (n, 3); a column falls short of one by the outliers."""
+    m, d = centres.shape
+    likelihood = np.exp(cdist(centres, points, "sqeuclidean") / (-2 * variance))
+    uniform = (2 * np.pi * variance) ** (d / 2) * OUTLIERS / (1 - OUTLIERS) * m / len(points)
+    return np.asarray(likelihood / (likelihood.sum(axis=0) + uniform))
+
+
+def kernel(points: Floats, centres: Floats) -> Floats:
+    """(n, m) the Gaussian of the distance of two points."""
+    return np.asarray(np.exp(cdist(points, centres, "sqeuclidean") / (-2 * BETA**2)))
+
+
+def _low_rank(matrix: Floats) -> tuple[Floats, Floats]:
+    """(r,) the largest eigenvalues, those that are none but for rounding left out, and their vectors (m, r)."""
+    m = len(matrix)
+    values, vectors = eigh(matrix, subset_by_index=(max(0, m - RANK), m - 1))
+    kept = values > 1e-10 * values[-1]
+    return values[kept], vectors[:, kept]
+
+
+def _normalised(points: Floats) -> Floats:
+    """Points (n, d) of mean zero and of variance one over all coordinates."""
+    centred = points - points.mean(axis=0)
+    return np.asarray(centred / np.sqrt((centred**2).mean()))
