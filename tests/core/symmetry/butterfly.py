@@ -1,8 +1,9 @@
-"""Small flat shapes whose left and right are known exactly: a test of mirroring takes milliseconds."""
+"""Small shapes whose left and right are known exactly: a test of mirroring takes milliseconds."""
 
 from __future__ import annotations
 
 import numpy as np
+from creatures import directions
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -10,6 +11,10 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.self_map import SelfMap
 
 MIRROR = np.array([-1.0, 1, 1])
+HALF = directions(150, seed=4)
+HALF = HALF[HALF[:, 0] > 0.08]
+# Places on the sphere that the mirror takes to each other.
+EVEN = np.concatenate([HALF, HALF * MIRROR, [[0, np.cos(t), np.sin(t)] for t in np.arange(24) * np.pi / 12]])
 
 
 def grid(columns: int = 12, rows: int = 5, width: float = 2.4, height: float = 1.0) -> Surface:

@@ -8,11 +8,11 @@ from typing import cast
 
 import numpy as np
 import pytest
-from butterfly import MIRROR, grid, mirrored_vertex, self_map
-from creatures import directions
+from butterfly import EVEN, MIRROR, grid, mirrored_vertex, self_map
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import analysis_steps
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
@@ -20,10 +20,6 @@ from zoomout_core.symmetry.detect import _place, energies
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import symmetrised_uv
-
-HALF = directions(150, seed=4)
-HALF = HALF[HALF[:, 0] > 0.08]
-EVEN = np.concatenate([HALF, HALF * MIRROR, [[0, np.cos(t), np.sin(t)] for t in np.arange(24) * np.pi / 12]])
 
 
 def egg(scale: float = 1.0) -> SelfMap:
@@ -49,6 +45,22 @@ def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
     off = np.linalg.norm(found - np.diag(MIRROR), axis=(1, 2))
     assert np.median(off) < 0.05
     assert off.max() < 0.5
+
+
+def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mirror: SelfMap) -> None:
+    near, surface = np.array([3, 70]), mirror.surface
+    more = Surface(np.vstack([surface.vertices, 1.001 * surface.vertices[near], [[np.nan] * 3]]), surface.triangles)
+    shape = drain(analysis_steps(more.working, 100, 150, 0))
+    image = np.append(mirrored_vertex(surface), [0, 0, 0])
+    loose = replace(
+        mirror,
+        surface=more,
+        surface_map=SurfaceMap.from_vertices(image, more),
+        prepared=shape,
+        distance=np.append(mirror.distance, [0, 0, 0]),
+    )
+    found = frames(loose)
+    np.testing.assert_allclose(found[len(EVEN) : len(EVEN) + 2], found[near], atol=1e-12)
 
 
 def test_displacements_are_mirrored_and_each_direction_takes_its_side(mirror: SelfMap) -> None:

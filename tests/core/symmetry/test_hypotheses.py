@@ -18,7 +18,9 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.hypotheses import (
+    _choices,
     blocks_of_eigenfunctions,
+    mirroring_descriptors,
     mirroring_pairings,
     turning_pairings,
 )
@@ -107,7 +109,7 @@ def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple
     maps = [guess.functional_map for guess in blocks_of_eigenfunctions(shape)]
     assert 2 <= len(maps) <= 8
     for i, one in enumerate(maps):
-        assert len(one) > COUNT
+        assert len(one) == COUNT + 1  # the constant function among them
         np.testing.assert_allclose(one @ one.T, np.eye(len(one)), atol=1e-9)
         assert all(np.linalg.norm(one - other) > 0.5 * np.linalg.norm(other) for other in maps[:i])
 
@@ -145,6 +147,24 @@ def test_axes_of_a_cube_change_places() -> None:
             np.testing.assert_array_equal(np.abs(nearest).sum(axis=0), 1)
             orders.add(tuple(np.abs(nearest).argmax(axis=0)))
     assert len(orders) > 1
+
+
+@pytest.mark.parametrize(("size", "count"), [(1, 2), (2, 16), (3, 48)])
+def test_an_eigenspace_is_mapped_to_itself_in_distinct_ways_half_of_which_mirror(size: int, count: int) -> None:
+    choices = np.stack(_choices(size))
+    assert choices.shape == (count, size, size)
+    np.testing.assert_allclose(choices @ choices.transpose(0, 2, 1), np.tile(np.eye(size), (count, 1, 1)), atol=1e-12)
+    assert np.linalg.det(choices).round().sum() == 0
+    apart = np.linalg.norm(choices[:, None] - choices, axis=(2, 3))
+    assert apart[~np.eye(count, dtype=bool)].min() > 0.1
+
+
+def test_descriptors_are_fitted_for_mirrors(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
+    shape, truth = stone
+    found = mirroring_descriptors(shape)
+    identity = np.eye(len(truth))
+    assert found
+    assert min(closeness(found, truth)) < min(closeness(found, identity))
 
 
 def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:

@@ -142,6 +142,19 @@ def test_groups_to_a_vertex_stay_as_few_as_they_were_and_can_be_fewer() -> None:
     assert np.diff(one.indptr).max() == 1
 
 
+def test_where_no_vertex_has_a_weight_none_gets_one() -> None:
+    skin = weights(np.zeros((len(X), 2)), ("a", "b"))
+    for direction in ("average", "left_to_right"):
+        assert symmetrised(skin, SYMMETRY, direction).values.nnz == 0  # type: ignore[arg-type]
+
+
+def test_values_that_are_alike_or_not_differ_if_any_of_their_numbers_does() -> None:
+    same = np.tile([1.0, 0, 0, 0], (len(X), 1))
+    assert not asymmetry(point(same, zo.Kind.QUATERNION), SYMMETRY).any()
+    other = np.where(LEFT[:, None], same, [0, 0, 0, 1.0])
+    np.testing.assert_array_equal(asymmetry(point(other, zo.Kind.QUATERNION), SYMMETRY), ~MIDDLE)
+
+
 def test_partners_that_are_missing_are_added_once() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
     both = with_partners(skin)

@@ -59,6 +59,12 @@ def test_a_point_reflection_does_not() -> None:
     assert signed_distance(onto(ball, places * MIRROR), shape) is not None
 
 
+def test_the_identity_has_neither_sides_nor_a_left(made: Creature, shape: ShapeAnalysis) -> None:
+    same = SurfaceMap.from_vertices(np.arange(len(made.directions)), made.surface)
+    assert signed_distance(same, shape) is None
+    assert leftward(made.directions[:, 0], same, made.surface, X) == 0
+
+
 def test_a_mirror_of_which_half_is_noise_still_does(made: Creature, shape: ShapeAnalysis) -> None:
     random = np.random.default_rng(0)
     off = np.where(random.random((400, 1)) < 0.5, random.normal(scale=1.0, size=(400, 3)), 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import cast
 
@@ -75,6 +76,24 @@ def test_each_criterion_puts_the_better_map_first(
         assert (one.sample_map == maps[1]).all()
         assert one.certainty > other.certainty
         assert one.scores["total"] < other.scores["total"]
+
+
+def test_twice_the_error_weighs_the_more_the_surer_the_criterion_is(square: ShapeAnalysis) -> None:
+    def total(**scores: float) -> float:
+        (one,) = in_order([candidate(LEFT_RIGHT, **scores)], square)
+        return one.scores["total"]
+
+    twice = [
+        total(**{name: 2 * GOOD[name]} if name != "curvature" else {name: 1 - 2 * (1 - GOOD[name])}) - total()
+        for name in ("commutativity", "place", "distance", "curvature")
+    ]
+    # Each by a quarter to three quarters more than the next, as fitted to the benchmark.
+    for more, less in pairwise(twice):
+        assert 1.2 < more / less < 1.75
+    # Pseudo-scalars that turn the wrong way count as much as some three times the error of commutativity.
+    lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5]))
+    first, second = in_order([candidate(LEFT_RIGHT), candidate(UP_DOWN)], lopsided)
+    assert 1.5 < (second.scores["total"] - first.scores["total"]) / twice[0] < 3
 
 
 @pytest.mark.parametrize(

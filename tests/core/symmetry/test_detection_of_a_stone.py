@@ -1,0 +1,178 @@
+"""A stone's only symmetry is found in a third of a second: what it is, on which sides, and among which bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from types import SimpleNamespace
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from butterfly import EVEN, MIRROR, self_map
+from scipy.spatial import ConvexHull
+
+import zoomout_core as zo
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import Steps
+from zoomout_core.symmetry import detect
+from zoomout_core.symmetry.self_map import main_shape_steps
+
+T = TypeVar("T")
+
+SMALL = {"k_final": 40, "samples": 100}
+CLEAR = np.abs(EVEN[:, 0]) > 0.1
+
+
+def stone(places: np.ndarray) -> Surface:
+    """A stone whose left and right are alike and nothing else is, with vertices that stand for places on the sphere."""
+    triangles = ConvexHull(places).simplices
+    a, b, c = (places[triangles[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    _, y, z = places.T
+    return Surface(places * (1 + 0.25 * z + 0.2 * y * z + 0.15 * y)[:, None] * [1, 0.75, 0.55], triangles)
+
+
+def about_z(angle: float) -> np.ndarray:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+
+
+def turned(angle: float) -> Surface:
+    """The stone, turned about z."""
+    straight = stone(EVEN)
+    return straight.with_vertices(straight.vertices @ about_z(angle).T)
+
+
+def last_of(steps: Steps[T]) -> tuple[T, list[float]]:
+    """What steps return, and the fractions that they tell of."""
+    fractions = []
+    while True:
+        try:
+            fractions.append(next(steps).fraction)
+        except StopIteration as stop:
+            return stop.value, fractions
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[zo.Symmetry, ...]:
+    return zo.detect_symmetry(stone(EVEN), **SMALL)
+
+
+def test_the_mirror_of_a_mesh_that_has_it_is_exact_and_the_only_one(found: tuple[zo.Symmetry, ...]) -> None:
+    (mirror,) = found
+    places = mirror.surface.vertices
+    np.testing.assert_allclose(mirror.surface_map.interpolate(places), places * MIRROR, atol=1e-4)
+    assert (mirror.reverses_orientation, mirror.order, mirror.notes) == (True, 2, ())
+    assert mirror.certainty > 0.95
+    assert mirror.return_error < 1e-4
+    assert mirror.confidence.min() > 0.9
+
+
+def test_what_lies_to_the_left_is_left(found: tuple[zo.Symmetry, ...]) -> None:
+    x = EVEN[:, 0]
+    np.testing.assert_array_equal(found[0].sides(1e-6), np.where(np.abs(x) < 1e-9, 0, np.sign(x)))
+
+
+@pytest.mark.parametrize("angle", [-1.0, 1.0])
+def test_left_is_along_x(angle: float) -> None:
+    (mirror,) = zo.detect_symmetry(turned(angle), **SMALL)
+    assert mirror.notes == ()
+    np.testing.assert_array_equal(mirror.sides()[CLEAR], np.sign(EVEN[CLEAR, 0]))
+
+
+def test_an_axis_of_any_length_may_be_given() -> None:
+    (mirror,) = zo.detect_symmetry(turned(2.0), left=-3 * about_z(2.0)[:, 0], **SMALL)
+    np.testing.assert_array_equal(mirror.sides()[CLEAR], -np.sign(EVEN[CLEAR, 0]))
+
+
+def test_an_axis_in_the_mirror_is_no_help() -> None:
+    (mirror,) = zo.detect_symmetry(turned(1.0), left=about_z(1.0)[:, 1], **SMALL)
+    assert "hardly tells left from right" in mirror.notes[0]
+    assert mirror.has_sides
+
+
+def test_on_a_mesh_that_has_no_mirror_it_leads_back_all_the_same() -> None:
+    places = EVEN + 0.02 * np.random.default_rng(0).normal(size=EVEN.shape)
+    mesh = stone(places / np.linalg.norm(places, axis=1, keepdims=True))
+    mirror = zo.detect_symmetry(mesh, **SMALL)[0]
+    off = np.linalg.norm(mirror.surface_map.interpolate(mesh.vertices) - mesh.vertices * MIRROR, axis=1)
+    assert (mirror.order, mirror.reverses_orientation) == (2, True)
+    assert off.mean() < 0.02
+    # 0.007 before it is made to undo itself
+    assert mirror.return_error < 0.004
+
+
+def test_a_shape_is_analysed_once_and_says_how_far_it_is() -> None:
+    mesh = stone(EVEN)
+    found, fractions = last_of(main_shape_steps(mesh))
+    assert zo.detect_symmetry(mesh)[0].shape is found
+    assert self_map(mesh).shape is found
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0, 1)
+    assert sum(0 < fraction < 0.041 for fraction in fractions) > 2
+    assert sum(0.041 < fraction < 1 for fraction in fractions) > 2
+
+
+def test_progress_never_goes_back_and_tells_of_all_parts() -> None:
+    _, fractions = last_of(detect.detect_symmetry_steps(stone(EVEN), **SMALL))
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0, 1)
+    assert sum(0.4 < fraction < 0.56 for fraction in fractions) > 10
+    assert sum(0.69 < fraction < 1 for fraction in fractions) > 3
+
+
+# --- which body, and how many of its symmetries --------------------------------------------------------------
+
+
+def chosen(
+    monkeypatch: pytest.MonkeyPatch, bodies: list[tuple[float, list[float]]], **options: int
+) -> tuple[list[float], int]:
+    """The certainties of what is returned of bodies with a coverage and candidates each, and how many were analysed."""
+    analysed = []
+
+    def steps(value: object) -> Generator[float, None, object]:
+        yield 1.0
+        return value
+
+    def no_steps(value: object) -> Iterator[zo.Progress]:
+        yield from ()
+        return value
+
+    def candidates(shape: list[float]) -> Generator[float, None, object]:
+        analysed.append(shape)
+        found = [SimpleNamespace(certainty=one, scores={"total": -one}, functional_map=np.eye(2)) for one in shape]
+        return (yield from steps(found))
+
+    def symmetry(pair: object, candidate: SimpleNamespace, left: object) -> Generator[float, None, object]:
+        surface = stone(EVEN[::4])
+        confidence = np.ones(len(surface.vertices))
+        return (
+            yield from steps(SimpleNamespace(certainty=candidate.certainty, surface=surface, confidence=confidence))
+        )
+
+    listed = [SimpleNamespace(source=certainties, coverage=coverage) for coverage, certainties in bodies]
+    monkeypatch.setattr(detect, "bodies_of_steps", lambda *_: no_steps(listed))
+    monkeypatch.setattr(detect, "body_shape_steps", lambda body, *_: no_steps(body))
+    monkeypatch.setattr(detect, "candidate_steps", candidates)
+    monkeypatch.setattr(detect, "_symmetry_steps", symmetry)
+    result = zo.detect_symmetry(stone(EVEN[::4]), **options)
+    return [one.certainty for one in result], len(analysed)
+
+
+def test_a_sure_body_is_enough_and_else_the_better_one_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert chosen(monkeypatch, [(1.0, [0.99]), (1.0, [0.999])]) == ([0.99], 1)
+    assert chosen(monkeypatch, [(1.0, [0.3]), (1.0, [0.9])]) == ([0.9], 2)
+    assert chosen(monkeypatch, [(1.0, [0.5]), (1.0, [0.2])]) == ([0.5], 2)
+    assert chosen(monkeypatch, [(1.0, []), (1.0, [0.2])]) == ([0.2], 2)
+    assert chosen(monkeypatch, [(1.0, []), (1.0, [])]) == ([], 2)
+
+
+def test_the_first_is_returned_however_unlikely_and_others_only_if_they_are_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert chosen(monkeypatch, [(1.0, [0.01, 0.009])])[0] == [0.01]
+    assert chosen(monkeypatch, [(1.0, [0.9, 0.5, 0.06, 0.04])])[0] == [0.9, 0.5, 0.06]
+    many = list(np.linspace(0.9, 0.5, 20))
+    assert chosen(monkeypatch, [(1.0, many)])[0] == many[:8]
+    assert chosen(monkeypatch, [(1.0, many)], most=3)[0] == many[:3]
