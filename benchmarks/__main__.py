@@ -171,16 +171,18 @@ def discretisation(data: Path, pairs: int | None, json_file: Path | None) -> Non
 
 @main.command("step_size")
 @common_options
-def step_size(data: Path, pairs: int | None, json_file: Path | None) -> None:
+@figure_option
+def step_size(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """How exact ZoomOut is with steps of 1 to 50, beside spectral ICP."""
-    report(step_size_table.run(data, pairs), data, json_file)
+    report(step_size_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command("initial_size")
 @common_options
-def initial_size(data: Path, pairs: int | None, json_file: Path | None) -> None:
+@figure_option
+def initial_size(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """How exact ZoomOut is from functional maps of several sizes, and how much noise it bears."""
-    report(initial_size_table.run(data, pairs), data, json_file)
+    report(initial_size_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command("point_clouds")

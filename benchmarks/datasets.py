@@ -67,6 +67,11 @@ def sets_in(folder: Path) -> list[Path]:
     return sorted({path.parent for mark in marks for path in folder.glob(mark)})
 
 
+def is_far(folder: Path) -> bool:
+    """Whether the shapes of a set are far from isometric."""
+    return "nonisometric" in folder.name
+
+
 def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
     """The pairs of a set in both directions, or `most` of them evenly spread over the list."""
     if (folder / TEMPLATE).is_file():

@@ -23,24 +23,27 @@ def test_maps_of_a_set_are_found_by_their_method(data: Path) -> None:
     assert np.nanmean(pair.errors(vertex[:, None])) < 30
 
 
-def test_each_step_has_a_row_beside_icp(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_step_has_a_row_beside_icp(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"START": "ini_direct", "CLASS": "a", "INITIAL": 6, "FINAL": 40, "STEPS": (2, 10)}.items():
         monkeypatch.setattr(step_size, name, value)
     assert step_size.run(data, None)["rows"] == []  # b is of another class
     monkeypatch.setattr(step_size, "CLASS", "")
-    rows = {row["step"]: row for row in step_size.run(data, None)["rows"]}
+    rows = {row["step"]: row for row in step_size.run(data, None, tmp_path / "steps.png")["rows"]}
     assert list(rows) == ["initial", step_size.ICP, "2", "10"]
     assert rows["2"]["mean error"] < 40
     assert all(row["pairs"] == 1 for row in rows.values())
+    assert (tmp_path / "steps.png").is_file()
 
 
-def test_true_maps_converge_and_noise_does_not(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_true_maps_converge_and_noise_does_not(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = {"START": "ini_direct", "SIZES": (6, 20), "FINAL": 40, "NOISES": (0.0, 5.0), "DRAWS": 4}
     for name, value in settings.items():
         monkeypatch.setattr(initial_size, name, value)
     monkeypatch.setattr(initial_size, "NOISY_SIZE", 8)
-    tables = initial_size.run(data, None)
+    tables = initial_size.run(data, None, tmp_path / "sizes.png")
     assert [(row["size"], row["right"]) for row in tables["rows"]] == [(6, 1), (20, 1)]
+    assert tables["rows"][0]["mean error"] < tables["rows"][0]["initial"]  # six functions say little
+    assert (tmp_path / "sizes.png").is_file()
     assert [row["draws"] for row in tables["noise"]] == [4, 4]
     assert tables["noise"][0]["converged"] == 4
     assert tables["noise"][1]["converged"] < 4
@@ -52,3 +55,9 @@ def test_the_true_functional_map_takes_functions_to_their_places(data: Path) -> 
     carried = target.eigenvectors[:, :10] @ initial_size.true_map(pair, source, target, 10)
     there = source.eigenvectors[pair.source_vertex, :10]
     assert np.corrcoef(carried[pair.target_vertex, 1], there[:, 1])[0, 1] > 0.95
+
+
+def test_sets_that_are_far_from_isometric_say_nothing_of_sizes(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(initial_size, "START", "ini_direct")
+    monkeypatch.setattr(initial_size, "is_far", lambda folder: folder.name == SET)
+    assert initial_size.run(data, None)["rows"] == []
