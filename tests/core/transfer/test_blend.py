@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 from transfer_meshes import sheet, tube
 
 from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend
+from zoomout_core.transfer.attribute import is_nothing, nothing
 
 TARGET = sheet(tube, 12, 6).surface
 N = len(TARGET.vertices)
@@ -126,6 +127,24 @@ def test_groups_that_the_target_lacks_are_scaled() -> None:
     for present in (None, skin(("d", "e"), 2)):
         result = blend(new, present, TARGET, Blend(mask=MASK)).values
         np.testing.assert_allclose(result.toarray(), new.values.toarray() * MASK[:, None], atol=1e-12)
+
+
+def test_only_a_full_mix_replaces_what_was_there() -> None:
+    assert Blend().replaces
+    for how in (Blend("missing"), Blend(factor=0.9), Blend(mask=np.ones(N)), Blend("missing", 0.5)):
+        assert not how.replaces
+
+
+def test_nothing_is_zero_false_or_empty_in_all_columns() -> None:
+    names = np.array([["", ""], ["a", ""], ["", "b"]], dtype=object)
+    assert nothing(names, 2).tolist() == [["", ""], ["", ""]]
+    np.testing.assert_array_equal(is_nothing(names), [True, False, False])
+    table = np.zeros((3, 2, 2), dtype=np.float32)
+    table[1, 1, 0] = 1e-9
+    assert nothing(table, 5).shape == (5, 2, 2)
+    assert nothing(table, 5).dtype == np.float32
+    np.testing.assert_array_equal(is_nothing(table), [True, False, True])
+    np.testing.assert_array_equal(is_nothing(np.array([False, True])), [True, False])
 
 
 def test_wrong_ways_to_blend_are_refused() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from test_edges import shape_of
@@ -11,7 +9,9 @@ from transfer_meshes import nearest_map, plate
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind
+from zoomout_core.transfer.edges import snap_marks, transfer_edges
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.polylines import polylines_of, runs, sample
 
 SIZE = 20
@@ -37,9 +37,9 @@ def carried(
     confidence: np.ndarray | float = 1.0,
 ) -> Attribute:
     surface_map = surface_map or nearest_map(target.vertices, source)
-    match = SimpleNamespace(surface_map=surface_map, confidence=np.broadcast_to(confidence, len(target.vertices)))
+    mapped = MappedTarget(source, target, surface_map, np.broadcast_to(confidence, len(target.vertices)))
     kind = Kind.BOOLEAN if marked.dtype == bool else Kind.SCALAR
-    return transfer(Attribute("line", Domain.EDGE, kind, marked), match, source, target)
+    return transfer_edges(Attribute("line", Domain.EDGE, kind, marked), mapped)
 
 
 def left_out(result: Attribute) -> float:
@@ -80,10 +80,8 @@ def test_lines_need_little_trust_but_some(confidence: float, drawn: bool) -> Non
 def test_marks_of_vertices_need_little_trust_but_some(confidence: float, kept: bool) -> None:
     mesh = band()
     marks = np.where(np.arange(len(mesh.vertices)) % 50 == 7, 0.5, 0)
-    match = SimpleNamespace(
-        surface_map=nearest_map(mesh.vertices, mesh), confidence=np.full(len(mesh.vertices), confidence)
-    )
-    result = transfer(Attribute("crease", Domain.POINT, Kind.MARK, marks), match, mesh, mesh)
+    mapped = MappedTarget(mesh, mesh, nearest_map(mesh.vertices, mesh), np.full(len(mesh.vertices), confidence))
+    result = snap_marks(Attribute("crease", Domain.POINT, Kind.MARK, marks), mapped)
     np.testing.assert_array_equal(result.values, marks * kept)
     assert len(result.notes) == (0 if kept else 1)
 

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
-from transfer_meshes import identity, nearest_map, plate
+from transfer_meshes import globe, identity, nearest_map, plate
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.mesh.triangles import triangle_areas, unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.cut_mesh import cut_open
+from zoomout_core.transfer.frames import frames_of, frames_on, on_working_mesh, rotations
 from zoomout_core.transfer.inpaint import filling
+from zoomout_core.transfer.interpolate import MIX, VOTE
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.normals import turn_directions
 from zoomout_core.transfer.weights import limit_weights, sum_to_one
 
 MESH = plate(20, 20, jitter=0.1)
@@ -35,6 +41,98 @@ def side_by_side(*parts: tuple[Surface, tuple[float, float, float], float]) -> t
     vertices = np.concatenate([size * part.vertices + np.array(place) for part, place, size in parts])
     faces = [part.corner_vertex.reshape(-1, 4) + start for (part, _, _), start in zip(parts, starts, strict=False)]
     return Surface(vertices, np.concatenate(faces)), np.repeat(np.arange(len(parts)), np.diff(starts))
+
+
+def mapped_onto(source: Surface, target: Surface, confidence: np.ndarray | float = 1.0) -> MappedTarget:
+    """A target whose vertices lie at those of the source of the same numbers."""
+    vertices = np.arange(len(target.vertices))
+    there = SurfaceMap.from_vertices(vertices, source)
+    return MappedTarget(source, target, there, np.broadcast_to(confidence, len(vertices)))
+
+
+# --- where faces and corners lie ----------------------------------------------------------------------------
+
+
+def test_points_of_faces_lie_between_their_corners() -> None:
+    random, mapped = np.random.default_rng(0), mapped_onto(MESH, MESH)
+    triangle, barycentric = random.integers(0, len(MESH.triangles), 200), random.dirichlet((1, 1, 1), 200)
+    places = np.einsum("qc,qcx->qx", barycentric, MESH.vertices[MESH.triangles[triangle]])
+    found = SurfaceMap(*mapped.locate(triangle, barycentric), MESH.triangles).interpolate(MESH.vertices)
+    np.testing.assert_allclose(found, places, atol=1e-9)
+
+
+def test_samples_stand_for_equal_areas_of_the_faces_asked_for_and_weigh_by_confidence() -> None:
+    confidence = np.where(X > 0.5, 0.8, 0.0)
+    mapped, faces = mapped_onto(MESH, MESH, confidence), np.array([3, 17, 200, 399])
+    samples = mapped.samples(faces)
+    np.testing.assert_array_equal(samples.face, np.repeat(faces, 8))  # two triangles of four samples each
+    area = np.bincount(MESH.triangle_face, triangle_areas(MESH.vertices, MESH.triangles))[faces]
+    np.testing.assert_allclose(np.add.reduceat(samples.area, np.arange(4) * 8), area, rtol=1e-6)
+    trust = (samples.weight / samples.area)[[0, -1]]
+    assert 0 < trust[0] < 0.01
+    assert trust[1] == pytest.approx(0.8, abs=0.01)
+    places = np.einsum("qc,qcx->qx", samples.barycentric, MESH.vertices[MESH.triangles[samples.triangle]])
+    weighted = np.add.reduceat(samples.area[:, None] * places, np.arange(4) * 8) / area[:, None]
+    first = np.isin(MESH.triangle_face, faces)
+    middles = MESH.vertices[MESH.triangles[first]].mean(axis=1)
+    areas = triangle_areas(MESH.vertices, MESH.triangles[first])
+    centres = np.add.reduceat(areas[:, None] * middles, np.arange(4) * 2) / area[:, None]
+    np.testing.assert_allclose(weighted, centres, atol=1e-6)
+
+
+def test_corners_are_moved_a_little_into_their_own_face() -> None:
+    mapped = mapped_onto(MESH, MESH)
+    corners = np.arange(0, len(MESH.corner_vertex), 7)
+    triangle, barycentric = mapped.nudged(corners)
+    np.testing.assert_array_equal(MESH.triangle_face[triangle], MESH.corner_face[corners])
+    here = SurfaceMap(triangle, barycentric, MESH.triangles).interpolate(MESH.vertices)
+    off = np.linalg.norm(here - MESH.vertices[MESH.corner_vertex[corners]], axis=1) * 20
+    assert 0.05 < off.min() < off.max() < 0.25  # of a face's width
+
+
+def test_balls_hold_the_corners_of_faces_and_touch_the_farthest() -> None:
+    mapped = mapped_onto(MESH, MESH)
+    middle, radius = mapped.balls
+    corners = MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3)
+    np.testing.assert_allclose(middle, corners.mean(axis=1))
+    np.testing.assert_allclose(np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1), radius)
+    around = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).sum(axis=1)
+    np.testing.assert_allclose(mapped.circumference, around)
+
+
+def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
+    middle = MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0]
+    cut = cut_open(MESH, np.where(middle > 0.5, 1.0, 0.0)[MESH.corner_face][:, None])
+    near = mapped_onto(MESH, MESH).near_border(cut)
+    inner = (np.abs(MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3)[:, :, 1] - 0.5).max(axis=1) < 0.4) & (
+        np.abs(middle - 0.5) < 0.4
+    )
+    assert near[np.abs(middle - 0.5) < 0.05].all()
+    assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
+    # A face whose corners lie on two islands lies across, however far from the cut its middle is.
+    coarse = plate(2, 1)
+    assert MappedTarget(MESH, coarse, nearest_map(coarse.vertices, MESH), np.ones(6)).near_border(cut).all()
+
+
+def test_labels_at_vertices_are_those_of_the_largest_part_not_of_the_largest_corner() -> None:
+    label = np.arange(len(X))
+    triangle = np.arange(len(MESH.triangles))
+    one, two, three = MESH.triangles.T
+    label[two], label[three] = -1, -1
+    assert label[one[0]] != -1
+    target = plate(1, 1)
+    there = SurfaceMap(np.full(4, triangle[0]), np.tile([0.4, 0.3, 0.3], (4, 1)), MESH.triangles)
+    mapped = MappedTarget(MESH, target, there, np.ones(4))
+    np.testing.assert_array_equal(VOTE[Domain.POINT](point(Kind.LABEL, label), mapped).values, -1)
+
+
+def test_numbers_keep_their_columns_on_all_domains() -> None:
+    mapped = mapped_onto(MESH, MESH)
+    for domain, count in ((Domain.POINT, len(X)), (Domain.FACE, 400), (Domain.CORNER, 1600)):
+        values = np.random.default_rng(0).random((count, 2, 3)).astype(np.float32)
+        found = MIX[domain](Attribute("x", domain, Kind.VECTOR, values), mapped).values
+        assert found.dtype == np.float32
+        np.testing.assert_allclose(found, values, atol=1e-6)
 
 
 # --- weights ------------------------------------------------------------------------------------------------
@@ -146,6 +244,89 @@ def test_growth_against_the_whole_is_bounded(grown: float, low: float, high: flo
     length = np.linalg.norm(found[part == 1, 0], axis=1) / np.linalg.norm(offsets[part == 1, 0], axis=1)
     whole = np.sqrt(target.area / source.area)
     assert low * whole < np.median(length) < high * whole
+
+
+TURN = Rotation.from_rotvec([0.3, -0.5, 1.1]).as_matrix()
+# A closed body without any symmetry.
+GLOBE = globe(16, 10)[0]
+BODY = GLOBE.with_vertices(GLOBE.vertices * (1 + 0.3 * GLOBE.vertices[:, [1, 2, 0]]) * [1, 0.7, 1.4])
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_frames_of_a_body_that_is_turned_and_grown_are_that_turn_or_mirror_and_that_growth(mirror: int) -> None:
+    linear = 3 * TURN @ np.diag([1, 1, mirror])
+    frames = frames_of(mapped_onto(BODY, BODY.with_vertices(BODY.vertices @ linear.T + 5)))
+    np.testing.assert_allclose(frames.rotations, np.tile(linear / 3, (len(frames.number), 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(frames.turns, np.tile(linear, (len(frames.number), 1, 1)), atol=1e-5)
+    np.testing.assert_allclose(frames.areas.sum(), 1)
+
+
+def test_frames_are_blind_to_what_is_not_trusted() -> None:
+    x = BODY.vertices[:, 0]
+    wrong = x > 0.6 * x.max()
+    target = BODY.with_vertices(BODY.vertices @ TURN.T)
+    image = np.arange(len(x))
+    image[wrong] = np.random.default_rng(0).permutation(np.flatnonzero(wrong))
+    mapped = MappedTarget(BODY, target, SurfaceMap.from_vertices(image, BODY), np.where(wrong, 0.0, 1.0))
+    trusting = replace(mapped, confidence=np.ones(len(x)))
+    off, misled = (np.linalg.norm(frames_of(one).rotations - TURN, axis=(1, 2)) for one in (mapped, trusting))
+    assert 4 < wrong.sum() < 40
+    assert off.mean() < 0.03
+    assert misled[wrong].mean() > 1
+    assert misled[~wrong].mean() > 4 * off[~wrong].mean()
+
+
+def test_frames_on_some_vertices_are_on_their_neighbours_as_well() -> None:
+    mapped, some = mapped_onto(BODY, BODY), BODY.vertices[:, 2] > 0.5
+    edges, _ = unique_edges(BODY.triangles)
+    reached = some.copy()
+    reached[edges[some[edges].any(axis=1)]] = True
+    found = frames_on(mapped, some)
+    np.testing.assert_array_equal(found.number, np.flatnonzero(reached))
+    np.testing.assert_allclose(found.stiffness.sum(axis=0), 0, atol=1e-9)
+
+
+def test_rotations_of_faces_corners_and_loose_vertices_are_those_of_what_is_around() -> None:
+    # A plate that is rolled up turns from column to column.
+    rolled = MESH.with_vertices(np.column_stack([np.sin(2 * X) / 2, Y, np.cos(2 * X) / 2]))
+    above = np.array([[0.25, 0.5, 0.001], [0.75, 0.5, 0.001]])
+    beside = np.column_stack([np.sin(2 * above[:, 0]) / 2, above[:, 1], np.cos(2 * above[:, 0]) / 2])
+    faces = MESH.corner_vertex.reshape(-1, 4)
+    source, target = (
+        Surface(np.vstack([surface.vertices, more]), faces) for surface, more in ((MESH, above), (rolled, beside))
+    )
+    image = np.append(np.arange(len(X)), [0, 0])
+    mapped = MappedTarget(source, target, SurfaceMap.from_vertices(image, source), np.ones(len(image)))
+    at_points, at_corners, at_faces = (
+        rotations(mapped, domain) for domain in (Domain.POINT, Domain.CORNER, Domain.FACE)
+    )
+    np.testing.assert_array_equal(at_corners, at_points[MESH.corner_vertex])
+    around = at_corners.reshape(-1, 4, 3, 3).mean(axis=1)
+    assert np.linalg.norm(at_faces - around, axis=(1, 2)).max() < 0.01
+    np.testing.assert_allclose(np.linalg.det(at_faces), 1)
+    nearest = np.linalg.norm(rolled.vertices - beside[:, None], axis=2).argmin(axis=1)
+    np.testing.assert_allclose(at_points[-2:], at_points[nearest])
+    angle = np.degrees(Rotation.from_matrix(at_points[: len(X)]).magnitude())
+    inner = np.minimum(np.minimum(X, 1 - X), np.minimum(Y, 1 - Y)) > 0.15
+    np.testing.assert_allclose(angle[inner], np.degrees(2 * X[inner]), atol=4)
+
+
+def test_directions_keep_their_length_where_they_are_mixed_and_turned() -> None:
+    values = np.random.default_rng(0).normal(size=(len(X), 3))
+    target = MESH.with_vertices(MESH.vertices @ TURN.T)
+    found = turn_directions(point(Kind.DIRECTION, values), mapped_onto(MESH, target)).values
+    np.testing.assert_allclose(found, values @ TURN.T, atol=1e-6)
+
+
+def test_of_vertices_that_are_welded_the_first_one_counts() -> None:
+    # The column in the middle is there twice.
+    left, right = plate(2, 2), plate(2, 2)
+    vertices = np.vstack([left.vertices, right.vertices + np.array([1, 0, 0]), [[9, 9, 9]]])
+    faces = left.corner_vertex.reshape(-1, 4)
+    working = Surface(vertices, np.vstack([faces, faces + 9])).working
+    assert len(working.vertices) == 15
+    found = on_working_mesh(working, np.arange(19))
+    np.testing.assert_array_equal(np.sort(found), [*range(9), *range(12, 18)])
 
 
 @pytest.mark.parametrize(("confidence", "followed"), [(1.0, True), (0.6, True), (0.2, False), (0.0, False)])
