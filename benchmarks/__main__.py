@@ -11,12 +11,14 @@ import click
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
 from benchmarks import initial_size as initial_size_table
+from benchmarks import overfitting as overfitting_table
 from benchmarks import paper as paper_page
 from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
 from benchmarks import refinement as refinement_tables
 from benchmarks import scale as scale_tables
+from benchmarks import signs as signs_table
 from benchmarks import speed as speed_tables
 from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
@@ -183,6 +185,22 @@ def step_size(data: Path, pairs: int | None, json_file: Path | None, figure: Pat
 def initial_size(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """How exact ZoomOut is from functional maps of several sizes, and how much noise it bears."""
     report(initial_size_table.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
+def overfitting(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """How exact maps are that descriptors were fitted by, against the size of the fit, and ZoomOut beside them."""
+    report(overfitting_table.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
+def signs(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """Symmetries from the signs of the first four eigenfunctions, ranked by how they commute with the Laplacian."""
+    report(signs_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command("point_clouds")

@@ -29,7 +29,7 @@ def object_rows() -> list[dict[str, Any]]:
         motions: list[Floats] = []
         off = 0.0
         for symmetry in found:
-            motion, distance = rigid_motion(symmetry)
+            motion, distance = rigid_motion(surface, symmetry.surface_map)
             if distance < RIGID and all(np.linalg.norm(motion - other) > 0.5 for other in motions):
                 motions.append(motion)
                 off = max(off, distance)
@@ -46,15 +46,15 @@ def object_rows() -> list[dict[str, Any]]:
     return rows
 
 
-def rigid_motion(symmetry: zo.Symmetry) -> tuple[Floats, float]:
-    """The orthogonal matrix (3, 3) that is most like a symmetry, and the mean distance from it at unit area."""
-    here = symmetry.surface.vertices
-    there = symmetry.surface_map.interpolate(here)
+def rigid_motion(surface: Surface, surface_map: zo.SurfaceMap) -> tuple[Floats, float]:
+    """The orthogonal matrix (3, 3) most like a map of a surface onto itself, and the mean distance at unit area."""
+    here = surface.vertices
+    there = surface_map.interpolate(here)
     here, there = here - here.mean(axis=0), there - there.mean(axis=0)
     U, _, Vt = np.linalg.svd(there.T @ here)
     motion = U @ Vt
     off = np.linalg.norm(here @ motion.T - there, axis=1).mean()
-    return motion, float(off / np.sqrt(symmetry.surface.area))
+    return motion, float(off / np.sqrt(surface.area))
 
 
 def draw_symmetries(path: Path, surface: Surface, most: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from benchmarks import discretisation, initial_size, point_clouds, refinement, step_size, symmetry
+from benchmarks import discretisation, initial_size, overfitting, point_clouds, refinement, signs, step_size, symmetry
 from benchmarks.tables import NOT_SHOWN, Record, Tables, as_markdown
 
 
@@ -57,6 +57,20 @@ SECTIONS = (
         "Small initial maps do, and noise is borne.",
         "",
         lambda d, n, f: initial_size.run(d, n),
+    ),
+    Section(
+        "overfitting",
+        "Size of a fitted map",
+        "What descriptors are fitted by grows worse with its size, the one of size 20 better by ZoomOut.",
+        "",
+        overfitting.run,
+    ),
+    Section(
+        "signs",
+        "Symmetries from signs",
+        "Of all signs of the first four eigenfunctions, a vase's three symmetries commute best with the Laplacian.",
+        "",
+        signs.run,
     ),
     Section(
         "symmetry",
