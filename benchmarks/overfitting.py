@@ -21,11 +21,11 @@ from zoomout_core.arrays import Integers
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import nearest
 
-SIZES = tuple(range(10, 121, 10))
+SIZES = list(range(10, 121, 10))
 START, STEP = 20, 5
 FITTED, REFINED, TRUE = "fitted", f"ZoomOut from {START}", "true"
-# Sets of nearly isometric shapes, and pairs of each when not given.
-SETS, PAIRS = ("faust_r", "tosca_r"), 4
+# Sets of nearly isometric shapes, and the largest number of pairs of each.
+SETS, MOST_PAIRS = ("faust_r", "tosca_r"), 5
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
@@ -34,17 +34,17 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     `rows`, for each size: mean and median over the pairs of the mean geodesic error times 1000 of the vertex maps of
     the fitted functional map, of the one of size 20 that ZoomOut has brought to that size, and of the functional map of
     the true correspondence, which is as well as a map of that size can do; the share of failed pairs of the first two,
-    and the median seconds of the fit. A pair takes some 15 s.
+    and the median seconds of the fit. A pair takes some 20 s.
 
     Args:
         data: the folder of the sets; nearly isometric ones are used.
-        pairs: number of pairs of each set, evenly spread; four when not given.
+        pairs: number of pairs of each set, evenly spread; five at most.
         figure: an image file to draw mean errors against sizes to.
     """
     records: list[Record] = []
     for folder in sets_in(data):
         if folder.name in SETS:
-            for names in tqdm(pair_names(folder, pairs or PAIRS), desc=folder.name, leave=False):
+            for names in tqdm(pair_names(folder, min(pairs or MOST_PAIRS, MOST_PAIRS)), desc=folder.name, leave=False):
                 records += _of_pair(load_pair(folder, *names))
     rows = [_row(records, k) for k in SIZES if records]
     if figure is not None and rows:
@@ -56,19 +56,19 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
 
 
 def _of_pair(pair: PairOfMeshes) -> list[Record]:
-    bases = [zo.eigenbasis(surface, K_SIGNATURES) for surface in (pair.source, pair.target)]
-    signatures = [zo.wave_kernel_signature(basis) for basis in bases]
-    operators = [
-        zo.orientation_operators(surface, basis, described, max(SIZES))
-        for surface, basis, described in zip((pair.source, pair.target), bases, signatures, strict=True)
-    ]
+    bases = zo.eigenbasis(pair.source, K_SIGNATURES), zo.eigenbasis(pair.target, K_SIGNATURES)
+    signatures = zo.wave_kernel_signature(bases[0]), zo.wave_kernel_signature(bases[1])
+    operators = (
+        zo.orientation_operators(pair.source, bases[0], signatures[0], max(SIZES)),
+        zo.orientation_operators(pair.target, bases[1], signatures[1], max(SIZES)),
+    )
     # The true correspondence, taken from where it is known to the vertices near.
     true = pair.source_vertex[nearest(pair.target.vertices, pair.target.vertices[pair.target_vertex])]
     fits = {}
     records = []
     for k in SIZES:
         begin = perf_counter()
-        fits[k] = zo.fit_functional_map(*bases, *signatures, k, orientation_operators=(operators[0], operators[1]))
+        fits[k] = zo.fit_functional_map(*bases, *signatures, k, orientation_operators=operators)
         seconds = perf_counter() - begin
         records.append(_record(pair, FITTED, k, vertex_map_of(fits[k], *bases)) | {"seconds": seconds})
         records.append(_record(pair, TRUE, k, vertex_map_of(functional_map_of(true, *bases, k, k), *bases)))

@@ -19,7 +19,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few functions, of small maps."""
     for module, name, value in (
         (signs, "SIZES", (6, 8, 10, 20, 30)),
-        (overfitting, "SIZES", (10, 20, 30)),
+        (overfitting, "SIZES", [10, 20, 30]),
         (overfitting, "SETS", ("creatures",)),
         (overfitting, "K_SIGNATURES", 60),
     ):
