@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,6 +14,9 @@ from benchmarks.ablation import vertex_map
 from benchmarks.datasets import MOST_PLACES, mirrored_places, sets_in, shapes_with_symmetry
 from benchmarks.mirroring import weight_rows
 from benchmarks.objects import draw_symmetries, object_rows, things
+from benchmarks.symmetry_refinement import records_of as refinement_records
+from benchmarks.symmetry_refinement import rows_of as refinement_rows
+from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
@@ -27,25 +29,13 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.symmetry.detect import candidate_steps, energies
 
-Record: TypeAlias = dict[str, Any]
-
 OURS, BEST_POSSIBLE, TRUTH = "zo.detect_symmetry", "the truth, read off its functional map", "the truth itself"
 # Mean error times 1000 from which a shape counts as failed.
 LIMIT = 60
 K_FINAL, SAMPLES = 120, 1000
-# Melzi et al. 2019, table of symmetry detection: mean errors on all of FAUST in its original meshes, and seconds.
-PUBLISHED = {
-    "BIM": (65.4, 34.6),
-    "GroupRep": (224, 8.5),
-    "IntSymm": (33.9, 1.35),
-    "OrientRev": (68.0, 0.59),
-    "OrientRev + BCICP": (29.2, 195),
-    "OrientRev + ZoomOut": (16.1, 22.6),
-    "OrientRev + ZoomOut*": (18.5, 1.8),
-}
 
 
-def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) -> dict[str, list[Record]]:
+def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) -> Tables:
     """All tables.
 
     `rows`: for each set of which the mirrored places are known, the share of shapes whose first symmetry has a mean
@@ -53,8 +43,9 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
     and distances) and for all that follows, and the processor's seconds for the latter. Images count as their nearest
     vertex. Beside it what the true map comes to when it is read off its own functional map, and by how much distances
     between places differ from those between their images (median over the shapes): a symmetry preserves them, and where
-    the truth does so less than what is measured by it, it says no more of how exact that is. Published figures are of
-    other meshes of the same people.
+    the truth does so less than what is measured by it, it says no more of how exact that is.
+
+    `refined`: see `benchmarks.symmetry_refinement`. Published figures are of other meshes of the same people.
 
     `criteria`: for each set the share of shapes on which a criterion alone, of the candidates that reverse the
     orientation, puts first one that is right; `any` says where one is right at all.
@@ -88,7 +79,9 @@ def run(data: Path, shapes: int | None, with_things: bool, figure: Path | None) 
             criteria.append(head | _by_criterion(surface, shape, *known))
     if not records:
         return {"rows": []}
-    tables = {"rows": _rows(records), "criteria": _shares(criteria)}
+    of_refined = refinement_records(data, shapes)
+    tables = {"rows": _rows(records), "refined": refinement_rows(of_refined), "criteria": _shares(criteria)}
+    records += of_refined
     if with_things:
         tables |= {"objects": object_rows(), "weights": weight_rows()}
         if (data / "characters").is_dir():
@@ -190,12 +183,7 @@ def _rows(records: list[Record]) -> list[Record]:
                 "processor seconds": _median(chosen, "processor seconds"),
             }
         )
-    empty = dict.fromkeys(rows[0])
-    published = [
-        empty | {"set": "FAUST, published", "method": method, "mean": error, "seconds after it": seconds}
-        for method, (error, seconds) in PUBLISHED.items()
-    ]
-    return rows + published
+    return rows
 
 
 def _median(records: list[Record], column: str) -> float | None:

@@ -1,0 +1,111 @@
+"""The paper's table of symmetries: the same initial map of each shape onto itself, refined by several methods.
+
+The initial map is fitted to wave kernel signatures, with the sign of the orientation operators reversed, at size 10
+(OrientRev); ZoomOut takes it to size 100.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.baselines.bcicp import Side, bcicp
+from benchmarks.datasets import MOST_PLACES, mirrored_places, sets_in, shapes_with_symmetry
+from benchmarks.refinement import K_FIXED, K_SIGNATURES
+from benchmarks.tables import Record
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.functional_map import vertex_map_of
+from zoomout_core.mesh.surface import Surface
+
+INITIAL, FINAL, STEP, SAMPLES = 10, 100, 5, 500
+# Sets of people, and the largest number of shapes: BCICP takes a minute for one.
+SETS, MOST_SHAPES = ("faust_r",), 5
+START, BCICP, ZOOMOUT, SAMPLED = "OrientRev", "OrientRev + BCICP", "OrientRev + ZoomOut", "OrientRev + ZoomOut*"
+# Melzi et al. 2019: mean errors on FAUST in its original meshes and on SCAPE, and seconds on FAUST.
+PUBLISHED: dict[str, tuple[float, float, float]] = {
+    "BIM": (65.4, 133, 34.6),
+    "GroupRep": (224, 347, 8.5),
+    "IntSymm": (33.9, 60.3, 1.35),
+    START: (68.0, 110, 0.59),
+    BCICP: (29.2, 49.7, 195),
+    ZOOMOUT: (16.1, 46.2, 22.6),
+    SAMPLED: (18.5, 46.6, 1.8),
+}
+
+
+def records_of(data: Path, shapes: int | None) -> list[Record]:
+    """A record for each method and shape of the people's sets: mean error times 1000, and seconds without the basis.
+
+    Args:
+        data: the folder of the sets.
+        shapes: number of shapes of each set, evenly spread; five at most.
+    """
+    records: list[Record] = []
+    for folder in sets_in(data):
+        if folder.name in SETS:
+            names = shapes_with_symmetry(folder, min(shapes or MOST_SHAPES, MOST_SHAPES))
+            for name in tqdm(names, desc=f"{folder.name}, refined", leave=False):
+                surface, vertex, mirrored = mirrored_places(folder, name)
+                for method, (image, seconds) in _refined(surface).items():
+                    error = float(1000 * np.mean(zo.geodesic_error(image, surface, vertex, mirrored, MOST_PLACES)))
+                    about = {"set": folder.name, "shape": name, "method": method}
+                    records.append(about | {"error": error, "seconds": seconds})
+    return records
+
+
+def rows_of(records: list[Record]) -> list[Record]:
+    """For each method of the paper its figures, and the mean, median and seconds (median) of ours."""
+    rows = []
+    for method, (faust, scape, seconds) in PUBLISHED.items():
+        ours = [record for record in records if record["method"] == method]
+        errors = [record["error"] for record in ours]
+        rows.append(
+            {
+                "method": method,
+                "published FAUST": faust,
+                "published SCAPE": scape,
+                "published s": seconds,
+                "shapes": len(ours) or None,
+                "mean": float(np.mean(errors)) if ours else None,
+                "median": float(np.median(errors)) if ours else None,
+                "seconds": float(np.median([record["seconds"] for record in ours])) if ours else None,
+            }
+        )
+    return rows
+
+
+def reversing(surface: Surface, basis: zo.SpectralBasis) -> Floats:
+    """(10, 10) the functional map of a surface onto itself that signatures fit and that reverses the orientation."""
+    signatures = zo.wave_kernel_signature(basis)
+    operators = zo.orientation_operators(surface, basis, signatures, INITIAL)
+    return zo.fit_functional_map(
+        basis,
+        basis,
+        signatures,
+        signatures,
+        INITIAL,
+        orientation_operators=(operators, operators),
+        orientation="reverse",
+    )
+
+
+def _refined(surface: Surface) -> dict[str, tuple[Integers, float]]:
+    """Of each method the image (n,) of each vertex, and the seconds that it took."""
+    basis = zo.eigenbasis(surface, K_SIGNATURES)
+    begin = perf_counter()
+    start = reversing(surface, basis)
+    initial = vertex_map_of(start, basis, basis)
+    maps = {START: (initial, perf_counter() - begin)}
+    side = Side(surface, basis)
+    for method, samples in ((ZOOMOUT, None), (SAMPLED, SAMPLES)):
+        begin = perf_counter()
+        vertex = zo.zoomout(basis, basis, start, FINAL, STEP, samples).vertex
+        maps[method] = vertex, perf_counter() - begin
+    begin = perf_counter()
+    there, _ = bcicp(side, side, initial, initial, K_FIXED)
+    maps[BCICP] = there.vertex, perf_counter() - begin
+    return maps
