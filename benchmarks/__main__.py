@@ -13,6 +13,7 @@ from benchmarks import discretisation as discretisation_table
 from benchmarks import initial_size as initial_size_table
 from benchmarks import overfitting as overfitting_table
 from benchmarks import paper as paper_page
+from benchmarks import partial as partial_table
 from benchmarks import peers as peers_table
 from benchmarks import point_clouds as point_clouds_table
 from benchmarks import profile as profile_table
@@ -169,6 +170,14 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
 def discretisation(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """How often `match` is right, and how exact, where the same people are meshed in other ways, or are clouds."""
     report(discretisation_table.run(data, pairs), data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
+def partial(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """ZoomOut and `match` on cuts, holes and people with missing pieces, beside PFM, GTM, FC and CPD."""
+    report(partial_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command("step_size")

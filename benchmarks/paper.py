@@ -15,7 +15,17 @@ import numpy as np
 import scipy
 from tqdm import tqdm
 
-from benchmarks import discretisation, initial_size, overfitting, point_clouds, refinement, signs, step_size, symmetry
+from benchmarks import (
+    discretisation,
+    initial_size,
+    overfitting,
+    partial,
+    point_clouds,
+    refinement,
+    signs,
+    step_size,
+    symmetry,
+)
 from benchmarks.tables import NOT_SHOWN, Record, Tables, as_markdown
 
 
@@ -92,6 +102,13 @@ SECTIONS = (
         "Maps hardly depend on how a shape is meshed.",
         "",
         lambda d, n, f: discretisation.run(d, n),
+    ),
+    Section(
+        "partial",
+        "Parts of shapes",
+        "On SHREC'16 cuts it is as exact as PFM in 6 s instead of 70 s, and more so than GTM, FC and CPD.",
+        "",
+        partial.run,
     ),
 )
 

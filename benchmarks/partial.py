@@ -1,0 +1,245 @@
+"""ZoomOut on parts of shapes, beside methods that were made for parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.baselines.bcicp import Side
+from benchmarks.baselines.cpd import cpd
+from benchmarks.baselines.fc import fc
+from benchmarks.baselines.gtm import gtm
+from benchmarks.baselines.pfm import Partial, first_map, pfm
+from benchmarks.curves import draw_curves, share_below
+from benchmarks.tables import Record, Tables
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import vertex_areas
+
+# How the names of pairs begin, and what they are.
+KINDS = {"cut": "cuts", "holes": "holes", "pfarm": "missing pieces"}
+TRUTH = "truth.npz"
+# Size of PFM's functional map, that of the whole's functions that ZoomOut begins and ends with, and its step.
+K, K_INITIAL, STEP = 100, 20, 4
+# More functions are computed of the part than are used of the whole: as low as the whole's last one may be up to these.
+K_BASIS = 110
+# Radius of the SHOT descriptors, over the root of the source's area.
+RADIUS = 0.09
+# Known places at which a map is measured, and the mean error times 1000 above which it counts as wrong.
+PLACES, LIMIT = 500, 80
+# Pairs of a kind on which the baselines that take longest are measured.
+FEW = 2
+# Melzi et al. 2019: seconds on SHREC'16 cuts. Its errors are shown as curves, without numbers.
+PUBLISHED_SECONDS = {"PFM": 70.0, "ZoomOut": 6.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part, a whole in another pose, and where the part lies on it; both in one unit.
+
+    Attributes:
+        source: the whole.
+        target: the part.
+        truth: (n_t,) source vertex of each target vertex; -1 where there is none.
+    """
+
+    source: Surface
+    target: Surface
+    truth: Integers
+
+    @cached_property
+    def share(self) -> float:
+        """The target's area over the source's."""
+        return self.target.area / self.source.area
+
+    @cached_property
+    def sides(self) -> tuple[Side, Side]:
+        """Source and target, each with its eigenfunctions at unit area."""
+        return Side(self.source, zo.eigenbasis(self.source, K_BASIS)), Side(
+            self.target, zo.eigenbasis(self.target, min(K_BASIS, len(self.target.vertices) - 1))
+        )
+
+    @cached_property
+    def descriptors(self) -> tuple[Floats, Floats]:
+        """(n_s, 352) and (n_t, 352) SHOT within balls of one size."""
+        return zo.shot(self.source, RADIUS), zo.shot(self.target, RADIUS / np.sqrt(self.share))
+
+    @cached_property
+    def by_pfm(self) -> Partial:
+        """What PFM makes of it."""
+        return pfm(*self.sides, *self.descriptors, K)
+
+    @cached_property
+    def initial(self) -> Integers:
+        """(n_t,) the map that PFM begins with, before it knows of a region."""
+        return first_map(*self.sides, *self.descriptors, K)
+
+
+class Method(NamedTuple):
+    """How a part is matched.
+
+    Attributes:
+        vertex: of a part, (n_t,) the source vertex of each target vertex; -1 where there is none.
+        needs: what of the part it uses, in the order in which one needs the other.
+        is_slow: whether it is measured on few pairs.
+    """
+
+    vertex: Callable[[Part], Integers]
+    needs: tuple[str, ...] = ()
+    is_slow: bool = False
+
+
+def _zoomout(part: Part, start: Integers) -> Integers:
+    """ZoomOut at slanted sizes, on all vertices."""
+    source, target = (side.basis for side in part.sides)
+    target = target.at_area(part.share)
+    sizes = zo.slanted_sizes(source, target, K_INITIAL, min(K, len(target.eigenvalues)), STEP)
+    return zo.zoomout(source, target, start, sizes=sizes, samples=None).vertex
+
+
+def _match(part: Part) -> Integers:
+    zo.forget_shapes()
+    return zo.match(part.source, part.target).surface_map.vertex
+
+
+FROM_DESCRIPTORS = ("sides", "descriptors")
+METHODS: dict[str, Method] = {
+    "initial": Method(lambda part: part.initial, (*FROM_DESCRIPTORS, "initial")),
+    "PFM": Method(lambda part: part.by_pfm.vertex, (*FROM_DESCRIPTORS, "by_pfm")),
+    "GTM": Method(lambda part: gtm(part.source, part.target), is_slow=True),
+    "FC": Method(lambda part: fc(*part.sides), ("sides",), is_slow=True),
+    "CPD": Method(lambda part: cpd(part.source.vertices, part.target.vertices), is_slow=True),
+    "ZoomOut": Method(lambda part: _zoomout(part, part.initial), (*FROM_DESCRIPTORS, "initial")),
+    "ZoomOut after PFM": Method(lambda part: _zoomout(part, part.by_pfm.vertex), (*FROM_DESCRIPTORS, "by_pfm")),
+    "zo.match, nothing given": Method(_match),
+}
+
+
+def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
+    """Match the parts of the set `partial` of a folder to their wholes by every method.
+
+    `rows`, for each kind of part and each method: mean and median over the pairs of the mean geodesic error times 1000,
+    the share of pairs below `LIMIT`, the mean share of the true region that images reach, median seconds with all that
+    the method needs (bases, descriptors, its start), and the published seconds. A target vertex that a method leaves
+    without an image counts in the curves as far off, and is left out of the mean error. Slow baselines are measured on
+    `FEW` pairs of each kind.
+
+    Args:
+        data: the folder of the sets, or the set.
+        pairs: number of pairs, evenly spread over the list.
+        figure: an image file to draw the share of places below each error to.
+
+    Returns:
+        The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
+    """
+    folder = data / "partial" if (data / "partial").is_dir() else data
+    records: list[Record] = []
+    seen = dict.fromkeys(KINDS, 0)
+    for name in tqdm(_names(folder, pairs), desc=folder.name, leave=False):
+        kind = name.split("_")[0]
+        records += _of_pair(folder, name, KINDS[kind], with_slow=seen[kind] < FEW)
+        seen[kind] += 1
+    if not records:
+        return {"rows": []}
+    if figure is not None:
+        _draw(records, figure)
+    return {"rows": _rows(records), "pairs": records}
+
+
+def _names(folder: Path, most: int | None) -> list[str]:
+    """The pairs of the kinds that are measured, or `most` of them evenly spread."""
+    if not (folder / TRUTH).is_file():
+        return []
+    with np.load(folder / TRUTH) as truth:
+        names = sorted(name for name in truth if name.split("_")[0] in KINDS)
+    if most is not None and most < len(names):
+        names = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
+    return names
+
+
+def _of_pair(folder: Path, name: str, kind: str, with_slow: bool) -> list[Record]:
+    source, target = (read_surface(folder / f"{name}_{side}.off") for side in ("source", "target"))
+    with np.load(folder / TRUTH) as truths:
+        truth = truths[name]
+    region = region_of(truth, source)
+    part = Part(source, target, truth)
+    took: dict[str, float] = {}
+    records: list[Record] = []
+    for method, (vertex_of, needs, is_slow) in METHODS.items():
+        if is_slow and not with_slow:
+            continue
+        for need in needs:
+            if need not in took:
+                begin = perf_counter()
+                getattr(part, need)
+                took[need] = perf_counter() - begin
+        begin = perf_counter()
+        vertex = vertex_of(part)
+        seconds = perf_counter() - begin + sum(took[need] for need in needs)
+        records.append({"set": kind, "pair": name, "method": method, "seconds": seconds})
+        records[-1] |= figures(vertex, truth, region, source)
+    return records
+
+
+def figures(vertex: Integers, truth: Integers, region: Booleans, source: Surface) -> Record:
+    """What is measured of a vertex map (n_t,) by its truth (n_t,), -1 for none, and the region (n_s,) of the latter."""
+    known = np.flatnonzero(truth >= 0)
+    places = known[np.unique(np.linspace(0, len(known) - 1, min(PLACES, len(known))).astype(int))]
+    errors = 1000 * zo.geodesic_error(vertex, source, places, truth[places], len(places))
+    errors = np.where((vertex[places] < 0) | np.isinf(errors), np.nan, errors)
+    has_image = known[vertex[known] >= 0]
+    reached = region_of(vertex[has_image], source)
+    areas = vertex_areas(source.vertices, source.triangles)
+    return {
+        "error": float(np.nanmean(errors)),
+        "covered %": 100 * float(areas[region & reached].sum() / areas[region].sum()),
+        "curve": share_below(errors),
+    }
+
+
+def region_of(images: Integers, source: Surface) -> Booleans:
+    """(n_s,) the vertices of the faces that have an image at a corner."""
+    is_image = np.zeros(len(source.vertices), dtype=bool)
+    is_image[images[images >= 0]] = True
+    region = np.zeros_like(is_image)
+    region[source.triangles[is_image[source.triangles].any(axis=1)]] = True
+    return region
+
+
+def _rows(records: list[Record]) -> list[Record]:
+    rows = []
+    for kind, method in dict.fromkeys((record["set"], record["method"]) for record in records):
+        chosen = [record for record in records if (record["set"], record["method"]) == (kind, method)]
+        errors = np.array([record["error"] for record in chosen])
+        rows.append(
+            {
+                "set": kind,
+                "method": method,
+                "pairs": len(chosen),
+                "mean": float(errors.mean()),
+                "median": float(np.median(errors)),
+                "right %": 100 * float((errors < LIMIT).mean()),
+                "covered %": float(np.mean([record["covered %"] for record in chosen])),
+                "seconds": float(np.median([record["seconds"] for record in chosen])),
+                "published s": PUBLISHED_SECONDS.get(method) if kind == KINDS["cut"] else None,
+            }
+        )
+    return rows
+
+
+def _draw(records: list[Record], figure: Path) -> None:
+    """Cumulative curves, a panel for each kind."""
+    panels: dict[str, dict[str, Floats]] = {}
+    for kind, method in dict.fromkeys((record["set"], record["method"]) for record in records):
+        curves = [r["curve"] for r in records if (r["set"], r["method"]) == (kind, method)]
+        panels.setdefault(kind, {})[method] = np.mean(curves, axis=0)
+    draw_curves(figure, panels)

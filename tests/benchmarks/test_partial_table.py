@@ -1,0 +1,94 @@
+"""The table of parts: every method on every pair, slow ones on few, and what is measured of a map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import write_off
+from creatures import creature, true_vertex
+
+from benchmarks import partial
+from benchmarks.__main__ import main
+from zoomout_core.mesh.surface import Surface
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two cuts and one with holes, of a creature whose one side has longer limbs; and a pair of two parts."""
+    folder = tmp_path_factory.mktemp("data") / "partial"
+    folder.mkdir()
+    truths = {}
+    for seed, (name, beyond) in enumerate({"cut_a_00": -0.2, "cut_a_01": -0.4, "holes_a_00": -0.6}.items()):
+        whole, bent = creature(1300, 5 + seed, asymmetry=0.3), creature(1200, seed, bend=0.5, asymmetry=0.3)
+        inside = (bent.directions[:, 0] > beyond)[bent.surface.triangles].all(axis=1)
+        used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
+        write_off(folder / f"{name}_source.off", whole.surface)
+        write_off(folder / f"{name}_target.off", Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)))
+        truths[name] = true_vertex(whole, bent)[used]
+    np.savez(folder / partial.TRUTH, **truths, both_partial_00=np.zeros(3, dtype=int))
+    return folder.parent
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few functions, and one pair for slow methods."""
+    monkeypatch.setattr(partial, "K", 40)
+    monkeypatch.setattr(partial, "K_INITIAL", 10)
+    monkeypatch.setattr(partial, "K_BASIS", 45)
+    monkeypatch.setattr(partial, "FEW", 1)
+    monkeypatch.setattr(partial, "PLACES", 150)
+
+
+def test_each_kind_has_a_row_for_each_method(parts: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    chosen = ("initial", "PFM", "ZoomOut", "ZoomOut after PFM")
+    slow = partial.Method(lambda part: np.where(np.arange(len(part.truth)) % 2, part.truth, -1), is_slow=True)
+    methods = {name: partial.METHODS[name] for name in chosen} | {"CPD": slow}
+    monkeypatch.setattr(partial, "METHODS", methods)
+    tables = partial.run(parts, None, tmp_path / "curves.png")
+    rows = {(row["set"], row["method"]): row for row in tables["rows"]}
+    assert list(rows) == [(kind, name) for kind in ("cuts", "holes") for name in ("initial", "PFM", "ZoomOut",
+                          "ZoomOut after PFM", "CPD")]  # fmt: skip
+    assert [rows["cuts", name]["pairs"] for name in methods] == [2, 2, 2, 2, 1]
+    for kind in ("cuts", "holes"):
+        assert rows[kind, "ZoomOut after PFM"]["mean"] < rows[kind, "initial"]["mean"]
+        # What it starts from and what both need is part of the time.
+        assert rows[kind, "ZoomOut after PFM"]["seconds"] > rows[kind, "PFM"]["seconds"] > 0
+    assert rows["cuts", "PFM"]["published s"] == 70
+    assert rows["holes", "PFM"]["published s"] is None
+    # Every second place has its true image, and the others none.
+    half = next(record for record in tables["pairs"] if record["method"] == "CPD")
+    assert half["error"] == 0
+    assert half["curve"][-1] == pytest.approx(0.5, abs=0.1)
+    assert matplotlib.image.imread(tmp_path / "curves.png").shape[1] > 1000
+
+
+def test_pairs_are_those_of_the_known_kinds_evenly_spread(parts: Path) -> None:
+    assert partial._names(parts / "partial", None) == ["cut_a_00", "cut_a_01", "holes_a_00"]
+    assert partial._names(parts / "partial", 2) == ["cut_a_00", "holes_a_00"]
+
+
+def test_a_map_is_measured_by_its_errors_and_by_what_it_reaches() -> None:
+    """A strip of 10 squares, of which a part is known to lie on the left half."""
+    points = np.array([[x, y, 0] for x in range(11) for y in range(2)], dtype=float)
+    corner = 2 * np.arange(10)[:, None]
+    strip = Surface(points, np.concatenate([corner + np.array([0, 2, 1]), corner + np.array([1, 2, 3])]))
+    truth = np.append(np.arange(12), -1)
+    region = partial.region_of(truth, strip)
+    np.testing.assert_array_equal(np.flatnonzero(region), range(14))
+    exact = partial.figures(truth, truth, region, strip)
+    assert (exact["error"], exact["covered %"]) == (0, 100)
+    one_off = partial.figures(truth + 2, truth, region, strip)
+    assert one_off["error"] == pytest.approx(1000 / np.sqrt(10))
+    in_one_place = partial.figures(np.zeros(13, dtype=int), truth, region, strip)
+    # Of the region's 6.5 squares by vertices, a corner's triangle has its three vertices reached.
+    assert 0 < in_one_place["covered %"] < 25
+
+
+def test_a_folder_without_parts_is_refused(data: Path) -> None:
+    refused = CliRunner().invoke(main, ["partial", "--data", str(data)])
+    assert refused.exit_code == 1
+    assert "holds nothing" in refused.output
