@@ -169,6 +169,9 @@ def _bridged(solid: Booleans, widest: float) -> Booleans:
 def surface_nets(field: Floats) -> tuple[Floats, Integers]:
     """The surface on which a field on a grid (x, y, z) is zero: one vertex in each cell that it passes through.
 
+    Args:
+        field: (x, y, z) numbers, not positive on the border of the grid.
+
     Returns:
         (n, 3) positions in units of the grid, and (m, 3) triangles, wound away from where the field is positive.
     """
@@ -189,11 +192,8 @@ def surface_nets(field: Floats) -> tuple[Floats, Integers]:
     quads = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        here, there = inside, np.roll(inside, -1, axis=axis)
-        edge = here != there
-        edge[tuple(slice(-1, None) if i == axis else slice(None) for i in range(3))] = False
-        start = np.stack(np.nonzero(edge), axis=1)
-        outwards = here[tuple(start.T)]
+        start = np.stack(np.nonzero(inside != np.roll(inside, -1, axis=axis)), axis=1)
+        outwards = inside[tuple(start.T)]
         ring = np.zeros((4, 3), dtype=int)
         ring[[1, 2], u] = -1
         ring[[2, 3], v] = -1
