@@ -10,7 +10,9 @@ import click
 
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
+from benchmarks import downsampled as downsampled_table
 from benchmarks import initial_size as initial_size_table
+from benchmarks import large as large_table
 from benchmarks import overfitting as overfitting_table
 from benchmarks import paper as paper_page
 from benchmarks import partial as partial_table
@@ -207,9 +209,25 @@ def overfitting(data: Path, pairs: int | None, json_file: Path | None, figure: P
 @main.command()
 @common_options
 @figure_option
+def large(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """ZoomOut on meshes of 19k and 52k vertices, on all of them and on samples, beside spectral ICP and RHM."""
+    report(large_table.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
 def signs(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """Symmetries from the signs of the first four eigenfunctions, ranked by how they commute with the Laplacian."""
     report(signs_table.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
+def downsampled(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """ZoomOut on decimated meshes, with the map carried to the full ones, beside ZoomOut on samples of these."""
+    report(downsampled_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command("point_clouds")

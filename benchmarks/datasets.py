@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import geodesic_error
 from zoomout_core.mesh.files import read_shape, read_surface
 from zoomout_core.mesh.surface import Surface, as_surface
+
+Item = TypeVar("Item")
 
 # In a set with this file, it has for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"
@@ -67,9 +70,16 @@ def sets_in(folder: Path) -> list[Path]:
     return sorted({path.parent for mark in marks for path in folder.glob(mark)})
 
 
-def is_far(folder: Path) -> bool:
-    """Whether the shapes of a set are far from isometric."""
-    return "nonisometric" in folder.name
+def is_far(name: str) -> bool:
+    """Whether the shapes of the set with this name are far from isometric."""
+    return "nonisometric" in name
+
+
+def evenly(items: Sequence[Item], most: int | None) -> list[Item]:
+    """All items, or `most` of them evenly spread over the list."""
+    if most is None or most >= len(items):
+        return list(items)
+    return [items[i] for i in np.linspace(0, len(items) - 1, most).round().astype(int)]
 
 
 def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
@@ -79,9 +89,7 @@ def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
     else:
         listed = [line.split() for line in (folder / "pairs.txt").read_text().splitlines() if line.strip()]
         lines = listed + [pair[::-1] for pair in listed if pair[::-1] not in listed]
-    if most is not None and most < len(lines):
-        lines = [lines[i] for i in np.linspace(0, len(lines) - 1, most).round().astype(int)]
-    return [(first, second) for first, second in lines]
+    return [(first, second) for first, second in evenly(lines, most)]
 
 
 def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
@@ -104,6 +112,13 @@ def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
         source_vertex[picked],
         None if mirrored_vertex is None else mirrored_vertex[picked],
     )
+
+
+def load_same_order(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
+    """Two meshes with the same order of vertices, of which some are known places."""
+    target, source = (read_surface(folder / f"{name}.off") for name in (target_name, source_name))
+    places = np.unique(np.linspace(0, len(target.vertices) - 1, MOST_PLACES).astype(int))
+    return PairOfMeshes(target_name, source_name, target, source, places, places, None)
 
 
 def shipped_pairs(folder: Path, method: str) -> list[tuple[str, str]]:
@@ -130,10 +145,7 @@ def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:
     """The shapes of a set whose mirrored places are known, or `most` of them evenly spread over the list."""
     path = folder / "correspondence.npz"
     truth = _truth(path) if path.is_file() else {}
-    names = [name.removesuffix(".sym") for name in truth if name.endswith(".sym")]
-    if most is not None and most < len(names):
-        names = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
-    return names
+    return evenly([name.removesuffix(".sym") for name in truth if name.endswith(".sym")], most)
 
 
 def mirrored_places(folder: Path, name: str) -> tuple[Surface, Integers, Integers]:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 import zoomout_core as zo
 from benchmarks.correspondence import ISOMETRIC_LIMIT
 from benchmarks.curves import draw_lines
-from benchmarks.datasets import PairOfMeshes, is_far, load_pair, sets_in, shipped_map, shipped_pairs
+from benchmarks.datasets import PairOfMeshes, evenly, is_far, load_pair, sets_in, shipped_map, shipped_pairs
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis, upsample
@@ -47,9 +47,8 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     sized: list[dict[str, Any]] = []
     noisy: list[dict[str, Any]] = []
     for folder in sets_in(data):
-        names = [] if is_far(folder) else shipped_pairs(folder, START)
-        most = min(pairs or PAIRS, PAIRS, len(names))
-        chosen = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
+        names = [] if is_far(folder.name) else shipped_pairs(folder, START)
+        chosen = evenly(names, min(pairs or PAIRS, PAIRS))
         for number, each in enumerate(tqdm(chosen, desc=folder.name, leave=False)):
             growth = _Growth.of(load_pair(folder, *each))
             initial = shipped_map(folder, START, *each)

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.correspondence import ISOMETRIC_LIMIT
-from benchmarks.datasets import TEMPLATE, PairOfMeshes, load_pair, pair_names, sets_in
+from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, load_pair, pair_names, sets_in
 from benchmarks.discretisation import matched
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.triangles import triangle_areas
@@ -54,8 +54,7 @@ def _names(folder: Path, pairs: int | None) -> list[tuple[str, str]]:
     if not (folder / TEMPLATE).is_file():
         return pair_names(folder, pairs)
     with_cloud = [names for names in pair_names(folder, None) if any(_is_cloud(name) for name in names)]
-    most = len(with_cloud) if pairs is None else min(pairs, len(with_cloud))
-    return [with_cloud[i] for i in np.linspace(0, len(with_cloud) - 1, most).round().astype(int)]
+    return evenly(with_cloud, pairs)
 
 
 def _is_cloud(name: str) -> bool:

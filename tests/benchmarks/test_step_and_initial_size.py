@@ -59,5 +59,5 @@ def test_the_true_functional_map_takes_functions_to_their_places(data: Path) -> 
 
 def test_sets_that_are_far_from_isometric_say_nothing_of_sizes(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(initial_size, "START", "ini_direct")
-    monkeypatch.setattr(initial_size, "is_far", lambda folder: folder.name == SET)
+    monkeypatch.setattr(initial_size, "is_far", lambda name: name == SET)
     assert initial_size.run(data, None)["rows"] == []

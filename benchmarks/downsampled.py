@@ -1,0 +1,151 @@
+"""Maps of large meshes that are refined on small ones, and carried to all vertices.
+
+As in the supplement of Melzi et al. 2019: both meshes are decimated, ZoomOut refines the map on all vertices that are
+left, and the map goes to the full meshes by way of nearest vertices, or of the functional map that it has between the
+full meshes' bases. ZoomOut on as many samples of the full meshes, with one last conversion as in the paper, stands
+beside it, as does the core's, whose last rounds take all vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from scipy.spatial import cKDTree
+from tqdm import tqdm
+
+import zoomout_core as zo
+from benchmarks.compared import compared, rows_by
+from benchmarks.curves import draw_lines
+from benchmarks.datasets import PairOfMeshes, load_same_order
+from benchmarks.large import K_FINAL, SET, STEP
+from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, landmarks_of
+from benchmarks.tables import Record, Tables
+from zoomout_core.arrays import Integers
+from zoomout_core.maps.zoomout import SampledBasis, upsample
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.spectral.sampling import farthest_points
+
+# Target and source, of 19,000 vertices.
+PAIRS = (("horse0", "horse6"), ("horse10", "horse14"), ("horse0", "horse14"))
+VERTICES = (500, 1000, 5000)
+INITIAL = "initial"
+NEAREST, FUNCTIONAL = "decimated, carried by nearest vertices", "decimated, carried by functional map"
+SAMPLED, CORE = "ZoomOut on samples, one conversion", "ZoomOut on samples, last rounds on all"
+FULL = "ZoomOut on all vertices"
+
+
+def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
+    """Refine one initial map, of two landmarks, in several ways.
+
+    `rows`, for each number of vertices or samples, and each method: mean and median over the pairs of the mean error,
+    times 1000, and median seconds, with the eigenbases that the method needs, and decimation. `pairs`: each.
+
+    Args:
+        data: the folder of the sets, or that of the meshes.
+        pairs: number of pairs, three at most.
+        figure: an image file to draw the mean errors to, by the number of vertices.
+    """
+    folder = data / SET if (data / SET).is_dir() else data
+    there = [names for names in PAIRS if all((folder / f"{name}.off").is_file() for name in names)]
+    records: list[Record] = []
+    for names in tqdm(there[:pairs], desc=SET, leave=False):
+        records += _of_pair(load_same_order(folder, *names))
+    rows = rows_by(("vertices", "method"), records, {})
+    if figure is not None and rows:
+        _draw(rows, figure)
+    return {"rows": rows, "pairs": records}
+
+
+def _of_pair(pair: PairOfMeshes) -> list[Record]:
+    begin = perf_counter()
+    source, target = (zo.eigenbasis(surface, K_SIGNATURES) for surface in (pair.source, pair.target))
+    preparing = perf_counter() - begin
+    initial = from_landmarks(source, target, *landmarks_of(pair))
+    methods: dict[tuple[str, int], Integers | Callable[[], Integers]] = {
+        (INITIAL, len(initial)): initial,
+        (FULL, len(initial)): lambda: zo.zoomout(source, target, initial, K_FINAL, STEP, None).vertex,
+    }
+    for vertices in VERTICES:
+        methods[NEAREST, vertices] = partial(_by_nearest, pair, initial, vertices)
+        methods[FUNCTIONAL, vertices] = partial(_by_functional_map, pair, source, target, initial, vertices)
+        methods[SAMPLED, vertices] = partial(_on_samples, source, target, initial, vertices)
+        methods[CORE, vertices] = partial(_in_core, source, target, initial, vertices)
+    named = {f"{method} {vertices}": make for (method, vertices), make in methods.items()}
+    records, _ = compared(pair, named, {})
+    for (method, vertices), record in zip(methods, records, strict=True):
+        record |= {"method": method, "vertices": vertices}
+        if method not in (INITIAL, NEAREST):
+            record["seconds"] += preparing
+    return records
+
+
+@dataclass(frozen=True, eq=False)
+class _Decimated:
+    """A surface and a smaller one.
+
+    Attributes:
+        basis: of the smaller one.
+        merged: (n,) its vertex that each vertex of the large one went into.
+        stands_for: (n',) the vertex of the large one nearest to each of its vertices.
+    """
+
+    basis: zo.SpectralBasis
+    merged: Integers
+    stands_for: Integers
+
+    @classmethod
+    def of(cls, surface: zo.Surface, vertices: int) -> _Decimated:
+        """A surface and one of about so many vertices."""
+        points, triangles, merged = zo.drain(decimated_steps(surface.vertices, surface.triangles, vertices))
+        stands_for = np.asarray(cKDTree(surface.vertices).query(points)[1])
+        return cls(zo.eigenbasis(zo.Surface(points, triangles), K_FINAL), merged, stands_for)
+
+
+def _refined_small(pair: PairOfMeshes, initial: Integers, vertices: int) -> tuple[_Decimated, _Decimated, Integers]:
+    """Both smaller surfaces, and (n'_t,) the smaller source's vertex of each vertex of the smaller target."""
+    source, target = (_Decimated.of(surface, vertices) for surface in (pair.source, pair.target))
+    start = source.merged[initial[target.stands_for]]
+    return source, target, zo.zoomout(source.basis, target.basis, start, K_FINAL, STEP, None).vertex
+
+
+def _by_nearest(pair: PairOfMeshes, initial: Integers, vertices: int) -> Integers:
+    """(n_t,) every vertex goes where the one that it was merged into goes."""
+    source, target, small = _refined_small(pair, initial, vertices)
+    return source.stands_for[small[target.merged]]
+
+
+def _by_functional_map(
+    pair: PairOfMeshes, source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, vertices: int
+) -> Integers:
+    """(n_t,) the vertices of the smaller shapes are samples of the large ones, which decide a functional map."""
+    small_source, small_target, small = _refined_small(pair, initial, vertices)
+    images = source.eigenvectors[small_source.stands_for[small], :K_FINAL]
+    functional_map = SampledBasis.of(target, small_target.stands_for).fit(images, K_FINAL)
+    return zo.vertex_map_of(functional_map, source, target)
+
+
+def _on_samples(source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, samples: int) -> Integers:
+    on_source, on_target = (
+        SampledBasis.of(basis, farthest_points(basis.points, samples)) for basis in (source, target)
+    )
+    start = zo.functional_map_of(initial, source, target, K_INITIAL, K_INITIAL)
+    return zo.vertex_map_of(upsample(on_source, on_target, start, K_FINAL, STEP)[0], source, target)
+
+
+def _in_core(source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, samples: int) -> Integers:
+    return zo.zoomout(source, target, initial, K_FINAL, STEP, samples).vertex
+
+
+def _draw(rows: list[Record], figure: Path) -> None:
+    """The mean error by the number of vertices, and that on all of them as a level line."""
+    lines: dict[str, tuple[Sequence[float], Sequence[float]]] = {}
+    for method in (NEAREST, FUNCTIONAL, SAMPLED, CORE):
+        lines[method] = VERTICES, [row["mean error"] for row in rows if row["method"] == method]
+    full = next(row["mean error"] for row in rows if row["method"] == FULL)
+    lines[FULL] = (VERTICES[0], VERTICES[-1]), (full, full)
+    draw_lines(figure, lines, "vertices, or samples", "mean geodesic error, times 1000")
