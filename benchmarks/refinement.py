@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -17,20 +18,19 @@ from benchmarks.baselines.deblur import deblur
 from benchmarks.baselines.kernel_matching import kernel_matching
 from benchmarks.baselines.rhm import rhm
 from benchmarks.baselines.spectral_icp import spectral_icp
+from benchmarks.compared import mean_curves
 from benchmarks.curves import draw_curves, share_below
-from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
+from benchmarks.datasets import TEMPLATE, PairOfMeshes, evenly, is_far, load_pair, pair_names, sets_in
+from benchmarks.flips import with_flipped_edges
+from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, from_shot, from_signatures, landmarks_of
+from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, edge_distortion
-from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
 
-Record: TypeAlias = dict[str, Any]
-
-# Sizes of functional maps in the paper: those that grow, and those of fixed size.
-K_INITIAL, K_FINAL, STEP, K_FIXED = 20, 120, 5, 50
+# Sizes of functional maps in the paper: the one that growth ends at, and the fixed one.
+K_FINAL, STEP, K_FIXED = 120, 5, 50
 SAMPLES = 500
-# Eigenfunctions that signatures of fitted initial maps are made of.
-K_SIGNATURES = 200
 # Published initial maps, from wave kernel signatures with a term that keeps the orientation, and with one that reverses
 # it. Where a set has the latter alone, the former are fitted: the mirrored ones of FAUST exchange some limbs and leave
 # others, from which hardly a map recovers.
@@ -40,7 +40,14 @@ SHIPPED = ("BIM", "PMF_hk", "WKSini_direct_BCICP")
 MATCH = "zo.match, nothing given"
 # Mean error times 1000 above which a pair counts as failed.
 ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
-# Melzi et al. 2019: mean errors and seconds on FAUST in its original meshes, from the same kind of initial maps.
+# The share of edges that is flipped.
+FLIPPED = 0.125
+# Kinds of meshes of one surface that are matched with each other; the methods beside want clean ones.
+KINDS = ("dense", "iso", "qes")
+# A pair takes half a minute: in the page of all tables no more of each set are refined.
+PAPER_PAIRS = 5
+# Melzi et al. 2019: mean errors and seconds on FAUST in its original meshes, from the same kind of initial maps; mean
+# errors after random flips of edges, from two landmarks; and on FAUST and SCAPE resampled, from learned descriptors.
 PUBLISHED: dict[str, tuple[float, float | None]] = {
     "initial": (67.3, None),
     "ICP": (54.0, 10.2),
@@ -50,6 +57,26 @@ PUBLISHED: dict[str, tuple[float, float | None]] = {
     "BCICP": (21.6, 184),
     "ZoomOut": (15.8, 9.6),
     "ZoomOut*": (17.5, 1.1),
+}
+PUBLISHED_FLIPPED: dict[str, tuple[float, float | None]] = {
+    "initial": (44.0, None),
+    "ICP": (36.3, None),
+    "Deblur": (38.6, None),
+    "PMF": (25.9, None),
+    "RHM": (33.3, None),
+    "BCICP": (19.5, None),
+    "ZoomOut": (13.3, None),
+    "ZoomOut*": (14.5, None),
+}
+PUBLISHED_RESAMPLED: dict[str, tuple[float, float | None]] = {
+    "initial": (46.5, None),
+    "ICP": (29.3, None),
+    "Deblur": (44.4, None),
+    "PMF": (86.4, None),
+    "RHM": (32.0, None),
+    "BCICP": (26.0, None),
+    "ZoomOut": (21.7, None),
+    "ZoomOut*": (24.6, None),
 }
 
 
@@ -88,22 +115,45 @@ class Start:
         return Start(self.target, self.source, self.initial_back, self.initial)
 
 
-def run(data: Path, pairs: int | None, figure: Path | None) -> dict[str, list[Record]]:
+class Setting(NamedTuple):
+    """Pairs, and how their initial maps are made.
+
+    Attributes:
+        name: as in the tables.
+        pairs: target and source of each.
+        load: a pair by its names.
+        begin: (n_t,) and (n_s,) its initial maps there and back; None where there is none.
+        folder: of its published maps; None where it has none.
+        published: the paper's mean errors and seconds, where it has the same.
+    """
+
+    name: str
+    pairs: list[tuple[str, str]]
+    load: Callable[[str, str], PairOfMeshes]
+    begin: Callable[[PairOfMeshes], tuple[Integers | None, Integers | None]]
+    folder: Path | None
+    published: Mapping[str, tuple[float, float | None]]
+
+
+def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     """Refine the initial maps of the sets in a folder by every method.
 
     `rows`, for each set of nearly isometric shapes and each method: mean and median over the pairs of the mean
     geodesic error times 1000, the share of failed pairs, mean share of the source that the map covers, mean geodesic
     distance times 1000 between a vertex and where going there and back leads, mean edge distortion
-    (`zoomout_core.evaluation`), median seconds, and what the paper has for FAUST's original meshes. All maps are
-    measured vertex to vertex. Seconds are without the bases, which all share, but with all that RHM prepares; PMF,
-    RHM and BCICP make the maps in both directions in that time; `zo.match` starts from the meshes.
+    (`zoomout_core.evaluation`), median seconds, and what the paper has. All maps are measured vertex to vertex.
+    Seconds are without the bases, which all share, but with all that RHM prepares; PMF, RHM and BCICP make the maps in
+    both directions in that time; `zo.match` starts from the meshes.
 
     `not isometric`: the same for sets of shapes that are far from isometric, with published maps.
 
-    Initial maps are `map_WKSini_direct.npz` of the set, or, beside a `map_WKSini_symm.npz` alone, made by `fitted`.
+    Initial maps are `map_WKSini_direct.npz` of the set, or, beside a `map_WKSini_symm.npz` alone, made by
+    `from_signatures`. Sets with the latter alone, which are people, are refined once more with an eighth of the edges
+    of both meshes flipped, from two random landmarks (`from_landmarks`); of sets that have one surface as several
+    meshes, meshes of different kinds are refined from SHOT descriptors (`from_shot`), where the paper has learned ones.
 
     Args:
-        data: the folder of the sets; those with neither file are left out.
+        data: the folder of the sets; those without any of these are left out.
         pairs: number of pairs of each set, evenly spread over its list.
         figure: an image file to draw the share of places below each error to.
 
@@ -111,16 +161,70 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> dict[str, list[Re
         The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
     """
     records: list[Record] = []
-    for folder in sets_in(data):
-        for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
-            if any((folder / f"map_{name}.npz").is_file() for name in (START, MIRRORED_START)):
-                records += _of_pair(folder, *names)
+    rows: list[Record] = []
+    for setting in (each for folder in sets_in(data) for each in _settings(folder)):
+        found: list[Record] = []
+        for names in tqdm(evenly(setting.pairs, pairs), desc=setting.name, leave=False):
+            found += _of_pair(setting, setting.load(*names))
+        records += found
+        rows += _rows(setting, found)
     if not records:
         return {"rows": []}
     if figure is not None:
-        _draw(records, figure)
-    near, far = ([record for record in records if _is_far(record["set"]) is is_far] for is_far in (False, True))
-    return {"rows": _rows(near or far), "not isometric": _rows(far) if near else [], "pairs": records}
+        draw_curves(figure, mean_curves("set", records))
+    near, far = ([row for row in rows if is_far(row["set"]) is wanted] for wanted in (False, True))
+    return {"rows": near or far, "not isometric": far if near else [], "pairs": records}
+
+
+def _settings(folder: Path) -> Iterator[Setting]:
+    """What a set is refined as."""
+    listed = pair_names(folder, None)
+    load = partial(load_pair, folder)
+    if (folder / TEMPLATE).is_file():
+        kinds = [tuple(name.partition("_")[0] for name in names) for names in listed]
+        mixed = [names for names, (a, b) in zip(listed, kinds, strict=True) if a != b and {a, b} <= set(KINDS)]
+        yield Setting(f"{folder.name}, SHOT", mixed, load, _begun_from_shot, None, PUBLISHED_RESAMPLED)
+    elif (folder / f"map_{START}.npz").is_file():
+        yield Setting(folder.name, listed, load, partial(_shipped, folder, START), folder, {})
+    elif (folder / f"map_{MIRRORED_START}.npz").is_file():
+        published = PUBLISHED if folder.name.startswith("faust") else {}
+        yield Setting(folder.name, listed, load, _begun_from_signatures, folder, published)
+        name = f"{folder.name}, flipped edges, 2 landmarks"
+        yield Setting(name, listed, partial(_flipped, folder), _begun_from_landmarks, None, PUBLISHED_FLIPPED)
+
+
+def _flipped(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
+    """A pair with flipped edges; no two shapes have the same."""
+    pair = load_pair(folder, target_name, source_name)
+    target, source = (with_flipped_edges(each, FLIPPED, seed) for seed, each in enumerate((pair.target, pair.source)))
+    return replace(pair, target=target, source=source)
+
+
+def _shipped(folder: Path | None, method: str, pair: PairOfMeshes) -> tuple[Integers | None, Integers | None]:
+    """Published maps of a pair there and back, where the set has them."""
+    path = folder and folder / f"map_{method}.npz"
+    if path is None or not path.is_file():
+        return None, None
+    with np.load(path) as maps:
+        there, back = f"{pair.target_name}__{pair.source_name}", f"{pair.source_name}__{pair.target_name}"
+        return maps.get(there), maps.get(back)
+
+
+def _begun_from_signatures(pair: PairOfMeshes) -> tuple[Integers, Integers]:
+    return from_signatures(pair.source, pair.target), from_signatures(pair.target, pair.source)
+
+
+def _begun_from_landmarks(pair: PairOfMeshes) -> tuple[Integers, Integers]:
+    source, target = (zo.eigenbasis(surface, K_SIGNATURES) for surface in (pair.source, pair.target))
+    on_source, on_target = landmarks_of(pair)
+    return (
+        from_landmarks(source, target, on_source, on_target),
+        from_landmarks(target, source, on_target, on_source),
+    )
+
+
+def _begun_from_shot(pair: PairOfMeshes) -> tuple[Integers, Integers]:
+    return from_shot(pair.source, pair.target), from_shot(pair.target, pair.source)
 
 
 # --- methods ------------------------------------------------------------------------------------------------
@@ -204,89 +308,76 @@ METHODS: dict[str, Callable[[Start], Maps]] = {
 # --- records ------------------------------------------------------------------------------------------------
 
 
-def _of_pair(folder: Path, target_name: str, source_name: str) -> list[Record]:
-    pair = load_pair(folder, target_name, source_name)
-    source, target = (Side(surface, zo.eigenbasis(surface, K_FINAL)) for surface in (pair.source, pair.target))
-    if (folder / f"map_{START}.npz").is_file():
-        initial, initial_back = _stored(folder, START, target_name, source_name)
-    else:
-        initial, initial_back = fitted(pair.source, pair.target), fitted(pair.target, pair.source)
+def _of_pair(setting: Setting, pair: PairOfMeshes) -> list[Record]:
+    initial, initial_back = setting.begin(pair)
     if initial is None or initial_back is None:
         return []
+    source, target = (Side(surface, zo.eigenbasis(surface, K_FINAL)) for surface in (pair.source, pair.target))
     start = Start(source, target, initial, initial_back)
-    about = {"set": folder.name, "target": target_name, "source": source_name}
-    records = [about | {"method": name} | _figures(pair, method(start)) for name, method in METHODS.items()]
+    found = {name: method(start) for name, method in METHODS.items()}
     for name in SHIPPED:
-        there, back = _stored(folder, name, target_name, source_name)
+        there, back = _shipped(setting.folder, name, pair)
         if there is not None:
-            records.append(about | {"method": f"{name}, published"} | _figures(pair, Maps(there, back, None)))
+            found[f"{name}, published"] = Maps(there, back, None)
+    about = {"set": setting.name, "target": pair.target_name, "source": pair.source_name}
+    figures = _figures(pair, list(found.values()))
+    return [about | {"method": name} | figure for name, figure in zip(found, figures, strict=True)]
+
+
+def _figures(pair: PairOfMeshes, found: list[Maps]) -> list[Record]:
+    """What is measured of the maps of a pair; what needs an image of every vertex is left out where one has none."""
+    errors = pair.errors(np.column_stack([maps.there for maps in found])).T
+    cycles = {
+        number: maps.back[maps.there]
+        for number, maps in enumerate(found)
+        if maps.back is not None and min(maps.there.min(), maps.back.min()) >= 0
+    }
+    missed: Sequence[float] | Floats = (
+        _bijectivity(np.column_stack(list(cycles.values())), pair.target) if cycles else []
+    )
+    bijectivity = dict(zip(cycles, missed, strict=True))
+    records = []
+    for number, (maps, of_map) in enumerate(zip(found, errors, strict=True)):
+        figures: Record = {"error": float(np.nanmean(of_map)), "seconds": maps.seconds, "curve": share_below(of_map)}
+        if maps.there.min() >= 0:
+            surface_map = zo.SurfaceMap.from_vertices(maps.there, pair.source)
+            figures["covered %"] = 100 * coverage(surface_map, pair.source)
+            figures["edge distortion"] = edge_distortion(surface_map, pair.source, pair.target)
+        if number in bijectivity:
+            figures["bijectivity"] = float(bijectivity[number])
+        records.append(figures)
     return records
 
 
-def fitted(source: Surface, target: Surface) -> Integers:
-    """(n_t,) the initial map as the paper makes it: from wave kernel signatures, keeping the orientation."""
-    bases = [zo.eigenbasis(surface, K_SIGNATURES) for surface in (source, target)]
-    signatures = [zo.wave_kernel_signature(basis) for basis in bases]
-    of_source, of_target = (
-        zo.orientation_operators(surface, basis, of_surface, K_INITIAL)
-        for surface, basis, of_surface in zip((source, target), bases, signatures, strict=True)
-    )
-    functional_map = zo.fit_functional_map(
-        bases[0], bases[1], signatures[0], signatures[1], K_INITIAL, orientation_operators=(of_source, of_target)
-    )
-    return vertex_map_of(functional_map, bases[0], bases[1])
+def _bijectivity(cycles: Integers, target: Surface) -> Floats:
+    """(m,) mean geodesic distance, times 1000, of up to 1000 target vertices from where m maps there and back lead.
 
-
-def _stored(folder: Path, name: str, target_name: str, source_name: str) -> tuple[Integers | None, Integers | None]:
-    """(n_t,) and (n_s,) published maps from the target and from the source, where the set has them."""
-    path = folder / f"map_{name}.npz"
-    if not path.is_file():
-        return None, None
-    with np.load(path) as maps:
-        return maps.get(f"{target_name}__{source_name}"), maps.get(f"{source_name}__{target_name}")
-
-
-def _figures(pair: PairOfMeshes, maps: Maps) -> Record:
-    """What is measured of the maps of a pair; what needs an image of every vertex is left out where one has none."""
-    errors = pair.errors(maps.there[:, None])[:, 0]
-    figures: Record = {"error": float(np.nanmean(errors)), "seconds": maps.seconds}
-    figures["curve"] = share_below(errors)
-    if maps.there.min() >= 0:
-        surface_map = zo.SurfaceMap.from_vertices(maps.there, pair.source)
-        figures["covered %"] = 100 * coverage(surface_map, pair.source)
-        figures["edge distortion"] = edge_distortion(surface_map, pair.source, pair.target)
-        if maps.back is not None and maps.back.min() >= 0:
-            figures["bijectivity"] = _bijectivity(maps.there, maps.back, pair.target)
-    return figures
-
-
-def _bijectivity(there: Integers, back: Integers, target: Surface) -> float:
-    """Mean geodesic distance, times 1000, of up to 1000 target vertices from where there and back leads."""
-    every = np.arange(len(there))
-    return float(1000 * zo.geodesic_error(back[there], target, every, every).mean())
+    Args:
+        cycles: (n_t, m) the target vertex that each one comes back to.
+        target: the shape.
+    """
+    every = np.arange(len(cycles))
+    return np.asarray(1000 * zo.geodesic_error(cycles, target, every, every).mean(axis=0))
 
 
 # --- tables and curves --------------------------------------------------------------------------------------
 
 
-def _is_far(name: str) -> bool:
-    return "nonisometric" in name
-
-
-def _rows(records: list[Record]) -> list[Record]:
+def _rows(setting: Setting, records: list[Record]) -> list[Record]:
     rows = []
-    for name, method in dict.fromkeys((record["set"], record["method"]) for record in records):
-        chosen = [record for record in records if (record["set"], record["method"]) == (name, method)]
+    limit = NON_ISOMETRIC_LIMIT if is_far(setting.name) else ISOMETRIC_LIMIT
+    for method in dict.fromkeys(record["method"] for record in records):
+        chosen = [record for record in records if record["method"] == method]
         errors = np.array([record["error"] for record in chosen])
-        published = PUBLISHED.get(method) if name.startswith("faust") else None
+        published = setting.published.get(method)
         rows.append(
             {
-                "set": name,
+                "set": setting.name,
                 "method": method,
                 "pairs": len(chosen),
                 "mean": float(errors.mean()),
                 "median": float(np.median(errors)),
-                "failed %": 100 * float((errors > (NON_ISOMETRIC_LIMIT if _is_far(name) else ISOMETRIC_LIMIT)).mean()),
+                "failed %": 100 * float((errors > limit).mean()),
                 "covered %": _over(np.mean, chosen, "covered %"),
                 "bijectivity": _over(np.mean, chosen, "bijectivity"),
                 "edge distortion": _over(np.mean, chosen, "edge distortion"),
@@ -302,12 +393,3 @@ def _over(statistic: Callable[[list[float]], Any], records: list[Record], column
     """A statistic of a column over the records that have it."""
     values = [record[column] for record in records if record.get(column) is not None]
     return float(statistic(values)) if values else None
-
-
-def _draw(records: list[Record], figure: Path) -> None:
-    """Cumulative curves, a panel for each set."""
-    panels: dict[str, dict[str, Floats]] = {}
-    for name, method in dict.fromkeys((record["set"], record["method"]) for record in records):
-        curves = [r["curve"] for r in records if (r["set"], r["method"]) == (name, method)]
-        panels.setdefault(name, {})[method] = np.mean(curves, axis=0)
-    draw_curves(figure, panels)

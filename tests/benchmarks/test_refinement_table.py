@@ -8,11 +8,13 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+import trimesh
 from click.testing import CliRunner
-from creatures import creature, mirrored_vertex, true_vertex
+from creatures import creature, directions, mirrored_vertex, true_vertex
+from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from benchmarks import curves, datasets, refinement
+from benchmarks import datasets, refinement, starts
 from benchmarks.__main__ import main
 
 QUICK = ("initial", "ICP")
@@ -44,16 +46,21 @@ def sets(data: Path, tmp_path: Path) -> Path:
 def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with np.load(sets / "nonisometric_creatures" / "map_WKSini_direct.npz") as maps:
         fits = [maps["a__b"], maps["b__a"]]
-    monkeypatch.setattr(refinement, "fitted", lambda *_: fits.pop(0))
+    monkeypatch.setattr(refinement, "from_signatures", lambda *_: fits.pop(0))
     tables = refinement.run(sets, 1, None)
     near, far = tables["rows"], tables["not isometric"]
-    assert [row["method"] for row in near] == list(QUICK)
+    flipped = "faust_of_creatures, flipped edges, 2 landmarks"
+    assert [(row["set"], row["method"]) for row in near] == [
+        *(("faust_of_creatures", method) for method in QUICK),
+        *((flipped, method) for method in QUICK),
+    ]
     assert [row["method"] for row in far] == [*QUICK, "BIM, published"]
     # The start is the true map, which is fitted where there are mirrored ones alone.
     for row in (near[0], far[0]):
         assert row["mean"] < 20
         assert row["failed %"] == 0
     assert near[1]["published mean"] == refinement.PUBLISHED["ICP"][0]
+    assert near[3]["published mean"] == refinement.PUBLISHED_FLIPPED["ICP"][0]
     assert far[1]["published mean"] is None
     assert far[1]["seconds"] > 0
     assert far[0]["seconds"] is None
@@ -62,12 +69,22 @@ def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: py
     assert far[-1]["covered %"] is None
 
 
-def test_curves_are_drawn_for_each_set_and_method(tmp_path: Path) -> None:
-    rising = [float(share) for share in curves.THRESHOLDS / curves.THRESHOLDS[-1]]
-    places = [("near", "ICP"), ("near", "ZoomOut"), ("far", "ICP"), ("far", "BIM, published")]
-    refinement._draw(
-        [{"set": name, "method": method, "curve": rising} for name, method in places], tmp_path / "curves.png"
-    )
+def test_meshes_of_other_kinds_begin_with_shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    template, vertex = directions(400, seed=9), {}
+    for seed, name in enumerate(("iso_a", "qes_b", "mc_b", "iso_b")):
+        made = creature(500, seed, bend=0.4 * name.endswith("b"), asymmetry=0.3)
+        trimesh.Trimesh(made.surface.vertices, made.surface.triangles, process=False).export(tmp_path / f"{name}.ply")
+        vertex[name] = cKDTree(template).query(made.directions)[1]
+    np.savez(tmp_path / "template_vertex.npz", **vertex)
+    monkeypatch.setattr(starts, "K_SIGNATURES", 60)
+    tables = refinement.run(tmp_path, None, tmp_path / "curves.png")
+    # Of other kinds of which the methods bear all, and of other people.
+    assert {(record["target"], record["source"]) for record in tables["pairs"]} == {
+        ("iso_a", "qes_b"),
+        ("qes_b", "iso_a"),
+    }
+    assert tables["rows"][0]["published mean"] == refinement.PUBLISHED_RESAMPLED["initial"][0]
+    assert tables["rows"][0]["mean"] < 200
     image = matplotlib.image.imread(tmp_path / "curves.png")[:, :, :3]
     assert 100 < (np.ptp(image, axis=2) > 0.3).sum() < 0.2 * image[:, :, 0].size
 
@@ -75,7 +92,7 @@ def test_curves_are_drawn_for_each_set_and_method(tmp_path: Path) -> None:
 def test_a_fitted_start_keeps_left_and_right() -> None:
     creatures = creature(900, 0, asymmetry=0.3), creature(800, 1, bend=0.5, asymmetry=0.3)
     source, target = (each.surface for each in creatures)
-    start = refinement.fitted(source, target)
+    start = starts.from_signatures(source, target)
     every = np.arange(800)
     direct, mirrored = (
         zo.geodesic_error(start, source, every, truth(*creatures)).mean() for truth in (true_vertex, mirrored_vertex)
@@ -87,14 +104,14 @@ def test_a_fitted_start_keeps_left_and_right() -> None:
 def test_going_there_and_back_is_measured_at_every_vertex(data: Path) -> None:
     pair = refinement.load_pair(data / "creatures", "a", "b")
     same = np.arange(len(pair.target.vertices))
-    assert refinement._bijectivity(same, same, pair.target) == 0
+    assert refinement._bijectivity(same[:, None], pair.target) == 0
     # One vertex that comes back to a neighbour misses by the edge between them.
     triangle = pair.target.triangles[0]
     other = same.copy()
     other[triangle[0]] = triangle[1]
     edge = np.linalg.norm(pair.target.vertices[triangle[0]] - pair.target.vertices[triangle[1]])
     expected = 1000 * edge / np.sqrt(pair.target.area) / len(same)
-    assert refinement._bijectivity(same, other, pair.target) == pytest.approx(expected)
+    assert refinement._bijectivity(np.column_stack([same, other]), pair.target) == pytest.approx([0, expected])
 
 
 def test_a_folder_without_initial_maps_is_refused(data: Path) -> None:
