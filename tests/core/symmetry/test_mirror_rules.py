@@ -142,6 +142,16 @@ def test_groups_to_a_vertex_stay_as_few_as_they_were_and_can_be_fewer() -> None:
     assert np.diff(one.indptr).max() == 1
 
 
+def test_a_side_gives_its_weights_to_a_group_that_was_missing() -> None:
+    skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
+    found = symmetrised(skin, SYMMETRY, "left_to_right")
+    assert found.labels == ("Hand.L", "Spine", "Hand.R")
+    left = LOPSIDED[:, [0, 2]]
+    np.testing.assert_allclose(found.values.toarray()[LEFT], np.column_stack([left, 0 * X])[LEFT], atol=1e-9)
+    mirrored_left = np.column_stack([0 * X, left[OTHER][:, 1], left[OTHER][:, 0]])
+    np.testing.assert_allclose(found.values.toarray()[RIGHT], mirrored_left[RIGHT], atol=1e-9)
+
+
 def test_where_no_vertex_has_a_weight_none_gets_one() -> None:
     skin = weights(np.zeros((len(X), 2)), ("a", "b"))
     for direction in ("average", "left_to_right"):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from transfer_meshes import Sheet, sheet, torus, true_map
+from transfer_meshes import Sheet, plate, sheet, torus, true_map
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
-from zoomout_core.transfer.islands import islands_of, without_specks
+from zoomout_core.transfer.islands import islands_of, with_lost_islands, without_specks
+from zoomout_core.transfer.potts import Candidates
 
 GRID = (120, 80)
 
@@ -64,6 +66,24 @@ def test_islands_far_below_a_face_s_size_do_not_grow_to_one(source: Sheet) -> No
     values = np.zeros(len(source.surface.face_start) - 1, dtype=int)
     values[5::997] = 1
     assert not labelled(values, true_map(source, *GRID, coarse.parameters), source, coarse).any()
+
+
+@pytest.mark.parametrize(("own", "given"), [(1, False), (2, True)])
+def test_a_lost_island_takes_the_face_that_is_most_its_own_but_no_island_s_only_one(own: int, given: bool) -> None:
+    mesh = plate(3, 1)
+    # Island 1 has the first faces, and island 0 the others; island 2 covers a part of the first two.
+    candidates = Candidates(np.array([0, 0, 1, 1, 2]), np.array([0.6, 0.4, 0.7, 0.3, 1.0]))
+    island = np.array([1, 2, 1 if own == 2 else 0, 2, 0])
+    chosen = with_lost_islands(np.array([0, 2, 4]), candidates, island, mesh)
+    assert chosen.tolist() == ([1, 2, 4] if given else [0, 2, 4])
+
+
+def test_loose_ends_of_a_mesh_are_islands_too() -> None:
+    # The first vertex belongs to faces that touch in no other.
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]], dtype=float)
+    fins = Surface(vertices, [[0, 1, 2], [0, 3, 4]])
+    assert islands_of(fins, np.array([5, 5])).tolist() == [0, 0]
+    assert islands_of(fins, np.array([5, 6])).tolist() == [0, 1]
 
 
 def test_single_faces_beyond_a_border_take_the_label_around_them_but_islands_of_their_own_stay() -> None:

@@ -133,6 +133,16 @@ def test_numbers_keep_their_columns_on_all_domains() -> None:
         found = MIX[domain](Attribute("x", domain, Kind.VECTOR, values), mapped).values
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, values, atol=1e-6)
+        pairs = np.random.default_rng(1).integers(0, 2, (count, 2))
+        if domain is not Domain.FACE:  # where single faces take the label around them
+            found = VOTE[domain](Attribute("x", domain, Kind.LABEL, pairs), mapped).values
+            np.testing.assert_array_equal(found, pairs)
+
+
+def test_of_labels_whose_border_is_as_long_either_way_faces_keep_their_own() -> None:
+    pairs = np.stack(np.divmod(np.arange(400) // 20, 5), axis=1)
+    found = VOTE[Domain.FACE](Attribute("x", Domain.FACE, Kind.LABEL, pairs), mapped_onto(MESH, MESH)).values
+    np.testing.assert_array_equal(found, pairs)
 
 
 # --- weights ------------------------------------------------------------------------------------------------
