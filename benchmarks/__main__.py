@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from benchmarks import clutter as clutter_table
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
 from benchmarks import downsampled as downsampled_table
@@ -180,6 +181,14 @@ def discretisation(data: Path, pairs: int | None, json_file: Path | None) -> Non
 def partial(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """ZoomOut and `match` on cuts, holes and people with missing pieces, beside PFM, GTM, FC and CPD."""
     report(partial_table.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@figure_option
+def clutter(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """ZoomOut in functions on a region, in a cut and cluttered scene, beside LMH and PFM."""
+    report(clutter_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command("step_size")

@@ -16,6 +16,7 @@ import scipy
 from tqdm import tqdm
 
 from benchmarks import (
+    clutter,
     discretisation,
     downsampled,
     initial_size,
@@ -117,6 +118,13 @@ SECTIONS = (
         "Maps hardly depend on how a shape is meshed.",
         "",
         lambda d, n, f: discretisation.run(d, n),
+    ),
+    Section(
+        "clutter",
+        "An object in clutter",
+        "In a Hamiltonian basis it covers more of the object in the scene than LMH's first step.",
+        "",
+        clutter.run,
     ),
     Section(
         "partial",
