@@ -22,7 +22,7 @@ from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
 
 INITIAL, FINAL, STEP, SAMPLES = 10, 100, 5, 500
-# Sets of people, and the largest number of shapes: BCICP takes a minute for one.
+# Sets of people, and the largest number of shapes: BCICP takes 10 to 20 s for one.
 SETS, MOST_SHAPES = ("faust_r",), 5
 START, BCICP, ZOOMOUT, SAMPLED = "OrientRev", "OrientRev + BCICP", "OrientRev + ZoomOut", "OrientRev + ZoomOut*"
 # Melzi et al. 2019: mean errors on FAUST in its original meshes and on SCAPE, and seconds on FAUST.
