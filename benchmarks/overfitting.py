@@ -25,7 +25,7 @@ SIZES = list(range(10, 121, 10))
 START, STEP = 20, 5
 FITTED, REFINED, TRUE = "fitted", f"ZoomOut from {START}", "true"
 # Sets of nearly isometric shapes, and the largest number of pairs of each.
-SETS, MOST_PAIRS = ("faust_r", "tosca_r"), 4
+SETS, MOST_PAIRS = ("faust_r", "tosca_r"), 3
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
@@ -34,11 +34,11 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     `rows`, for each size: mean and median over the pairs of the mean geodesic error times 1000 of the vertex maps of
     the fitted functional map, of the one of size 20 that ZoomOut has brought to that size, and of the functional map of
     the true correspondence, which is as well as a map of that size can do; the share of failed pairs of the first two,
-    and the median seconds of the fit. A pair takes 25 to 30 s.
+    and the median seconds of the fit. A pair takes 35 s.
 
     Args:
         data: the folder of the sets; nearly isometric ones are used.
-        pairs: number of pairs of each set, evenly spread; four at most.
+        pairs: number of pairs of each set, evenly spread; three at most.
         figure: an image file to draw mean errors against sizes to.
     """
     records: list[Record] = []

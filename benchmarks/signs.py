@@ -66,8 +66,8 @@ def run(data: Path, shapes: int | None, figure: Path | None) -> Tables:
     functions; by how much distances along the surface differ from those between images, and how far in the mean a
     vertex is from where going there twice leads (both times 1000, at unit area, and zero for a reflection or a half
     turn); how far the map is from a rigid motion, likewise, from which a symmetry may be far if the pose has bent it;
-    seconds without the basis. `pairs`: the same of all 15 choices, with what they repeat. A map takes 1 to 3 s on 500
-    samples, all six shapes three to four minutes.
+    seconds without the basis. `pairs`: the same of all 15 choices, with what they repeat. All six shapes take
+    about a minute of the processor's time, on 500 samples.
 
     Args:
         data: the folder of the sets.

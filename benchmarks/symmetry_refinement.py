@@ -22,8 +22,8 @@ from zoomout_core.maps.functional_map import vertex_map_of
 from zoomout_core.mesh.surface import Surface
 
 INITIAL, FINAL, STEP, SAMPLES = 10, 100, 5, 500
-# Sets of people, and the largest number of shapes: BCICP takes 10 to 20 s for one.
-SETS, MOST_SHAPES = ("faust_r",), 5
+# Sets of people, and the largest number of shapes, which take 6 s each.
+SETS, MOST_SHAPES = ("faust_r",), 10
 START, BCICP, ZOOMOUT, SAMPLED = "OrientRev", "OrientRev + BCICP", "OrientRev + ZoomOut", "OrientRev + ZoomOut*"
 # Melzi et al. 2019: mean errors on FAUST in its original meshes and on SCAPE, and seconds on FAUST.
 PUBLISHED: dict[str, tuple[float, float, float]] = {
@@ -42,7 +42,7 @@ def records_of(data: Path, shapes: int | None) -> list[Record]:
 
     Args:
         data: the folder of the sets.
-        shapes: number of shapes of each set, evenly spread; five at most.
+        shapes: number of shapes of each set, evenly spread; ten at most.
     """
     records: list[Record] = []
     for folder in sets_in(data):
