@@ -170,9 +170,10 @@ def symmetry(data: Path, pairs: int | None, json_file: Path | None, things: bool
 
 @main.command()
 @common_options
-def discretisation(data: Path, pairs: int | None, json_file: Path | None) -> None:
+@figure_option
+def discretisation(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """How often `match` is right, and how exact, where the same people are meshed in other ways, or are clouds."""
-    report(discretisation_table.run(data, pairs), data, json_file)
+    report(discretisation_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command()
@@ -241,9 +242,10 @@ def downsampled(data: Path, pairs: int | None, json_file: Path | None, figure: P
 
 @main.command("point_clouds")
 @common_options
-def point_clouds(data: Path, pairs: int | None, json_file: Path | None) -> None:
-    """How often `match` is right, and how exact, between clouds and meshes."""
-    report(point_clouds_table.run(data, pairs), data, json_file)
+@figure_option
+def point_clouds(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
+    """ZoomOut, spectral ICP and `match` between clouds and meshes."""
+    report(point_clouds_table.run(data, pairs, figure), data, json_file)
 
 
 @main.command()

@@ -72,10 +72,16 @@ def rows_by(
     return rows
 
 
-def mean_curves(panel: str, records: Sequence[Record]) -> dict[str, dict[str, Floats]]:
-    """Mean curves of the methods, by what stands in a column of the records, for `benchmarks.curves.draw_curves`."""
+def mean_curves(panel: str, records: Sequence[Record], line: str = "method") -> dict[str, dict[str, Floats]]:
+    """Mean curves of records, for `benchmarks.curves.draw_curves`.
+
+    Args:
+        panel: the column that says which panel a record belongs to,
+        records: with a `curve` each.
+        line: and the one that says which line.
+    """
     panels: dict[str, dict[str, Floats]] = {}
-    for name, method in dict.fromkeys((record[panel], record["method"]) for record in records):
-        curves = [record["curve"] for record in records if (record[panel], record["method"]) == (name, method)]
-        panels.setdefault(str(name), {})[method] = np.mean(curves, axis=0)
+    for kind in dict.fromkeys((record[panel], record[line]) for record in records):
+        curves = [record["curve"] for record in records if (record[panel], record[line]) == kind]
+        panels.setdefault(str(kind[0]), {})[str(kind[1])] = np.mean(curves, axis=0)
     return panels

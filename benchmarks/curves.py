@@ -15,6 +15,8 @@ from zoomout_core.arrays import Floats
 # Errors times 1000 at which cumulative curves are taken.
 THRESHOLDS = np.arange(0, 251, 5)
 PANEL = 6.0, 5.0  # inches
+# Letters of a legend to an inch, and those that a line's key takes the place of.
+LETTERS, KEY = 13, 8
 
 
 def share_below(errors: Floats) -> list[float]:
@@ -75,6 +77,8 @@ def draw_lines(
 def _finish(figure: Figure, path: Path) -> None:
     """One legend below all panels, of the panel that has most lines, since colours go by name; and the file."""
     entries = max((axes.get_legend_handles_labels() for axes in figure.axes), key=lambda found: len(found[0]))
-    figure.legend(*entries, loc="outside lower center", ncols=6, fontsize="small")
+    longest = max(len(label) for label in entries[1])
+    columns = max(1, int(figure.get_figwidth() * LETTERS / (longest + KEY)))
+    figure.legend(*entries, loc="outside lower center", ncols=columns, fontsize="small")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

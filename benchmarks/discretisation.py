@@ -9,11 +9,14 @@ import numpy as np
 from tqdm import tqdm
 
 import zoomout_core as zo
+from benchmarks.compared import mean_curves
 from benchmarks.correspondence import ISOMETRIC_LIMIT
+from benchmarks.curves import draw_curves, share_below
 from benchmarks.datasets import TEMPLATE, PairOfMeshes, load_pair, pair_names, sets_in
+from zoomout_core.arrays import Floats
 
 
-def run(data: Path, pairs: int | None) -> dict[str, list[dict[str, Any]]]:
+def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, list[dict[str, Any]]]:
     """Match pairs of different people, whose meshes are named KIND_PERSON.
 
     `rows`: for each kind of target the mean error, times 1000, for each kind of source; `right`: how many pairs have
@@ -22,13 +25,15 @@ def run(data: Path, pairs: int | None) -> dict[str, list[dict[str, Any]]]:
     Args:
         data: a set that has a common template, or a folder of sets.
         pairs: number of pairs of each set, evenly spread over its list.
+        figure: an image file to draw the share of places below each error to, a panel for each kind of target.
     """
     records = []
     for folder in (folder for folder in sets_in(data) if (folder / TEMPLATE).is_file()):
         for names in tqdm(pair_names(folder, pairs), desc=folder.name, leave=False):
-            result, error = matched(load_pair(folder, *names))
+            result, errors = matched(load_pair(folder, *names))
             target, source = (name.partition("_")[0] for name in names)
-            records.append({"target": target, "source": source, "error": error, "certainty": result.certainty})
+            measured = {"error": float(np.nanmean(errors)), "certainty": result.certainty, "curve": share_below(errors)}
+            records.append({"target": target, "source": source} | measured)
     kinds = sorted({record["target"] for record in records} | {record["source"] for record in records})
     rows: list[dict[str, Any]] = []
     right: list[dict[str, Any]] = []
@@ -44,11 +49,13 @@ def run(data: Path, pairs: int | None) -> dict[str, list[dict[str, Any]]]:
             {"target": target}
             | {source: f"{sum(e < ISOMETRIC_LIMIT for e in errors)}/{len(errors)}" for source, errors in of.items()}
         )
+    if figure is not None and records:
+        draw_curves(figure, mean_curves("target", records, "source"))
     return {"rows": rows, "right": right, "pairs": records}
 
 
-def matched(pair: PairOfMeshes) -> tuple[zo.MatchResult, float]:
-    """A cold match with nothing given, and its mean error, times 1000."""
+def matched(pair: PairOfMeshes) -> tuple[zo.MatchResult, Floats]:
+    """A cold match with nothing given, and (c,) its errors, times 1000, at the known places."""
     zo.forget_shapes()
     result = zo.match(pair.source, pair.target)
-    return result, float(np.nanmean(pair.errors(result.surface_map.vertex[:, None])))
+    return result, pair.errors(result.surface_map.vertex[:, None])[:, 0]

@@ -113,14 +113,14 @@ SECTIONS = (
         "Point clouds",
         "Initial 51.0, ICP 49.7, ZoomOut with samples 22.3.",
         "",
-        lambda d, n, f: point_clouds.run(d, n),
+        lambda d, n, f: point_clouds.run(d, min(n or point_clouds.PAPER_PAIRS, point_clouds.PAPER_PAIRS), f),
     ),
     Section(
         "discretisation",
         "Discretisations",
         "Maps hardly depend on how a shape is meshed.",
         "",
-        lambda d, n, f: discretisation.run(d, n),
+        discretisation.run,
     ),
     Section(
         "clutter",

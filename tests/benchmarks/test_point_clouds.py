@@ -36,21 +36,50 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def matched(monkeypatch: pytest.MonkeyPatch) -> None:
     """In place of matches: those onto person b are right, the others wrong, and all are said to be right."""
 
-    def outcome(pair: PairOfMeshes) -> tuple[SimpleNamespace, float]:
+    def outcome(pair: PairOfMeshes) -> tuple[SimpleNamespace, np.ndarray]:
         known = pair.source.vertices[pair.source_vertex]
         assert len(known) > 100
-        return SimpleNamespace(certainty=0.95), 10.0 if pair.source_name.endswith("b") else 200.0
+        return SimpleNamespace(certainty=0.95), np.full(3, 10.0 if pair.source_name.endswith("b") else 200.0)
 
     for module in (point_clouds, discretisation):
         monkeypatch.setattr(module, "matched", outcome)
 
 
 @pytest.mark.usefixtures("matched")
-def test_clouds_of_a_set_are_matched_with_its_meshes_and_with_each_other(people: Path) -> None:
+def test_clouds_of_a_set_are_matched_with_its_meshes_and_with_each_other(
+    people: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(point_clouds, "_methods", lambda pair, _: {"initial": np.zeros(len(pair.target.vertices), int)})
     tables = point_clouds.run(people, None)
-    found = {row["direction"]: (row["pairs"], row["right"], row["sure and wrong"]) for row in tables["rows"]}
+    found = {row["direction"]: (row["pairs"], row["right"], row["sure and wrong"]) for row in tables["match"]}
     assert found == dict.fromkeys(("cloud to cloud", "cloud to mesh", "mesh to cloud"), (2, 1, 1))
-    assert len(point_clouds.run(people, 3)["pairs"]) == 3
+    rows = {row["method"]: row for row in tables["rows"]}
+    assert rows["initial"]["published mean"] == point_clouds.PUBLISHED["initial"][0]
+    assert rows["initial"]["seconds"] is None
+    assert rows[point_clouds.MATCH]["mean error"] == 105
+    assert len(point_clouds.run(people, 3)["pairs"]) == 3 * 2
+
+
+def test_maps_of_clouds_are_refined(people: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(point_clouds, "K_FINAL", 40)
+    monkeypatch.setattr(point_clouds, "K_SIGNATURES", 60)
+    right = SimpleNamespace(certainty=1.0), np.zeros(3)
+    monkeypatch.setattr(point_clouds, "matched", lambda _: right)
+    made = point_clouds._methods
+
+    def quick(pair: PairOfMeshes, seed: int) -> dict[str, object]:
+        methods = made(pair, seed)
+        return {name: methods[name] for name in ("initial", "ICP20", "ZoomOut*")}
+
+    monkeypatch.setattr(point_clouds, "_methods", quick)
+    tables = point_clouds.run(people, 1, tmp_path / "curves.png")
+    error = {row["method"]: row["mean error"] for row in tables["rows"]}
+    assert error["ZoomOut*"] < error["initial"] < 200
+    assert (tmp_path / "curves.png").is_file()
+
+
+def test_points_are_drawn_from_tosca_alone(data: Path) -> None:
+    assert point_clouds.run(data, None)["rows"] == []
 
 
 def test_points_are_drawn_from_the_meshes_of_other_sets(data: Path) -> None:
@@ -71,13 +100,14 @@ def test_points_are_drawn_from_the_meshes_of_other_sets(data: Path) -> None:
 
 @pytest.mark.usefixtures("matched")
 def test_each_kind_of_mesh_has_a_row_against_each_kind(people: Path) -> None:
-    tables = discretisation.run(people, None)
+    tables = discretisation.run(people, None, people / "curves.png")
+    assert (people / "curves.png").is_file()
     assert tables["rows"] == [{"target": kind, "cloud": 105.0, "iso": 105.0} for kind in ("cloud", "iso")]
     assert tables["right"] == [{"target": kind, "cloud": "1/2", "iso": "1/2"} for kind in ("cloud", "iso")]
 
 
 def test_a_match_is_measured_at_known_places(data: Path) -> None:
     pair = load_pair(data / "creatures", "a", "b")
-    result, error = discretisation.matched(pair)
+    result, errors = discretisation.matched(pair)
     own = 1000 * zo.geodesic_error(result.surface_map, pair.source, pair.target_vertex, pair.source_vertex)
-    assert error == pytest.approx(own.mean(), rel=0.2)
+    assert errors.mean() == pytest.approx(own.mean(), rel=0.2)
