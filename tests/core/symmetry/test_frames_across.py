@@ -49,7 +49,9 @@ def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
 
 def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mirror: SelfMap) -> None:
     near, surface = np.array([3, 70]), mirror.surface
-    more = Surface(np.vstack([surface.vertices, 1.001 * surface.vertices[near], [[np.nan] * 3]]), surface.triangles)
+    # Uneven, so that frames differ from place to place.
+    uneven = surface.vertices * (1 + 0.3 * EVEN[:, :1] * EVEN[:, 1:2])
+    more = Surface(np.vstack([uneven, 1.001 * uneven[near], [[np.nan] * 3]]), surface.triangles)
     shape = drain(analysis_steps(more.working, 100, 150, 0))
     image = np.append(mirrored_vertex(surface), [0, 0, 0])
     loose = replace(
@@ -61,6 +63,7 @@ def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mir
     )
     found = frames(loose)
     np.testing.assert_allclose(found[len(EVEN) : len(EVEN) + 2], found[near], atol=1e-12)
+    assert np.linalg.norm(found[:-3] - found[near[0]], axis=(1, 2)).max() > 0.05
 
 
 def test_displacements_are_mirrored_and_each_direction_takes_its_side(mirror: SelfMap) -> None:
