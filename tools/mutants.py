@@ -278,9 +278,14 @@ def _operator(name: str) -> Operator:
 def _without_effect(code: str) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Where types stand, which nothing reads when the code runs, decorators, such as frozen dataclasses', and ranges.
 
-    The ranges of tuned numbers refuse only what makes no sense.
+    The ranges of tuned numbers refuse only what makes no sense. To `reshape` any number below zero is the same, and
+    others rarely fit.
     """
     for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            for size in node.args:
+                if isinstance(size, ast.UnaryOp) and isinstance(size.op, ast.USub):
+                    yield (size.lineno, size.col_offset), (size.end_lineno or 0, size.end_col_offset or 0)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "tuned":
             for bound in node.args[2:]:
                 yield (bound.lineno, bound.col_offset), (bound.end_lineno or 0, bound.end_col_offset or 0)

@@ -40,6 +40,12 @@ def test_ranges_of_tuned_numbers_are_left_alone() -> None:
     assert all(change.endswith('"1", 2, 7)') for change in changes)
 
 
+def test_what_reshape_infers_is_left_alone() -> None:
+    changes = [mutant.change for mutant in chosen_mutants("a.py", "x.reshape(-1, 9)\n", None, 0, None)]
+    assert changes
+    assert all("+ x.reshape(-1, " in change for change in changes)
+
+
 def test_a_draw_is_the_same_for_the_same_seed_and_keeps_to_its_size() -> None:
     first, again, other = (chosen_mutants("a.py", CODE * 5, 6, seed, None) for seed in (1, 1, 2))
     assert len(first) == 6
