@@ -27,6 +27,10 @@ def hamiltonian_basis(
     4 pi k over that part's area (Weyl's law). Functions reach into the rest about as far as one over the square root of
     tau. With a potential of zero this is the `eigenbasis`.
 
+    For a part and its whole, give the whole a potential outside of the part's region, and let `zoomout` go through
+    equal sizes. The region must be known: where it lacks some of the part, or has much that the part lacks, maps are
+    worse than by plain bases with `slanted_sizes`, which need no region.
+
     Args:
         shape: what to analyse.
         potential: (n,) at the vertices or points, from 0 where functions live to 1 where they vanish.

@@ -114,6 +114,9 @@ def test_a_part_is_found_on_the_whole(resting: Creature) -> None:
     assert outside[start].mean() > 0.2
     assert outside[vertex].mean() < 0.01
     assert off(resting, vertex, truth) < 0.3 * off(resting, start, truth)
+    # A region that lacks some of the part leads astray.
+    lacking = zo.hamiltonian_basis(resting.surface, resting.directions[:, 0] < 0.5, 60)
+    assert off(resting, zo.zoomout(lacking, basis_part, start, k_final=60).vertex, truth) > off(resting, vertex, truth)
 
 
 def off(source: Creature, vertex: np.ndarray, truth: np.ndarray) -> float:
