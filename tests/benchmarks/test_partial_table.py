@@ -52,11 +52,15 @@ def test_each_kind_has_a_row_for_each_method(parts: Path, monkeypatch: pytest.Mo
     rows = {(row["set"], row["method"]): row for row in tables["rows"]}
     assert list(rows) == [(kind, name) for kind in ("cuts", "holes") for name in ("initial", "PFM", "ZoomOut",
                           "ZoomOut after PFM", "CPD")]  # fmt: skip
-    assert [rows["cuts", name]["pairs"] for name in methods] == [2, 2, 2, 2, 1]
+    assert [rows["cuts", name]["pairs"] for name in methods] == [2, 1, 2, 1, 1]
     for kind in ("cuts", "holes"):
         assert rows[kind, "ZoomOut after PFM"]["mean"] < rows[kind, "initial"]["mean"]
         # What it starts from and what both need is part of the time.
         assert rows[kind, "ZoomOut after PFM"]["seconds"] > rows[kind, "PFM"]["seconds"] > 0
+    # Slow methods stand beside ZoomOut on the same pair.
+    errors = {record["pair"]: record["error"] for record in tables["pairs"] if record["method"] == "ZoomOut"}
+    assert rows["cuts", "PFM"]["ZoomOut there"] == errors["cut_a_00"]
+    assert rows["cuts", "ZoomOut"]["ZoomOut there"] == rows["cuts", "ZoomOut"]["mean"]
     assert rows["cuts", "PFM"]["published s"] == 70
     assert rows["holes", "PFM"]["published s"] is None
     # Every second place has its true image, and the others none.
