@@ -74,8 +74,15 @@ def test_a_lost_island_takes_the_face_that_is_most_its_own_but_no_island_s_only_
     # Island 1 has the first faces, and island 0 the others; island 2 covers a part of the first two.
     candidates = Candidates(np.array([0, 0, 1, 1, 2]), np.array([0.6, 0.4, 0.7, 0.3, 1.0]))
     island = np.array([1, 2, 1 if own == 2 else 0, 2, 0])
-    chosen = with_lost_islands(np.array([0, 2, 4]), candidates, island, mesh)
-    assert chosen.tolist() == ([1, 2, 4] if given else [0, 2, 4])
+    for numbered in (island, 2 - island):
+        chosen = with_lost_islands(np.array([0, 2, 4]), candidates, numbered, mesh)
+        assert chosen.tolist() == ([1, 2, 4] if given else [0, 2, 4])
+
+
+@pytest.mark.parametrize("face", range(4))
+def test_a_speck_goes_wherever_it_is(face: int) -> None:
+    label = np.where(np.arange(4) == face, 1, 0)
+    assert not without_specks(label, np.zeros(4, dtype=int), plate(4, 1)).any()
 
 
 def test_loose_ends_of_a_mesh_are_islands_too() -> None:
