@@ -441,6 +441,13 @@ def test_rotations_turn_with_the_surface_if_they_are_to(turned: bool) -> None:
     np.testing.assert_allclose(result.values, np.tile(truth.ravel(), (len(X), 1)), atol=1e-6)
 
 
+def test_quaternions_keep_their_sign_though_both_are_one_rotation() -> None:
+    values = np.random.default_rng(0).normal(size=(len(X), 4))
+    values /= np.linalg.norm(values, axis=1, keepdims=True)
+    found = transfer(point(Kind.QUATERNION, values), identity(MESH), MESH, MESH).values
+    np.testing.assert_allclose(found, values, atol=1e-6)
+
+
 @pytest.mark.parametrize("wrong", [-0.1, 1.5])
 def test_a_confidence_to_fill_below_is_one(wrong: float) -> None:
     with pytest.raises(ValueError, match="fill_below"):
