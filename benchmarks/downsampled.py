@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 import zoomout_core as zo
+from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.compared import compared, rows_by
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_same_order
@@ -26,9 +27,8 @@ from benchmarks.large import K_FINAL, SET, STEP
 from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.maps.zoomout import SampledBasis, upsample
+from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.mesh.decimation import decimated_steps
-from zoomout_core.spectral.sampling import farthest_points
 
 # Target and source, of 19,000 vertices.
 PAIRS = (("horse0", "horse6"), ("horse10", "horse14"), ("horse0", "horse14"))
@@ -130,11 +130,7 @@ def _by_functional_map(
 
 
 def _on_samples(source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, samples: int) -> Integers:
-    on_source, on_target = (
-        SampledBasis.of(basis, farthest_points(basis.points, samples)) for basis in (source, target)
-    )
-    start = zo.functional_map_of(initial, source, target, K_INITIAL, K_INITIAL)
-    return zo.vertex_map_of(upsample(on_source, on_target, start, K_FINAL, STEP)[0], source, target)
+    return sampled_zoomout(source, target, initial, K_FINAL, STEP, samples, K_INITIAL).vertex
 
 
 def _in_core(source: zo.SpectralBasis, target: zo.SpectralBasis, initial: Integers, samples: int) -> Integers:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.rhm import rhm
+from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
 from benchmarks.compared import compared, rows_by
 from benchmarks.datasets import PairOfMeshes, load_same_order
@@ -92,8 +93,11 @@ def _methods(pair: PairOfMeshes) -> dict[str, Integers | Callable[[], Integers]]
     def by_rhm() -> Integers:
         return rhm(pair.source, pair.target, initial, from_landmarks(target, source, on_target, on_source))[0]
 
-    def by_zoomout(samples: int | None) -> Integers:
-        return zo.zoomout(source, target, initial, K_FINAL, STEP, samples).vertex
+    def by_zoomout() -> Integers:
+        return zo.zoomout(source, target, initial, K_FINAL, STEP, samples=None).vertex
+
+    def on_samples() -> Integers:
+        return sampled_zoomout(source, target, initial, K_FINAL, STEP, SAMPLES).vertex
 
     def by_match() -> Integers:
         zo.forget_shapes()
@@ -105,8 +109,8 @@ def _methods(pair: PairOfMeshes) -> dict[str, Integers | Callable[[], Integers]]
         "ICP": lambda: by_icp(50),
         "ICP120": lambda: by_icp(120),
         "RHM": by_rhm,
-        "ZoomOut": lambda: by_zoomout(None),
-        "ZoomOut*": lambda: by_zoomout(SAMPLES),
+        "ZoomOut": by_zoomout,
+        "ZoomOut*": on_samples,
         "zo.match": by_match,
     }
     if len(initial) > MOST_FOR_RHM:

@@ -16,6 +16,7 @@ from benchmarks.baselines.bcicp import Side, bcicp, covering, smoothed, turned_t
 from benchmarks.baselines.deblur import deblur, deblurred
 from benchmarks.baselines.kernel_matching import assigned, kernel_matching
 from benchmarks.baselines.rhm import Embedded, geodesic_embedding, images, rhm
+from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import nearest_orthonormal, spectral_icp
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.mesh.surface import Surface
@@ -179,6 +180,7 @@ METHODS: dict[str, Callable[[Easy], np.ndarray]] = {
     "icp": lambda easy: spectral_icp(*easy.bases, easy.initial, 20).vertex,
     "pmf": lambda easy: kernel_matching(*easy.bases, easy.initial, samples=200)[0],
     "bcicp": lambda easy: bcicp(easy.source, easy.target, easy.initial, easy.initial_back, 20)[0].vertex,
+    "sampled": lambda easy: sampled_zoomout(*easy.bases, easy.initial, K, 2, 200, 10).vertex,
     "rhm": lambda easy: rhm(easy.source.surface, easy.target.surface, easy.initial, easy.initial_back, 10)[0],
 }
 
@@ -189,3 +191,10 @@ def test_each_method_improves_its_start(easy: Easy, name: str) -> None:
     assert vertex.shape == easy.initial.shape
     assert easy.error(easy.initial) > 100
     assert easy.error(vertex) < 55
+
+
+def test_sampled_zoomout_takes_a_functional_map_or_a_vertex_map(easy: Easy) -> None:
+    start = functional_map_of(easy.initial, *easy.bases, 10, 10)
+    refined = [sampled_zoomout(*easy.bases, each, K, 5, 200, 10) for each in (start, easy.initial)]
+    np.testing.assert_array_equal(refined[0].vertex, refined[1].vertex)
+    assert refined[0].functional_map.shape == (K, K)
