@@ -18,6 +18,7 @@ import zoomout_core as zo
 from benchmarks.baselines.bcicp import Side
 from benchmarks.baselines.lmh import GLOBAL, kernels, lmh, localized_harmonics, transported
 from benchmarks.baselines.pfm import pfm
+from benchmarks.datasets import CORRESPONDENCE
 from benchmarks.generate.folder import class_of
 from benchmarks.partial import RADIUS, figures, region_of
 from benchmarks.pictures import View, by_position, draw_views
@@ -177,7 +178,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
         The table, and under `pairs` a record for each scene and method.
     """
     folder = data / "tosca_r" if (data / "tosca_r").is_dir() else data
-    if not (folder / "correspondence.npz").is_file():
+    if not (folder / CORRESPONDENCE).is_file():
         return {"rows": []}
     records: list[Record] = []
     drawn: list[list[View]] = []
@@ -235,7 +236,7 @@ def _views(scene: Scene, region: Booleans, vertices: dict[str, Integers]) -> lis
 
 def chosen_animals(folder: Path, count: int) -> list[tuple[str, str, str]]:
     """(model, the same animal in another pose, another animal) of some scenes, of all classes in turn."""
-    with np.load(folder / "correspondence.npz") as truth:
+    with np.load(folder / CORRESPONDENCE) as truth:
         names = sorted(name for name in truth if not name.endswith(".sym"))
     classes: dict[str, list[str]] = {}
     for name in names:
@@ -254,7 +255,7 @@ def chosen_animals(folder: Path, count: int) -> list[tuple[str, str, str]]:
 
 def made_scene(folder: Path, model: str, pose: str, other: str) -> Scene:
     """The scene of an animal in some pose and another one beside it."""
-    with np.load(folder / "correspondence.npz") as truth:
+    with np.load(folder / CORRESPONDENCE) as truth:
         on_model, on_pose = truth[model], truth[pose]
     target, posed, clutter = (read_surface(folder / f"{name}.off") for name in (model, pose, other))
     source = union_and_cut(posed, clutter)

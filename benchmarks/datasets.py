@@ -17,6 +17,8 @@ from zoomout_core.mesh.surface import Surface, as_surface
 
 Item = TypeVar("Item")
 
+# In a set with this file, the places of each shape that correspond to those of any other.
+CORRESPONDENCE = "correspondence.npz"
 # In a set with this file, it has for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"
 # Largest number of known places at which a map is measured.
@@ -65,9 +67,10 @@ class PairOfMeshes:
 
 
 def sets_in(folder: Path) -> list[Path]:
-    """The sets with known correspondences in a folder, or the folder itself if it is one."""
-    marks = ("pairs.txt", TEMPLATE, "*/pairs.txt", f"*/{TEMPLATE}")
-    return sorted({path.parent for mark in marks for path in folder.glob(mark)})
+    """The sets of whole shapes with known correspondences in a folder, or the folder itself if it is one."""
+    marks = (CORRESPONDENCE, TEMPLATE, f"*/{CORRESPONDENCE}", f"*/{TEMPLATE}")
+    found = sorted({path.parent for mark in marks for path in folder.glob(mark)})
+    return [each for each in found if (each / TEMPLATE).is_file() or (each / "pairs.txt").is_file()]
 
 
 def is_far(name: str) -> bool:
@@ -95,7 +98,7 @@ def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
 def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
     """A pair with its true correspondence."""
     by_template = (folder / TEMPLATE).is_file()
-    truth = _truth(folder / (TEMPLATE if by_template else "correspondence.npz"))
+    truth = _truth(folder / (TEMPLATE if by_template else CORRESPONDENCE))
     ending = "ply" if by_template else "off"
     target, source = (as_surface(read_shape(folder / f"{name}.{ending}")) for name in (target_name, source_name))
     target_vertex, source_vertex = truth[target_name], truth[source_name]
@@ -143,14 +146,14 @@ def _is_complete(maps: Mapping[str, Integers], target: str, source: str) -> bool
 
 def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:
     """The shapes of a set whose mirrored places are known, or `most` of them evenly spread over the list."""
-    path = folder / "correspondence.npz"
+    path = folder / CORRESPONDENCE
     truth = _truth(path) if path.is_file() else {}
     return evenly([name.removesuffix(".sym") for name in truth if name.endswith(".sym")], most)
 
 
 def mirrored_places(folder: Path, name: str) -> tuple[Surface, Integers, Integers]:
     """A shape, (c,) vertices of it, and (c,) the vertices on its other side that correspond to them."""
-    truth = _truth(folder / "correspondence.npz")
+    truth = _truth(folder / CORRESPONDENCE)
     return read_surface(folder / f"{name}.off"), truth[name], truth[f"{name}.sym"]
 
 

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from benchmarks.__main__ import main
 from benchmarks.ablation import NEUTRAL
 from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
-from benchmarks.datasets import load_pair, pair_names
+from benchmarks.datasets import TEMPLATE, load_pair, pair_names, sets_in
 from zoomout_core.matching.scores import total_score
 
 Tables = dict[str, list[dict]]
@@ -39,6 +39,20 @@ def test_pairs_are_taken_in_both_directions_and_spread_evenly(tmp_path: Path) ->
     assert pair_names(tmp_path, None) == [("a", "b"), ("c", "d"), ("e", "f"), ("f", "e"), ("b", "a"), ("d", "c")]
     assert pair_names(tmp_path, 2) == [("a", "b"), ("d", "c")]
     assert len(pair_names(tmp_path, 100)) == 6
+
+
+def test_a_set_has_pairs_and_known_places(tmp_path: Path) -> None:
+    for name, files in {
+        "whole": ("pairs.txt", "correspondence.npz"),
+        "parts": ("pairs.txt", "truth.npz"),
+        "alone": ("correspondence.npz",),
+        "template": (TEMPLATE,),
+    }.items():
+        (tmp_path / name).mkdir()
+        for file in files:
+            (tmp_path / name / file).touch()
+    assert [folder.name for folder in sets_in(tmp_path)] == ["template", "whole"]
+    assert sets_in(tmp_path / "whole") == [tmp_path / "whole"]
 
 
 def test_each_method_has_a_row_over_the_pairs_that_it_knows(tables: Tables) -> None:
