@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.baselines.spectral_icp import spectral_icp
+from benchmarks.compared import compared
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, sets_in, shipped_map, shipped_pairs
+from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.zoomout import SampledBasis, upsample
 from zoomout_core.spectral.sampling import farthest_points
@@ -32,7 +32,7 @@ START = "WKSini_direct"
 ICP = "spectral ICP"
 
 
-def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, list[dict[str, Any]]]:
+def run(data: Path, pairs: int | None, figure: Path | None = None) -> Tables:
     """Refine the shipped initial maps of pairs of horses.
 
     `rows`: for each step, and spectral ICP, the mean error over the pairs, times 1000, and the median seconds, without
@@ -43,7 +43,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
         pairs: number of pairs, four at most.
         figure: an image file to draw error and seconds to, by step.
     """
-    records: list[dict[str, Any]] = []
+    records: list[Record] = []
     for folder in sets_in(data):
         names = [names for names in shipped_pairs(folder, START) if all(name.startswith(CLASS) for name in names)]
         for chosen in tqdm(names[: min(pairs or PAIRS, PAIRS)], desc=folder.name, leave=False):
@@ -56,7 +56,7 @@ def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, 
     return {"rows": rows, "pairs": records}
 
 
-def _of_pair(pair: PairOfMeshes, initial: Integers) -> list[dict[str, Any]]:
+def _of_pair(pair: PairOfMeshes, initial: Integers) -> list[Record]:
     source, target = (zo.eigenbasis(surface, FINAL) for surface in (pair.source, pair.target))
     on_source, on_target = (
         SampledBasis.of(basis, farthest_points(basis.points, SAMPLES)) for basis in (source, target)
@@ -66,34 +66,25 @@ def _of_pair(pair: PairOfMeshes, initial: Integers) -> list[dict[str, Any]]:
     def upsampled(step: int) -> Integers:
         return zo.vertex_map_of(upsample(on_source, on_target, start, FINAL, step)[0], source, target)
 
-    runs: dict[int | str, Callable[[], Integers]] = {"initial": lambda: initial}
-    runs[ICP] = lambda: spectral_icp(source, target, initial, FINAL).vertex
+    methods: dict[str, Integers | Callable[[], Integers]] = {"initial": initial}
+    methods[ICP] = lambda: spectral_icp(source, target, initial, FINAL).vertex
     for step in STEPS:
-        runs[step] = partial(upsampled, step)
-    maps, seconds = [], []
-    for refined in runs.values():
-        begin = perf_counter()
-        maps.append(refined())
-        seconds.append(perf_counter() - begin)
-    errors = np.nanmean(pair.errors(np.column_stack(maps)), axis=0)
-    about = {"pair": f"{pair.target_name} {pair.source_name}"}
-    return [
-        about | {"step": method, "error": float(error), "seconds": taken}
-        for method, error, taken in zip(runs, errors, seconds, strict=True)
-    ]
+        methods[str(step)] = partial(upsampled, step)
+    return [record | {"step": record["method"]} for record in compared(pair, methods, {})[0]]
 
 
-def _row(records: list[dict[str, Any]], method: Any) -> dict[str, Any]:
+def _row(records: list[Record], method: str) -> Record:
     chosen = [record for record in records if record["step"] == method]
+    seconds = [record["seconds"] for record in chosen if record["seconds"] is not None]
     return {
-        "step": str(method),
+        "step": method,
         "pairs": len(chosen),
         "mean error": float(np.mean([record["error"] for record in chosen])),
-        "seconds": float(np.median([record["seconds"] for record in chosen])),
+        "seconds": float(np.median(seconds)) if seconds else None,
     }
 
 
-def _draw(rows: list[dict[str, Any]], figure: Path) -> None:
+def _draw(rows: list[Record], figure: Path) -> None:
     """Error and seconds by step, and the errors of the start and of ICP as level lines."""
     by_step = {row["step"]: row for row in rows}
     lines: dict[str, tuple[Sequence[float], Sequence[float]]] = {
