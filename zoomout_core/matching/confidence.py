@@ -84,7 +84,7 @@ def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: ShapeAnal
     """
     cycle = cycle_error(there, back, target.mesh.vertices)[:, None]
     lost = target.basis.smoothed(cycle, CONFIDENCE.pooling**2)[:, 0] > CONFIDENCE.without_partner
-    return float(target.basis.areas[lost].sum())
+    return float(target.basis.areas[lost].sum() / target.basis.areas.sum())
 
 
 def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:

@@ -46,7 +46,7 @@ class QueryPoints:
 
     Attributes:
         vertex: (p,) their numbers.
-        areas: (p,) what each stands for.
+        areas: (p,) the part of the surface's area that each stands for.
     """
 
     vertex: Integers
@@ -57,7 +57,13 @@ class QueryPoints:
         """Points for a deformation graph of some number of nodes."""
         samples = shape.sampled.samples[: min(CORRESPONDENCES.points_per_node * nodes, CORRESPONDENCES.most_points)]
         owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
-        return cls(samples, segment_sum(shape.basis.areas, owner, len(samples)))
+        areas = shape.basis.areas
+        return cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
+
+    @classmethod
+    def none(cls) -> QueryPoints:
+        """No points."""
+        return cls(np.empty(0, dtype=np.int64), np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +84,13 @@ class Surroundings:
 
     @classmethod
     def of(cls, source: ShapeAnalysis) -> Surroundings:
-        places = _with_normals(source.mesh.vertices, source.mesh.vertex_normals)
-        return cls(source, places, cKDTree(places), EmbeddedSurface(source.mesh.vertices, source.neighbourhoods))
+        return cls.bent(source, source.mesh.vertices, source.mesh.vertex_normals)
+
+    @classmethod
+    def bent(cls, source: ShapeAnalysis, positions: Floats, normals: Floats) -> Surroundings:
+        """A shape whose vertices have other positions (n, 3) and unit normals (n, 3)."""
+        places = _with_normals(positions, normals)
+        return cls(source, places, cKDTree(places), EmbeddedSurface(positions, source.neighbourhoods))
 
     def closest(self, positions: Floats, normals: Floats) -> SurfaceMap:
         """The points closest to places (q, 3), next to vertices whose normals agree with those given (q, 3)."""

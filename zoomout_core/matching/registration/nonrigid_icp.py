@@ -10,7 +10,7 @@ Adams, Guibas and Pauly, Robust single-view geometry and motion reconstruction, 
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,7 +26,11 @@ from zoomout_core.matching.proxy import Proxy, carried
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+from zoomout_core.runtime.stepping import scaled
 from zoomout_core.tuning import Tuning, tuned
+
+# The fraction of the progress of a fit that the rounds take.
+BENDING = 0.9
 
 
 class Level(NamedTuple):
@@ -110,6 +114,12 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
+def fine_enough(*shapes: ShapeAnalysis) -> bool:
+    """Whether meshes have the vertices that the nodes of the schedule need."""
+    fewest = NONRIGID.vertices_per_node * max(level.nodes for level in NONRIGID.levels)
+    return all(len(shape.mesh.vertices) >= fewest for shape in shapes)
+
+
 def fit_steps(
     first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
 ) -> Generator[float, None, Fit]:
@@ -124,8 +134,7 @@ def fit_steps(
     Yields:
         The fraction done.
     """
-    fewest = NONRIGID.vertices_per_node * max(level.nodes for level in NONRIGID.levels)
-    if min(len(source.mesh.vertices), len(target.mesh.vertices)) < fewest:
+    if not fine_enough(source, target):
         return Fit.unfitted(first)
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
@@ -137,26 +146,10 @@ def fit_steps(
         normals = -normals
     around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
     still, placed = unmoved(first, rest, normals, around, limit, target)
-    positions, graph = np.where(still[:, None], placed, aligned.positions), None
-    for i, (count, sliding, stiffness, rounds) in enumerate(NONRIGID.levels):
-        count = min(count, len(target.distances))
-        if graph is None or len(graph.nodes.vertex) != count:
-            nodes = Nodes.on(target, count)
-            here, there = QueryPoints.on(target, count), QueryPoints.on(source, count)
-            graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
-            goal = positions
-        for j in range(rounds):
-            yield (i + j / rounds) / (len(NONRIGID.levels) + 1)
-            positions, turned, _ = graph.moved()
-            if sliding == 1:
-                weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-                motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
-            else:
-                motion = graph.step(*residuals(positions, turned, here, there, around, limit, sliding), stiffness, True)
-            if motion < NONRIGID.at_rest:
-                break
-    yield len(NONRIGID.levels) / (len(NONRIGID.levels) + 1)
-    assert graph is not None
+    positions = np.where(still[:, None], placed, aligned.positions)
+    bending = bent_steps(rest, normals, positions, around, limit, target, NONRIGID.levels)
+    graph = yield from scaled(bending, 0.0, BENDING)
+    yield BENDING
     positions, turned, blends = graph.moved()
     found = around.closest(positions, turned)
     facing = np.einsum("nx,nx->n", turned, found.interpolate(source.mesh.vertex_normals)) > 0
@@ -171,6 +164,51 @@ def fit_steps(
         first.source_triangles,
     )
     return Fit(surface_map, positions, nearest_rotations(blends) * sense, fits)
+
+
+def bent_steps(
+    rest: Floats,
+    normals: Floats,
+    positions: Floats,
+    around: Surroundings,
+    limit: GeodesicLimit,
+    target: ShapeAnalysis,
+    levels: Sequence[Level],
+    is_part: bool = False,
+) -> Generator[float, None, DeformationGraph]:
+    """The motion that bends a target onto a source, yielding the fraction done.
+
+    Args:
+        rest: (n_t, 3) the target's vertices, mirrored where the map mirrors.
+        normals: (n_t, 3) its normals, likewise.
+        positions: (n_t, 3) where it begins.
+        around: the source.
+        limit: on correspondences.
+        target: the shape that is bent.
+        levels: the schedule; not empty.
+        is_part: places of the source may have no partner, so that they do not draw the target.
+    """
+    graph = None
+    for i, (count, sliding, stiffness, rounds) in enumerate(levels):
+        count = min(count, len(target.distances))
+        if graph is None or len(graph.nodes.vertex) != count:
+            nodes = Nodes.on(target, count)
+            here = QueryPoints.on(target, count)
+            there = QueryPoints.none() if is_part else QueryPoints.on(around.source, count)
+            graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
+            goal = positions
+        for j in range(rounds):
+            yield (i + j / rounds) / len(levels)
+            positions, turned, _ = graph.moved()
+            if sliding == 1:
+                weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
+                motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
+            else:
+                motion = graph.step(*residuals(positions, turned, here, there, around, limit, sliding), stiffness, True)
+            if motion < NONRIGID.at_rest:
+                break
+    assert graph is not None
+    return graph
 
 
 def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> SurfaceMap:
