@@ -14,6 +14,7 @@ from tqdm import tqdm
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import checked_axes
 from zoomout_core.matching.memory_cache import store_shapes
+from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.stepping import Result, Steps
@@ -84,6 +85,13 @@ def match_options(command: Any) -> Any:
             type=click.Path(exists=True, dir_okay=False),
             help="A map.npz of these meshes, by `zoomout match`: evidence, whereas --initial starts from it alone.",
         ),
+        click.option(
+            "--partial",
+            type=click.Choice(PARTIAL),
+            default="auto",
+            show_default=True,
+            help="Whether one mesh is tried as a part of the other where they are not recognised as wholes.",
+        ),
         click.option("--exact-landmarks", is_flag=True, help="Bend the map so that it hits the landmarks."),
         click.option(
             "--landmarks",
@@ -108,6 +116,7 @@ def start_arguments(
     exact_landmarks: bool,
     earlier_map: str | None,
     common_axes: Sequence[str],
+    partial: str,
     detail: str,
     seed: int,
 ) -> dict[str, Any]:
@@ -116,7 +125,7 @@ def start_arguments(
     Raises:
         MeshError: options that do not fit together, or a file or a direction that cannot be used.
     """
-    arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "initial": initial}
+    arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "initial": initial, "partial": partial}
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")

@@ -10,6 +10,7 @@ from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, P
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.command_options import STARTS, read_axis, read_landmarks
 from zoomout_core.maps.surface_map import read_vertex_map
+from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.runtime.stepping import Steps, within
 
@@ -40,6 +41,7 @@ MATCHING = (
     Parameter("exact_landmarks", SWITCH, False, "Bend the correspondence so that it hits the landmarks."),
     Parameter("initial_map", DATA, None, "An earlier map, or the .npz file that `zoomout match` wrote it to."),
     Parameter("common_axes", DATA, None, "Directions (a, 3) in which both meshes stand alike, or x, y or z."),
+    Parameter("partial", CHOICE, "auto", "Whether one mesh is tried as a part of the other.", PARTIAL),
     *ACCURACY,
     Parameter("candidate", COUNT, 0, "Which correspondence to use: another where sides are swapped."),
 )
@@ -79,13 +81,21 @@ def report_on(result: zo.MatchResult) -> dict[str, Any]:
 
 
 def _arguments(
-    initial: str, landmarks: Any, exact_landmarks: bool, initial_map: Any, common_axes: Any, detail: str, seed: int
+    initial: str,
+    landmarks: Any,
+    exact_landmarks: bool,
+    initial_map: Any,
+    common_axes: Any,
+    partial: str,
+    detail: str,
+    seed: int,
 ) -> dict[str, Any]:
     """What the parameters mean to `zoomout_core.match`."""
     return {
         **DETAIL[detail],
         "seed": seed,
         "initial": initial,
+        "partial": partial,
         "landmarks": read_landmarks(landmarks) if isinstance(landmarks, str) else landmarks,
         "exact_landmarks": exact_landmarks,
         "initial_map": read_vertex_map(initial_map) if isinstance(initial_map, str) else initial_map,

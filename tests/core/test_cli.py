@@ -105,8 +105,11 @@ def test_what_is_known_of_the_map_reaches_the_match(
     np.savetxt(files / "points.txt", np.hstack(points), header="source and target", fmt="%.17g")
     meshes = files / "source.ply", files / "target.ply", "-o", files / "none.npz"
     evidence = "--landmarks", files / "points.txt", "--exact-landmarks", "--earlier-map", files / "known.npz"
-    assert "Enough." in run("match", *meshes, *evidence, "--common-axis", "Z", "--common-axis", "0,-2,0").output
-    assert (seen["initial"], seen["exact_landmarks"]) == ("auto", True)
+    assert (
+        "Enough."
+        in run("match", *meshes, *evidence, "--common-axis", "Z", "--common-axis", "0,-2,0", "--partial", "off").output
+    )
+    assert (seen["initial"], seen["exact_landmarks"], seen["partial"]) == ("auto", True, "off")
     np.testing.assert_array_equal(seen["common_axes"], [[0, 0, 1], [0, -1, 0]])
     np.testing.assert_array_equal(seen["landmarks"], points)
     np.testing.assert_array_equal(seen["initial_map"], truth)

@@ -168,13 +168,21 @@ def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pa
     in_files = {"landmarks": str(tmp_path / "pairs.txt"), "initial_map": str(tmp_path / "map.npz"), "common_axes": "-z"}
     in_arrays = {"landmarks": ([1, 3], [2, 4]), "initial_map": np.arange(5), "common_axes": [[0, 0, -1]]}
     for data in (in_files, in_arrays):
-        options = {"initial": "landmarks", "exact_landmarks": True, "detail": "fine", "seed": 7, **data}
+        options = {
+            "initial": "landmarks",
+            "exact_landmarks": True,
+            "partial": "off",
+            "detail": "fine",
+            "seed": 7,
+            **data,
+        }
         check_refusal(pair, "Heard", "compute_correspondence_by_zoomout", **options)
     for arguments in asked:
         np.testing.assert_array_equal(arguments.pop("landmarks"), [[1, 3], [2, 4]])
         np.testing.assert_array_equal(arguments.pop("initial_map"), np.arange(5))
         np.testing.assert_array_equal(arguments.pop("common_axes"), [[0, 0, -1]])
-        assert arguments == {"initial": "landmarks", "exact_landmarks": True, "seed": 7, **DETAIL["fine"]}
+        given = {"initial": "landmarks", "exact_landmarks": True, "partial": "off", "seed": 7}
+        assert arguments == given | DETAIL["fine"]
 
 
 def test_another_candidate_is_another_correspondence(pair):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from operator import attrgetter
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +32,13 @@ from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
 from zoomout_core.matching.options import Initial, MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
+from zoomout_core.matching.partial.part_match import (
+    PART_MATCH,
+    in_one_unit,
+    may_be_part,
+    part_fit_steps,
+    part_match_steps,
+)
 from zoomout_core.matching.proxy import PROXY
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
@@ -53,9 +60,9 @@ NOT_RECOGNISED = (
     "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or place one over the other in the "
     "same pose and start from proximity."
 )
-# The fractions of the progress at which each body is begun, and at which all are done; and the fraction of each that
-# analysing the shapes takes.
-PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.65, 0.75), 0.8
+# The fractions of the progress at which each body is begun, at which a part is placed, and at which this is done; and
+# the fraction of each body that analysing the shapes takes.
+PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.6, 0.68, 0.75), 0.8
 
 
 @dataclass(frozen=True)
@@ -227,7 +234,20 @@ def _surfaces_steps(
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
     best = best_of(attempts)
+    unsure = best.candidates[0].certainty < PART_MATCH.unsure
+    if unsure and options.initial == "auto" and options.partial == "auto" and may_be_part(best.pair):
+        best = yield from within(_part_attempt_steps(best, known), *PARTS_OF_PROGRESS[-2:])
     return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
+
+
+def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
+    """The attempt at the same pair by which one shape is a part of the other, where it is surer than that as wholes."""
+    pair = in_one_unit(whole.pair)
+    placing = part_match_steps(pair, known.disagreement(pair))
+    candidates = yield from spread(placing, 0.0, 1.0, "Placing a part")
+    if max(candidate.certainty for candidate in candidates) <= whole.candidates[0].certainty:
+        return whole
+    return Attempt(pair, candidates, whole.coverage)
 
 
 def _candidates_steps(
@@ -302,19 +322,10 @@ def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) 
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:
     candidate = candidates[chosen]
     source, target = pair.source_shape, pair.target_shape
-    how = candidate.mirrored, pair.k_final, pair.step
-    swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
-    refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
-    forwards = fitted_steps(refining, source, target, candidate.mirrored)
-    fewer = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
-    refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer)
-    # The map back ends first: there is time to prepare what carrying over needs.
-    backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
-    (fit, functional_map), (back, _) = yield from spread(side_by_side(forwards, backwards), start, 0.95, "Refining")
-    if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
-        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    refining = _part_steps if candidate.part_match is not None else _whole_steps
+    refined = yield from spread(refining(pair, candidate), start, 0.95, "Refining")
+    fit, back, functional_map, confidence, over = refined
     there = fit.surface_map
-    confidence, over = confidence_of(there, back, functional_map, source, target, candidate.reverses_orientation)
     carrying = in_background(lambda: lifted(pair, fit, confidence))
     whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
     notes = (*_notes_on_rest(there, back, source, target), *whole.notes, *pair.notes)
@@ -330,6 +341,56 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     return MatchResult(
         whole.surface_map, whole.confidence, functional_map, candidates, chosen, notes, pair, whole.placed
     )
+
+
+class Refined(NamedTuple):
+    """The map of a candidate between the shapes' meshes.
+
+    Attributes:
+        fit: of the target to the source.
+        back: the map from the source, found on its own.
+        functional_map: (k_target, k_source).
+        confidence: (n_t,) of the target's vertices.
+        over: the part of the target's area, in [0, 1], that the map turns over.
+    """
+
+    fit: Fit
+    back: SurfaceMap
+    functional_map: Floats
+    confidence: Floats
+    over: float
+
+
+def _whole_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refined]:
+    """The map of all of the target, by eigenfunctions and by bending it; yields the fraction done."""
+    source, target = pair.source_shape, pair.target_shape
+    how = candidate.mirrored, pair.k_final, pair.step
+    swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
+    refining = dense_steps(source, target, candidate.functional_map, candidate.final_anchors, *how)
+    forwards = fitted_steps(refining, source, target, candidate.mirrored)
+    fewer = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
+    refining_back = dense_steps(target, source, candidate.reverse_functional_map, swapped, *fewer)
+    # The map back ends first: there is time to prepare what carrying over needs.
+    backwards = prepared_steps(refining_back, (lambda _: source.proxy.search,))
+    (fit, functional_map), (back, _) = yield from side_by_side(forwards, backwards)
+    if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
+        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    measured = confidence_of(fit.surface_map, back, functional_map, source, target, candidate.reverses_orientation)
+    return Refined(fit, back, functional_map, *measured)
+
+
+def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refined]:
+    """The map of a part and a whole, either way, by bending the part; yields the fraction done."""
+    source, target = pair.source_shape, pair.target_shape
+    found = yield from part_fit_steps(pair, candidate)
+    there = found.fit.surface_map
+    k_target, k_source = candidate.functional_map.shape
+    images = there.interpolate(source.basis.eigenvectors[:, :k_source])
+    functional_map = target.basis.coefficients(images)[:k_target]
+    confidence, over = confidence_of(there, found.back, functional_map, source, target, False)
+    # Between the bases of both at unit area, as of all maps.
+    functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
+    return Refined(found.fit, found.back, functional_map, confidence * found.has_partner, over)
 
 
 def fitted_steps(

@@ -13,6 +13,8 @@ from zoomout_core.matching.constraints import Landmarks, Regions
 
 Initial: TypeAlias = Literal["auto", "landmarks", "proximity", "given"]
 
+# Whether shapes may be parts of each other.
+PARTIAL = ("auto", "off")
 # The smallest sizes that are accepted: of the final functional map, and of a stand-in, in vertices.
 SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
@@ -40,6 +42,8 @@ class MatchOptions:
         common_axes: (3,) or (a, 3) directions in which both are oriented alike, such as the up axis: evidence only.
         regions: pairs of source vertices and target vertices that belong together, such as vertex groups of the
             same name: evidence, which also holds the map in place, and decides which loose parts belong together.
+        partial: "auto": where the map of two whole shapes is unsure and something may be missing at a border of either,
+            one is tried as a part of the other, too, with initial="auto"; "off": shapes are whole.
         exact_landmarks: bend the final map so that each landmark lands on its partner; else landmarks draw it.
 
     Raises:
@@ -57,10 +61,13 @@ class MatchOptions:
     common_axes: ArrayLike | None = None
     regions: Regions | None = None
     exact_landmarks: bool = False
+    partial: Literal["auto", "off"] = "auto"
 
     def __post_init__(self) -> None:
         _check_start(self.initial, self.landmarks, self.initial_map)
         check_sizes(self.k_final, self.step, self.samples, self.proxy_vertices)
+        if self.partial not in PARTIAL:
+            raise ValueError(f"partial is {self.partial!r}: choose one of {', '.join(PARTIAL)}.")
         if self.exact_landmarks and self.landmarks is None:
             raise ValueError("exact_landmarks needs `landmarks`: give them, or leave it out.")
 

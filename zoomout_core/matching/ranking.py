@@ -113,6 +113,8 @@ class Candidate:
             as it does.
         scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with what
             is known, and their total, of which the smallest is the most likely map.
+        part_match: (s,) where one shape is taken for a part of the other, for each search sample of the part the number
+            of a sample of the other: the map is then found by bending the part. None for maps of all of both.
     """
 
     origin: str
@@ -125,6 +127,7 @@ class Candidate:
     final_anchors: Anchors | None
     certainty: float
     scores: dict[str, float]
+    part_match: Integers | None = None
 
 
 @dataclass(frozen=True, eq=False)

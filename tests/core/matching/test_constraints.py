@@ -71,6 +71,7 @@ def test_landmarks_that_are_to_be_exact_are_hit(pair) -> None:
         ({"samples": 2.5}, "samples is 2.5"),
         ({"step": 0}, "step is 0"),
         ({"proxy_vertices": 5}, "proxy_vertices is 5"),
+        ({"partial": "yes"}, "partial is 'yes': choose one of auto, off"),
         ({"proxy_vertices": "few"}, "proxy_vertices is 'few'"),
     ],
 )

@@ -1,0 +1,137 @@
+"""What of a cut shape is as it was: lengths in one unit, distances and areas up to the cut, the sense of turning."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature, true_vertex
+from pieces import PartAndWhole, analysed, piece_of
+
+from zoomout_core.arrays import Floats
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale, unlikeness
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+
+def grid_shape(size: int = 31, turned_over: bool = False) -> ShapeAnalysis:
+    """A square of unit area; vertex i * size + j lies at (i, j) / (size - 1), but for its centre."""
+    i, j = np.divmod(np.arange(size**2), size)
+    corner = np.flatnonzero((i < size - 1) & (j < size - 1))
+    triangles = np.concatenate([corner[:, None] + [0, size, 1], corner[:, None] + [1, size, size + 1]])
+    surface = Surface(np.column_stack([i, j, 0 * i]) / (size - 1), triangles[:, ::-1] if turned_over else triangles)
+    return drain(analysis_steps(surface.working.part(0)[0], 30, 100, 0))
+
+
+def places(shape: IncompleteShape) -> Floats:
+    return shape.shape.mesh.vertices[shape.shape.search.samples[: len(shape.between)]]
+
+
+def test_a_scaled_shape_has_all_lengths_scaled_and_lies_where_it_was() -> None:
+    shape = analysed(creature(400))
+    twice = at_scale(shape, 2.0)
+    assert at_scale(shape, 1.0) is shape
+    np.testing.assert_allclose(twice.mesh.vertices, 2 * shape.mesh.vertices)
+    np.testing.assert_allclose(twice.distances, 2 * shape.distances)
+    np.testing.assert_allclose(twice.basis.areas.sum(), 4)
+    np.testing.assert_allclose(twice.basis.eigenvalues, shape.basis.eigenvalues / 4)
+    np.testing.assert_allclose(twice.basis.coefficients(twice.basis.eigenvectors), np.eye(60), atol=1e-9)
+    np.testing.assert_allclose(twice.basis.points, twice.mesh.vertices)
+    np.testing.assert_allclose(twice.search.rows, shape.search.rows / 2)
+    full = shape.proxy.full
+    np.testing.assert_allclose(twice.proxy.full.to_surface(2 * full.vertices), full.to_surface(full.vertices))
+    assert twice.proxy.mesh is twice.proxy.full
+
+
+def test_a_scaled_stand_in_keeps_its_frame() -> None:
+    shape = drain(analysis_steps(creature(900).surface.working.part(0)[0], 30, 100, 0, 500))
+    twice = at_scale(shape, 2.0)
+    assert len(twice.mesh.vertices) < 900
+    np.testing.assert_allclose(twice.proxy.frame[1], shape.proxy.frame[1])
+    np.testing.assert_allclose(twice.proxy.vertices, 2 * shape.proxy.vertices)
+
+
+def test_cuts_are_borders_that_are_long_enough() -> None:
+    square = IncompleteShape(grid_shape())
+    x, y = places(square)[:, :2].T
+    middle = square.shape.mesh.vertices[:, :2].mean(axis=0)
+    to_border = 0.5 - np.maximum(np.abs(x - middle[0]), np.abs(y - middle[1]))
+    np.testing.assert_allclose(square.cut_distance, to_border, atol=1e-9)
+    with retuned(INCOMPLETE, loop=5.0):
+        assert np.isinf(IncompleteShape(grid_shape()).cut_distance).all()
+    assert np.isinf(IncompleteShape(analysed(creature(400))).cut_distance).all()
+
+
+def test_a_distance_is_the_wholes_where_the_way_past_a_cut_is_longer() -> None:
+    made = creature(800)
+    kept = made.directions[:, 2] < 0.4
+    kept[np.argmax(made.directions @ [0, -1, 0])] = False  # and a hole in the belly
+    shapes = analysed(made), analysed(piece_of(made, kept))
+    whole, part = (IncompleteShape(at_scale(shape, shape.proxy.full.scale)) for shape in shapes)
+    vertices = np.flatnonzero(kept)[part.shape.search.samples[: len(part.between)]]
+    true = np.array([whole.shape.distances[:, v] for v in vertices])  # from the whole's places
+    nearest = true.argmin(axis=1)
+    at_place = true.min(axis=1) == 0  # the whole has a place at the same vertex
+    assert at_place.sum() > 10
+    pairs = np.ix_(at_place, at_place)
+    longer = part.between[pairs] - whole.between[np.ix_(nearest[at_place], nearest[at_place])]
+    unaffected = part.unaffected[pairs]
+    assert np.abs(longer[unaffected]).max() < 1e-9
+    assert longer[~unaffected].max() > 0.01
+    assert whole.unaffected.all()
+
+
+def test_areas_of_balls_are_those_of_discs_up_to_the_border() -> None:
+    square = IncompleteShape(grid_shape(61))
+    radius = np.array(INCOMPLETE.radii)
+    # Ways along edges make the balls squares of the taxi metric, but for the diagonals one way.
+    inside = (radius > 0.15) & (radius < square.cut_distance[:, None])
+    discs = np.exp(square.log_ball_areas) / radius**2
+    assert inside.sum() > 50
+    assert 2 < discs[inside].min() < discs[inside].max() < np.pi
+    assert (np.diff(square.log_ball_areas, axis=1) >= 0).all()
+
+
+@pytest.mark.parametrize("turned_over", [False, True])
+def test_turning_is_the_sine_between_two_directions(turned_over: bool) -> None:
+    square = IncompleteShape(grid_shape(turned_over=turned_over))
+    points, between = places(square)[:, :2], square.between
+    d = len(between)
+    assert square.turning.shape == (d, d, d)
+    np.testing.assert_allclose(square.turning, -square.turning.transpose(0, 2, 1), atol=1e-6)
+    away = points[:, None] - points
+    sine = away[:, :, None, 0] * away[:, None, :, 1] - away[:, :, None, 1] * away[:, None, :, 0]
+    length = np.linalg.norm(away, axis=2)
+    far = (length > 0.3)[:, :, None] & (length > 0.3)[:, None]
+    sine = sine / np.where(far, length[:, :, None] * length[:, None], 1)
+    clear = far & (np.abs(sine) > 0.5)
+    sense = -1 if turned_over else 1
+    assert (np.sign(square.turning[clear]) == sense * np.sign(sine[clear])).mean() > 0.85
+    assert np.abs(square.turning).max() < 1.5
+
+
+def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWhole) -> None:
+    whole, part = lower.whole, lower.part
+    assert unlikeness(whole, whole).diagonal().max() == 0
+    unlike = unlikeness(part, whole)
+    assert 0 <= unlike.min() < unlike.max() <= 1
+    true = true_vertex(lower.made_whole, lower.made_part)[part.shape.search.samples[: len(part.between)]]
+    at_truth = unlike[np.arange(len(unlike)), np.argmin(whole.shape.distances[:, true], axis=0)]
+    # A place picked at random would have half of all places before it.
+    assert np.mean(unlike < at_truth[:, None]) < 0.3
+    np.testing.assert_allclose(unlike, unlikeness(whole, part).T, atol=1e-12)
+    # Without knowing of the cut, places beside it are unlike themselves.
+    with retuned(INCOMPLETE, loop=10.0):
+        unaware = IncompleteShape(part.shape)
+        blind = unlikeness(unaware, whole)[np.arange(len(unlike)), np.argmin(whole.shape.distances[:, true], axis=0)]
+    near = part.cut_distance < 0.1
+    assert blind[near].mean() > 2 * at_truth[near].mean()
+
+
+def test_where_cuts_reach_both_balls_nothing_is_known() -> None:
+    half = IncompleteShape(analysed(piece_of(made := creature(600), made.directions[:, 2] < 0.3)))
+    other = IncompleteShape(analysed(piece_of(made, made.directions[:, 2] > -0.3)))
+    on_cuts = np.ix_(half.cut_distance == 0, other.cut_distance == 0)
+    assert unlikeness(half, other)[on_cuts].size > 0
+    assert (unlikeness(half, other)[on_cuts] == 0).all()

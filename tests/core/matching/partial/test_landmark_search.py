@@ -1,0 +1,84 @@
+"""Landmarks keep away from cuts, and are found again by distances, surroundings and the sense of turning."""
+
+from __future__ import annotations
+
+import numpy as np
+from creatures import creature
+from pieces import PartAndWhole, analysed
+
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, unlikeness
+from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
+from zoomout_core.tuning import retuned
+
+
+def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> None:
+    part = lower.part
+    chosen = landmarks_of(part, 8)
+    assert len(set(chosen)) == 8
+    assert part.cut_distance[chosen[0]] > 0.9 * part.cut_distance.max() - SEARCH.mean_distance
+    with retuned(SEARCH, least_weight=1.0):
+        unaware = landmarks_of(part, 8)
+    assert part.cut_distance[chosen].min() > part.cut_distance[unaware].min()
+    apart = part.between[np.ix_(chosen, chosen)] + np.eye(8)
+    assert apart.min() > 0.15
+
+
+def test_a_shape_without_cuts_has_its_landmarks_at_tips() -> None:
+    whole = IncompleteShape(analysed(creature(500)))
+    first = landmarks_of(whole, 3)[0]
+    assert whole.between[first].mean() > np.quantile(whole.between.mean(axis=1), 0.95)
+    assert len(landmarks_of(whole, 10_000)) == len(whole.between)
+
+
+def places_of_truth(pair: PartAndWhole) -> np.ndarray:
+    """(d,) the place of the whole for each place of the part."""
+    return pair.whole.shape.nearest_distance_sample[pair.true_samples()[: len(pair.part.between)]]
+
+
+def test_landmarks_of_a_part_are_placed_on_the_whole(lower: PartAndWhole) -> None:
+    part, whole = lower.part, lower.whole
+    chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
+    placed = assignments(chosen, unlike, part, whole, 0.6)
+    assert placed.shape[1] == 7
+    assert placed.max() < SEARCH.places
+    off = whole.between[placed[:50], places_of_truth(lower)[chosen]].mean(axis=1)
+    assert off.min() < 0.15
+    # What differs is told apart, and the first is kept.
+    numbers = distinct(placed, whole)
+    assert numbers[0] == 0
+    assert len(numbers) <= SEARCH.kept
+    apart = [whole.between[placed[a], placed[b]].mean() for a in numbers for b in numbers if a < b]
+    assert min(apart) > SEARCH.apart
+
+
+def test_the_sense_of_turning_decides_what_distances_leave_open() -> None:
+    # Nothing but the sense tells left from right here.
+    shape = IncompleteShape(analysed(creature(700)))
+    chosen, unlike = landmarks_of(shape, 7), unlikeness(shape, shape)
+    with retuned(SEARCH, places=len(shape.between)):
+        by_sense = assignments(chosen, unlike, shape, shape, 0.6)
+        against = assignments(chosen, unlike, shape, shape, -0.6)
+    np.testing.assert_array_equal(by_sense[0], chosen)
+    sines, images = (shape.turning[np.ix_(places, places, places)] for places in (chosen, against[0]))
+    assert (sines * images).sum() < 0.1 * (sines**2).sum()
+
+
+def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAndWhole) -> None:
+    part, whole = lower.part, lower.whole
+    chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
+    found = assignments(chosen, unlike, part, whole, 0.6)
+    with retuned(SEARCH, doubt=1.0):
+        stubborn = assignments(chosen, unlike, part, whole, 0.6)
+    assert not np.array_equal(found[:20], stubborn[:20])
+
+
+def test_of_assignments_that_agree_in_all_cells_one_is_kept(lower: PartAndWhole) -> None:
+    part, whole = lower.part, lower.whole
+    chosen, unlike = landmarks_of(part, 5), unlikeness(part, whole)
+    placed = assignments(chosen, unlike, part, whole, 0.6)
+    count = min(SEARCH.places, len(whole.between))
+    cells = np.argmin(whole.between[: SEARCH.cells, :count], axis=0)[placed]
+    assert len(np.unique(cells, axis=0)) == len(placed)
+    assert len(placed) <= SEARCH.width
+    with retuned(SEARCH, width=20):
+        assert len(assignments(chosen, unlike, part, whole, 0.6)) <= 20

@@ -1,0 +1,143 @@
+"""Parts are matched to wholes and wholes to parts without a hint, and what has no partner is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from creatures import Creature, creature, true_vertex
+from pieces import analysed, lower_half
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.matching import match as match_module
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
+from zoomout_core.matching.partial.part_match import PART_MATCH, in_one_unit, may_be_part, part_match_steps, part_of
+from zoomout_core.matching.scores import EVIDENCE
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+
+@pytest.fixture(scope="module")
+def made() -> tuple[Creature, Creature]:
+    return lower_half(1500)
+
+
+def matched(source: Surface, target: Surface) -> zo.MatchResult:
+    """With doubt about the whole map in any case, and as few searches as do."""
+    zo.forget_shapes()
+    with (
+        retuned(PART_MATCH, unsure=1.0, misfit=-50.0),
+        retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4),
+    ):
+        return zo.match(source, target, k_final=60, samples=400)
+
+
+def off(result: zo.MatchResult, source: Creature, target: Creature, at: np.ndarray) -> np.ndarray:
+    """(q,) distance between the images and the true places of some vertices, at unit area of the source."""
+    true = source.surface.vertices[true_vertex(source, target)[at]]
+    images = result.surface_map.interpolate(source.surface.vertices)[at]
+    return np.asarray(np.linalg.norm(images - true, axis=1) / np.sqrt(source.surface.area))
+
+
+def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None:
+    part, whole = made
+    result = matched(whole.surface, part.surface)
+    assert result.candidates[0].part_match is not None
+    assert np.median(off(result, whole, part, np.arange(len(part.directions)))) < 0.03
+    assert np.median(result.confidence) > 0.5
+    assert any("of the source seems to have no partner" in note for note in result.notes)
+    # Between bases at unit area the constant function, of norm one, goes to itself.
+    assert abs(result.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
+    assert result.functional_map.shape[0] < result.functional_map.shape[1]
+    # Roughly, the outline says the same before the map is made.
+    target, source = result.outline(0)
+    true = true_vertex(whole, part)[target]
+    apart = np.linalg.norm(whole.surface.vertices[source] - whole.surface.vertices[true], axis=1)
+    assert np.median(apart) / np.sqrt(whole.surface.area) < 0.1
+    other = result.use(1)
+    assert other.chosen == 1
+    assert not np.array_equal(other.surface_map.triangle, result.surface_map.triangle)
+
+
+def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None:
+    part, whole = made
+    result = matched(part.surface, whole.surface)
+    kept = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) < 0.05
+    assert 0.2 < kept.mean() < 0.8
+    assert np.median(off(result, part, whole, kept)) < 0.05
+    # What is not on the part has no confidence, what is has.
+    far = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) > 0.3
+    assert np.median(result.confidence[far]) < 0.05
+    assert np.median(result.confidence[kept]) > 0.3
+    assert any("of the target seems to have no partner" in note for note in result.notes)
+
+
+def pair_of(source: Surface, target: Surface) -> Pair:
+    shapes = (analysed(Creature(surface, surface.vertices)) for surface in (source, target))
+    return Pair(source, target, *shapes, 60, 20)
+
+
+def test_only_shapes_with_cuts_in_one_unit_are_tried(made: tuple[Creature, Creature]) -> None:
+    part, whole = made
+    assert may_be_part(pair_of(whole.surface, part.surface))
+    assert may_be_part(pair_of(part.surface, whole.surface))
+    closed = creature(400, seed=3).surface
+    assert not may_be_part(pair_of(closed, closed))
+    in_millimetres = Surface(part.surface.vertices * 1000, part.surface.triangles)
+    assert not may_be_part(pair_of(whole.surface, in_millimetres))
+    coarse = lower_half(400)[0]
+    assert len(coarse.directions) < 400
+    assert not may_be_part(pair_of(whole.surface, coarse.surface))
+    pair = pair_of(whole.surface, part.surface)
+    skin = replace(pair.target_shape.proxy.full, is_skin=True)
+    around = replace(pair.target_shape, proxy=replace(pair.target_shape.proxy, full=skin))
+    assert not may_be_part(replace(pair, target_shape=around))
+
+
+def test_the_larger_shape_is_the_unit_and_the_smaller_one_the_part(made: tuple[Creature, Creature]) -> None:
+    part, whole = made
+    for source, target in ((part, whole), (whole, part)):
+        pair = in_one_unit(pair_of(source.surface, target.surface))
+        smaller, larger = part_of(pair)
+        assert larger.basis.areas.sum() == pytest.approx(1)
+        share = part.surface.area / whole.surface.area
+        assert smaller.basis.areas.sum() == pytest.approx(share)
+        assert (smaller is pair.source_shape) == (source is part)
+
+
+def test_what_is_known_decides_between_places(made: tuple[Creature, Creature]) -> None:
+    part, whole = made
+    pair = in_one_unit(pair_of(whole.surface, part.surface))
+    with retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4):
+        first, second, *_ = drain(part_match_steps(pair))
+
+        def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
+            return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
+
+        known = drain(part_match_steps(pair, against_the_first))
+    np.testing.assert_array_equal(known[0].sample_map, second.sample_map)
+    np.testing.assert_array_equal(known[-1].sample_map, first.sample_map)
+    assert known[-1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE.axes)
+
+
+def test_sure_maps_and_worse_parts_are_left_alone(
+    made: tuple[Creature, Creature], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part, whole = made
+    with retuned(PART_MATCH, misfit=50.0), retuned(PART_CANDIDATES, searches=((5, 0.6),), registered=2):
+        zo.forget_shapes()
+        kept = zo.match(whole.surface, part.surface, k_final=60, samples=400)
+    assert kept.candidates[0].part_match is None
+
+    def never(*_given: object) -> None:
+        raise AssertionError("a part was looked for")
+
+    monkeypatch.setattr(match_module, "part_match_steps", never)
+    with retuned(PART_MATCH, unsure=0.0):
+        zo.match(whole.surface, part.surface, k_final=60, samples=400)
+    zo.match(whole.surface, part.surface, partial="off", k_final=60, samples=400)
+    zo.match(whole.surface, part.surface, initial="landmarks", landmarks=([0, 5], [0, 5]), k_final=60, samples=400)

@@ -1,0 +1,64 @@
+"""Pieces of generated creatures, as parts of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from creatures import Creature, creature, true_vertex
+
+from zoomout_core.arrays import Booleans, Integers
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+
+FUNCTIONS, SAMPLES = 60, 400
+
+
+def piece_of(made: Creature, kept: Booleans) -> Creature:
+    """What is left of a creature when some of its vertices (n,) are cut off."""
+    triangles = made.surface.triangles[kept[made.surface.triangles].all(axis=1)]
+    used = np.unique(triangles)
+    number = np.full(len(kept), -1)
+    number[used] = np.arange(len(used))
+    return Creature(Surface(made.surface.vertices[used], number[triangles]), made.directions[used])
+
+
+def analysed(made: Creature) -> ShapeAnalysis:
+    return drain(analysis_steps(made.surface.working.part(0)[0], FUNCTIONS, SAMPLES, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class PartAndWhole:
+    """A piece of a bent creature, and the creature as it was, in one unit.
+
+    Attributes:
+        made_part: the piece.
+        made_whole: the creature.
+        part: its shape.
+        whole: its shape.
+    """
+
+    made_part: Creature
+    made_whole: Creature
+    part: IncompleteShape
+    whole: IncompleteShape
+
+    def true_samples(self) -> Integers:
+        """(s,) for each search sample of the part the number of the nearest sample of the whole to its place."""
+        part, whole = self.part.shape.search.samples, self.whole.shape.search.samples
+        apart = self.made_part.directions[part] @ self.made_whole.directions[whole].T
+        return np.asarray(np.argmax(apart, axis=1))
+
+    def errors(self, images: Integers, vertices: Integers | slice = slice(None)) -> np.ndarray:
+        """(q,) distance in space between vertices of the whole (q,) and the true images of vertices of the part."""
+        true = true_vertex(self.made_whole, self.made_part)[vertices]
+        points = self.whole.shape.mesh.vertices
+        return np.asarray(np.linalg.norm(points[images] - points[true], axis=1))
+
+
+def lower_half(count: int = 1100) -> tuple[Creature, Creature]:
+    """The legs, the tail and one arm of a lopsided creature that has bent its limbs, and the creature as it was."""
+    bent = creature(count, seed=1, bend=0.5, asymmetry=0.3)
+    return piece_of(bent, bent.directions @ [0.6, 0, -0.8] > -0.15), creature(1000, seed=0, asymmetry=0.3)

@@ -1,0 +1,152 @@
+"""What stays known of a shape of which pieces may be missing: absolute lengths, and how far the nearest cut is.
+
+Nothing here is relative to the whole: not the area, which a cut changes, nor mean distances, nor spectra. Both shapes
+of a pair are measured in one unit, and a quantity counts as far as no cut can have changed it: a geodesic distance is
+that of the whole shape where the way past any cut is longer, and the area around a place up to the nearest cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from zoomout_core.arrays import Booleans, Floats, SingleFloats, segment_sum
+from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.mesh.triangles import area_normals, edge_graph, unique_edges, unit_vectors
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class IncompleteShapeTuning(Tuning, set_by="partial"):
+    """What shapes with missing pieces are compared by; lengths are those of the larger shape at unit area.
+
+    Attributes:
+        loop: length of a border beyond which something may be missing there; eyes and nostrils of scans are shorter.
+        radii: of the balls whose areas are compared.
+    """
+
+    loop: float = tuned(0.05, "length", 0, 10)
+    radii: tuple[float, ...] = tuned(tuple(np.geomspace(0.04, 0.8, 20).round(4).tolist()), "length", 1e-3, 10)
+
+
+INCOMPLETE = IncompleteShapeTuning()
+
+
+def at_scale(shape: ShapeAnalysis, scale: float) -> ShapeAnalysis:
+    """A shape with all of its lengths multiplied by a factor."""
+    if scale == 1:
+        return shape
+    full = _scaled(shape.proxy.full, scale)
+    mesh = full if shape.proxy.mesh is shape.proxy.full else _scaled(shape.proxy.mesh, scale)
+    proxy = replace(shape.proxy, full=full, mesh=mesh, vertices=shape.proxy.vertices * scale)
+    basis = replace(shape.basis.at_area(scale**2), points=mesh.vertices)
+    sampled = SampledBasis.of(basis, shape.sampled.samples)
+    return ShapeAnalysis(proxy, shape.stiffness, basis, sampled, shape.distances * scale)
+
+
+def _scaled(mesh: WorkingMesh, scale: float) -> WorkingMesh:
+    return replace(mesh, vertices=mesh.vertices * scale, scale=mesh.scale / scale)
+
+
+@dataclass(frozen=True, eq=False)
+class IncompleteShape:
+    """A shape that may lack pieces. Places are its first samples, those that distances are known from.
+
+    Attributes:
+        shape: in a unit that it shares with the shape that it is compared with.
+    """
+
+    shape: ShapeAnalysis
+
+    @cached_property
+    def between(self) -> Floats:
+        """(d, d) geodesic distances between the places."""
+        distances = self.shape.distances[:, self.shape.search.samples[: len(self.shape.distances)]]
+        return (distances + distances.T) / 2
+
+    @cached_property
+    def cut_distance_of_vertices(self) -> Floats:
+        """(n,) geodesic distance to the nearest border that something may be missing at; infinite without one."""
+        mesh = self.shape.mesh
+        edges, edge_of = unique_edges(mesh.triangles)
+        border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
+        n = len(mesh.vertices)
+        graph = coo_array((np.ones(len(border), dtype=bool), border.T), shape=(n, n))
+        loop = connected_components(graph, directed=False)[1][border[:, 0]]
+        length = np.linalg.norm(mesh.vertices[border[:, 0]] - mesh.vertices[border[:, 1]], axis=1)
+        cuts = np.unique(border[segment_sum(length, loop, n)[loop] > INCOMPLETE.loop])
+        if not len(cuts):
+            return np.full(n, np.inf)
+        return np.asarray(dijkstra(edge_graph(mesh.vertices, mesh.triangles), indices=cuts, min_only=True))
+
+    @cached_property
+    def cut_distance(self) -> Floats:
+        """(d,) the same at the places."""
+        return self.cut_distance_of_vertices[self.shape.search.samples[: len(self.shape.distances)]]
+
+    @cached_property
+    def unaffected(self) -> Booleans:
+        """(d, d) whether a distance between two places is that of the whole shape: the way past a cut is longer."""
+        return self.between <= self.cut_distance[:, None] + self.cut_distance
+
+    @cached_property
+    def log_ball_areas(self) -> Floats:
+        """(d, r) logarithms of the areas within the radii around each place."""
+        edges = np.append(0, INCOMPLETE.radii)
+        rings = [np.histogram(row, edges, weights=self.shape.basis.areas)[0] for row in self.shape.distances]
+        return np.asarray(np.log(np.maximum(np.cumsum(rings, axis=1), 1e-9)))
+
+    @cached_property
+    def turning(self) -> SingleFloats:
+        """(d, d, d) at a place x, for places i and j, n . (grad d_i x grad d_j): the sine of the angle between them.
+
+        d_i is the distance to i and n the outward normal, all averaged over the geodesic Voronoi cell of x.
+        """
+        mesh, distances = self.shape.mesh, self.shape.distances
+        triangles = mesh.oriented_triangles
+        normals = area_normals(mesh.vertices, triangles)
+        doubled = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+        cell = np.argmin(distances, axis=0)[triangles[:, 0]]
+        size = np.maximum(segment_sum(doubled, cell, len(distances)), 1e-300)
+        opposite = mesh.vertices[np.roll(triangles, 1, axis=1)] - mesh.vertices[np.roll(triangles, -1, axis=1)]
+        # Of a function f, the sum of f at each corner times this is twice the area of the triangle times grad f.
+        at_corner = np.cross(unit_vectors(normals)[:, None], opposite)
+        gradients = np.stack(
+            [
+                csr_array(
+                    (at_corner[..., axis].ravel(), (np.repeat(cell, 3), triangles.ravel())),
+                    shape=(len(distances), distances.shape[1]),
+                )
+                @ distances.T
+                for axis in range(3)
+            ],
+            axis=-1,
+        )
+        gradients = (gradients / size[:, None, None]).astype(np.float32)
+        normal = unit_vectors(segment_sum(normals, cell, len(distances))).astype(np.float32)
+        # n . (a x b) = (n x a) . b
+        return np.asarray(np.cross(normal[:, None], gradients) @ gradients.transpose(0, 2, 1))
+
+
+def unlikeness(of_target: IncompleteShape, of_source: IncompleteShape) -> Floats:
+    """(d_t, d_s) how unlike the surroundings of two places are, in [0, 1].
+
+    Mean difference of the logarithms of the areas within each radius, at most 1. Where a cut reaches one of the balls
+    it is only known to be too small, so that only its excess counts; where cuts reach both nothing is known.
+    """
+    radii = np.array(INCOMPLETE.radii)
+    cut_target, cut_source = (radii > shape.cut_distance[:, None] for shape in (of_target, of_source))
+    total, count = np.zeros((2, len(cut_target), len(cut_source)))
+    for r in range(len(radii)):
+        excess = of_target.log_ball_areas[:, None, r] - of_source.log_ball_areas[:, r]
+        here, there = cut_target[:, None, r], cut_source[:, r]
+        cost = np.where(here, np.maximum(excess, 0), np.where(there, np.maximum(-excess, 0), np.abs(excess)))
+        total += np.where(here & there, 0, np.minimum(cost, 1))
+        count += ~(here & there)
+    return total / np.maximum(count, 1)

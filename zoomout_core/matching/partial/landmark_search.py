@@ -1,0 +1,148 @@
+"""Where a few landmarks of one shape lie on another one that may lack pieces: a beam search.
+
+Of a part, the landmarks are far from its cuts and from each other. They are placed one after the other, on any of many
+places of the other shape, so that the distances between them, the areas around them and the sense in which they turn
+about each other stay; the best assignments are kept at each step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class LandmarkSearchTuning(Tuning, set_by="partial"):
+    """The landmarks, and what assignments cost; lengths are those of the larger shape at unit area.
+
+    Attributes:
+        farthest_cut: distance to a cut beyond which more counts no more when the first landmark is chosen.
+        mean_distance: weight of the mean distance beside it, which makes it a tip.
+        near_cut: distance to a cut, relative to the square root of the shape's area, that is enough.
+        least_weight: of a place on a cut, when the others are chosen.
+        places: of the source, that landmarks may be placed on.
+        width: of the beam.
+        cells: of the source: of assignments that agree in the cells of all landmarks the best one is kept.
+        tolerance: of a difference of distances.
+        relative_tolerance: of a difference of distances, for each unit of the distance.
+        doubt: weight of a difference that a cut may explain.
+        distances: weight of the differences of distances, beside the unlikeness of places.
+        least_turning: sine of the angle below which three landmarks tell no sense.
+        kept: assignments that differ.
+        apart: mean distance between the places of assignments that differ.
+    """
+
+    farthest_cut: float = tuned(5.0, "length", 0, 100)
+    mean_distance: float = tuned(0.3, "1", 0, 10)
+    near_cut: float = tuned(0.1, "1", 1e-6, 10)
+    least_weight: float = tuned(0.3, "1", 0, 1)
+    places: int = tuned(160, "places", 10, 10_000)
+    width: int = tuned(1500, "assignments", 1, 100_000)
+    cells: int = tuned(40, "cells", 1, 1000)
+    tolerance: float = tuned(0.06, "length", 1e-6, 10)
+    relative_tolerance: float = tuned(0.15, "1", 0, 10)
+    doubt: float = tuned(0.6, "1", 0, 1)
+    distances: float = tuned(2.0, "1", 0, 100)
+    least_turning: float = tuned(0.1, "1", 0, 1)
+    kept: int = tuned(16, "assignments", 1, 1000)
+    apart: float = tuned(0.1, "length", 0, 10)
+
+
+SEARCH = LandmarkSearchTuning()
+
+
+def landmarks_of(target: IncompleteShape, count: int) -> Integers:
+    """(m,) places of a shape, `count` at most: a tip far from cuts, and farthest places, those near cuts later."""
+    between, cut_distance = target.between, target.cut_distance
+    remote = np.where(np.isfinite(cut_distance), np.minimum(cut_distance, SEARCH.farthest_cut), 0)
+    scale = SEARCH.near_cut * np.sqrt(target.shape.basis.areas.sum())
+    weight = np.clip(cut_distance / scale, SEARCH.least_weight, 1)
+    chosen = [int(np.argmax(remote + SEARCH.mean_distance * between.mean(axis=1)))]
+    while len(chosen) < min(count, len(between)):
+        chosen.append(int(np.argmax(between[chosen].min(axis=0) * weight)))
+    return np.array(chosen)
+
+
+def assignments(
+    landmarks: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape, turning_weight: float
+) -> Integers:
+    """(a, m) the best assignments of landmarks to places of the source that keep the orientation, by rising cost.
+
+    Args:
+        landmarks: (m,) places of the target.
+        unlike: (d_t, d_s) `unlikeness` of the two shapes.
+        target: the shape that landmarks are on.
+        source: the shape that they are placed on.
+        turning_weight: of the sense in which landmarks turn about each other.
+    """
+    count = min(SEARCH.places, len(source.between))
+    among = source.between[:count, :count]
+    cell = np.argmin(among[: SEARCH.cells], axis=0)
+    turning = np.ascontiguousarray(source.turning[:count, :count, :count].reshape(count, -1).T)
+    placed = np.empty((1, 0), dtype=np.int64)
+    single, mutual, turned, most_turned = np.zeros(1), np.zeros(1), np.zeros(1), 0.0
+    for step, landmark in enumerate(landmarks):
+        singles = single[:, None] + unlike[landmark, :count]
+        mutuals, turns = np.tile(mutual[:, None], count), np.tile(turned[:, None], count)
+        for earlier in range(step):
+            pair = _cost_of_pair(landmark, landmarks[earlier], target, source, among)
+            mutuals += pair[placed[:, earlier]]
+            for other in range(earlier):
+                sine = target.turning[landmark, landmarks[earlier], landmarks[other]]
+                if abs(sine) >= SEARCH.least_turning:
+                    turns += sine * turning[placed[:, earlier] * count + placed[:, other]]
+                    most_turned += float(sine) ** 2
+        pairs = max(step * (step + 1) // 2, 1)
+        total = singles / (step + 1) + SEARCH.distances * mutuals / pairs
+        total -= turning_weight * turns / max(most_turned, 1.0)
+        entry, place = _best(total, placed, cell)
+        placed = np.column_stack([placed[entry], place])
+        single, mutual, turned = singles[entry, place], mutuals[entry, place], turns[entry, place]
+    return placed
+
+
+def distinct(placed: Integers, source: IncompleteShape) -> list[int]:
+    """The numbers of the first assignments (a, m) that differ from those before them."""
+    kept: list[int] = []
+    for number, places in enumerate(placed):
+        if all(source.between[places, placed[other]].mean() > SEARCH.apart for other in kept):
+            kept.append(number)
+            if len(kept) == SEARCH.kept:
+                break
+    return kept
+
+
+def _cost_of_pair(one: int, other: int, target: IncompleteShape, source: IncompleteShape, among: Floats) -> Floats:
+    """(p, p) what it costs to place the second landmark and the first on each two places, in [0, 1]."""
+    distance = target.between[one, other]
+    difference = np.abs(among - distance)
+    count = len(among)
+    # A cut makes ways longer, never shorter.
+    in_doubt = np.where(among < distance, not target.unaffected[one, other], ~source.unaffected[:count, :count])
+    difference[in_doubt] *= SEARCH.doubt
+    return np.asarray(
+        np.minimum(difference / (SEARCH.tolerance + SEARCH.relative_tolerance * distance), 1), dtype=np.float32
+    )
+
+
+def _best(total: Floats, placed: Integers, cell: Integers) -> tuple[Integers, Integers]:
+    """The best extensions of assignments, by rising cost: numbers of assignments, and the places added to them.
+
+    Of those that agree in the cells of all landmarks the best one is kept, from the third landmark on.
+    """
+    tried = min(12 * SEARCH.width, total.size)
+    best = np.argpartition(total, tried - 1, axis=None)[:tried]
+    best = best[np.argsort(total.ravel()[best], kind="stable")]
+    entry, place = np.unravel_index(best, total.shape)
+    if placed.shape[1] >= 2:
+        cells = np.column_stack([cell[placed[entry]], cell[place]])
+        # One number for each row sorts ten times as fast; random factors make two rows agree once in 2^64 times.
+        factors = np.random.default_rng(0).integers(1 << 62, size=cells.shape[1])
+        first = np.sort(np.unique(cells @ factors, return_index=True)[1])
+        entry, place = entry[first], place[first]
+    return entry[: SEARCH.width], place[: SEARCH.width]

@@ -1,0 +1,136 @@
+"""A part bent onto a whole by a rough map of its samples, and what the fit says about the map.
+
+The part alone is drawn, since most of the whole has no partner. A map that is right bends it little, and leaves normals
+that agree; one that leads to another limb has to bend, stretch or turn it over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.local_rigid_alignment import align
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
+from zoomout_core.matching.registration.deformation_graph import DeformationGraph
+from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Level, bent_steps
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class PartRegistrationTuning(Tuning, set_by="partial"):
+    """How a part is bent onto a whole; lengths are those of the larger shape at unit area.
+
+    Attributes:
+        image_functions: eigenfunctions of the part that the images of its samples are smoothed by.
+        levels: the schedule by which candidates are compared.
+        most_residual: distance from the whole that counts no more.
+    """
+
+    image_functions: int = tuned(60, "eigenfunctions", 4, 1000)
+    levels: tuple[Level, ...] = tuned(
+        (Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 5), Level(100, 1.0, 0.3, 1), Level(100, 0.02, 0.3, 4)),
+        "nodes, 1, 1, rounds",
+        0,
+        1000,
+    )
+    most_residual: float = tuned(0.1, "length", 1e-6, 10)
+
+
+PART_REGISTRATION = PartRegistrationTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class RegisteredPart:
+    """A part bent onto a whole.
+
+    Attributes:
+        positions: (n, 3) the part's vertices in the whole's frame.
+        normals: (n, 3) their unit normals, turned along.
+        rotations: (n, 3, 3) how the surroundings of each vertex turn.
+        closest: the closest points of the whole, next to vertices whose normals agree.
+        residual: (n,) distance to these.
+        agreement: (n,) cosine between the normals.
+        is_near: (n,) whether they are near the images by the rough map, along the whole.
+        strain: mean distance, relative to their own, between where neighbouring nodes put each other.
+    """
+
+    positions: Floats
+    normals: Floats
+    rotations: Floats
+    closest: SurfaceMap
+    residual: Floats
+    agreement: Floats
+    is_near: Booleans
+    strain: float
+
+    def scores(self, areas: Floats) -> dict[str, float]:
+        """What tells a right map from a wrong one, by the areas (n,) of the vertices: 0 for a perfect fit.
+
+        Returns:
+            residual: mean distance, at most that of `PartRegistrationTuning`;
+            normals: mean of one minus the cosine;
+            strain: see above.
+        """
+        weights = areas / areas.sum()
+        return {
+            "residual": float(weights @ np.minimum(self.residual, PART_REGISTRATION.most_residual)),
+            "normals": float(weights @ (1 - self.agreement)),
+            "strain": self.strain,
+        }
+
+
+def registered_steps(
+    match: Integers,
+    part: IncompleteShape,
+    whole: IncompleteShape,
+    levels: Sequence[Level] | None = None,
+) -> Generator[float, None, RegisteredPart]:
+    """Bend a part onto a whole, yielding the fraction done.
+
+    Args:
+        match: (s,) for each search sample of the part the number of a sample of the whole.
+        part: the shape that is bent.
+        whole: the shape that it is bent onto.
+        levels: the schedule; that of `PartRegistrationTuning` when not given.
+    """
+    levels = PART_REGISTRATION.levels if levels is None else levels
+    here, there = part.shape, whole.shape
+    vertex = there.search.samples[match]
+    rest, normals = here.mesh.vertices, here.mesh.vertex_normals
+    count = min(PART_REGISTRATION.image_functions, here.search.rows.shape[1])
+    images = here.search.fit(there.mesh.vertices[vertex], count)
+    aligned = align(images, here, NONRIGID.alignment_width, mirrored=False)
+    first = vertex[np.argmin(here.distances, axis=0)]
+    around, limit = Surroundings.of(there), GeodesicLimit(first, there)
+    graph = yield from bent_steps(rest, normals, aligned.positions, around, limit, here, levels, is_part=True)
+    positions, turned, blends = graph.moved()
+    turned = unit_vectors(turned)
+    closest = around.closest(positions, turned)
+    residual = np.linalg.norm(closest.interpolate(there.mesh.vertices) - positions, axis=1)
+    facing = unit_vectors(closest.interpolate(there.mesh.vertex_normals))
+    return RegisteredPart(
+        positions,
+        turned,
+        nearest_rotations(blends),
+        closest,
+        residual,
+        np.einsum("nx,nx->n", turned, facing),
+        ~limit.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex),
+        _strain(graph),
+    )
+
+
+def _strain(graph: DeformationGraph) -> float:
+    first, second = graph.nodes.first, graph.nodes.second
+    places = graph.rest[graph.nodes.vertex]
+    away = places[second] - places[first]
+    put = graph.images[first] + np.einsum("eij,ej->ei", graph.rotations[first], away)
+    apart = np.linalg.norm(put - graph.images[second], axis=1)
+    return float(np.mean(apart / np.maximum(np.linalg.norm(away, axis=1), 1e-9)))
