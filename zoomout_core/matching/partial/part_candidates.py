@@ -57,7 +57,7 @@ class PartCandidate:
     Attributes:
         match: (s,) for each search sample of the part the number of a sample of the whole.
         registered: the part, bent by it.
-        scores: what it promised, what the fit says, and the total, of which the smallest is the most likely.
+        scores: what it promised, those of the registered part, and the fit by these: the smallest is the most likely.
     """
 
     match: Integers
@@ -81,7 +81,7 @@ def part_candidates_steps(part: IncompleteShape, whole: IncompleteShape) -> Gene
     kept = kept[: PART_CANDIDATES.registered]
     registering = for_each(lambda number: _registered(matches[number], promises[number], part, whole), kept)
     candidates = yield from scaled(registering, 0.5, 1.0)
-    return sorted(candidates, key=lambda candidate: candidate.scores["total"])
+    return sorted(candidates, key=lambda candidate: candidate.scores["fit"])
 
 
 def _searched(
@@ -124,5 +124,5 @@ def _promise(match: Integers, unlike: Floats, part: IncompleteShape, whole: Inco
 def _registered(match: Integers, promise: float, part: IncompleteShape, whole: IncompleteShape) -> PartCandidate:
     registered = drain(registered_steps(match, part, whole))
     scores = registered.scores(part.shape.basis.areas)
-    total = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
-    return PartCandidate(match, registered, scores | {"promise": promise, "total": float(total)})
+    fit = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
+    return PartCandidate(match, registered, scores | {"promise": promise, "fit": float(fit)})

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import expit
 
 from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -16,7 +17,7 @@ from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_s
 from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates_steps
 from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
 from zoomout_core.matching.partial.slanted_maps import slanted_sizes
-from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Fit, fine_enough
 from zoomout_core.matching.scores import EVIDENCE, Disagreement, nothing_known
@@ -37,8 +38,8 @@ class PartMatchTuning(Tuning, set_by="partial"):
         residual: distance from the whole beyond which a place of the part has no partner.
         another_map: maps whose images are farther apart on average rival each other.
         rivalry: rate at which the odds of a rival fall with the lead in score.
-        misfit: logarithm of the odds against a map of score 0.
-        misfit_rate: rate at which that rises with the score.
+        misfit: logarithm of the odds against a map whose fit is 0.
+        misfit_rate: rate at which that rises with the fit.
     """
 
     unsure: float = tuned(0.8, "probability", 0, 1)
@@ -152,7 +153,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
     functional_map = target.search.fit(source.search.rows[sample_map, :k_source], k_target)
     reverse = source.search.fit(target.search.rows[back, :k_target], k_source)
     against = disagreement(functional_map, sample_map, None)
-    total = one.scores["total"] + sum(EVIDENCE.weights[name] * value for name, value in against.items())
+    total = one.scores["fit"] + sum(EVIDENCE.weights[name] * value for name, value in against.items())
     return Candidate(
         "one shape as a part of the other",
         False,
@@ -170,13 +171,12 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
 
 def _certainty(one: Candidate, found: Sequence[Candidate], whole: IncompleteShape) -> float:
     """Probability that a candidate is right: its share among its rivals, times that of its fit."""
-    rivals = sum(
-        np.exp(-PART_MATCH.rivalry * (other.scores["total"] - one.scores["total"]))
-        for other in found
-        if other is not one and _apart(one, other, whole) > PART_MATCH.another_map
-    )
-    doubt = np.exp(PART_MATCH.misfit + PART_MATCH.misfit_rate * one.scores["total"])
-    return float(1 / (1 + rivals) / (1 + doubt))
+    rivals = 0.0
+    for other in found:
+        if other is not one and _apart(one, other, whole) > PART_MATCH.another_map:
+            lead = other.scores["total"] - one.scores["total"]
+            rivals += np.exp(-PART_MATCH.rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
+    return float(expit(-PART_MATCH.misfit - PART_MATCH.misfit_rate * one.scores["fit"]) / (1 + rivals))
 
 
 def _apart(one: Candidate, other: Candidate, whole: IncompleteShape) -> float:

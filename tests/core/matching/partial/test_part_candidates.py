@@ -24,8 +24,8 @@ def found(lower: PartAndWhole) -> list[PartCandidate]:
 
 def test_the_right_place_comes_first(lower: PartAndWhole, found: list[PartCandidate]) -> None:
     assert np.median(lower.errors(found[0].registered.closest.vertex)) < 0.05
-    totals = [candidate.scores["total"] for candidate in found]
-    assert totals == sorted(totals)
+    fits = [candidate.scores["fit"] for candidate in found]
+    assert fits == sorted(fits)
 
 
 def test_each_place_is_tried_once_and_the_promising_ones_only(lower: PartAndWhole, found: list[PartCandidate]) -> None:
@@ -43,4 +43,4 @@ def test_the_score_is_of_normals_and_strain(found: list[PartCandidate]) -> None:
     for candidate in found:
         scores = candidate.scores
         expected = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
-        assert scores["total"] == pytest.approx(expected)
+        assert scores["fit"] == pytest.approx(expected)
