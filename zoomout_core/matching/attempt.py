@@ -74,11 +74,15 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
     """
     most = max(attempt.coverage for attempt in attempts)
     widest = _first_of_the_best([attempt for attempt in attempts if attempt.coverage == most])
-    if not all(_agree(widest, attempt) for attempt in attempts if attempt is not widest):
+    if not all(agree(widest, attempt) for attempt in attempts if attempt is not widest):
         return _first_of_the_best(attempts)
-    first, *others = widest.candidates
-    sure = max(attempt.candidates[0].certainty for attempt in attempts)
-    return replace(widest, candidates=[replace(first, certainty=sure), *others])
+    return confirmed(widest, max(attempt.candidates[0].certainty for attempt in attempts))
+
+
+def confirmed(attempt: Attempt, certainty: float) -> Attempt:
+    """An attempt whose first candidate is as sure as another one that found the same map."""
+    first, *others = attempt.candidates
+    return replace(attempt, candidates=[replace(first, certainty=certainty), *others])
 
 
 def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
@@ -87,7 +91,7 @@ def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
     return next(attempt for attempt in attempts if ATTEMPTS.clearly_better * attempt.worth >= most)
 
 
-def _agree(one: Attempt, other: Attempt) -> bool:
+def agree(one: Attempt, other: Attempt) -> bool:
     """Whether the first candidates of two attempts lead to the same places."""
     (places, images), (their_places, their_images) = one.outline(), other.outline()
     near = cKDTree(places).query(their_places)[1]

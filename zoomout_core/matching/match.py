@@ -16,7 +16,7 @@ from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
-from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
+from zoomout_core.matching.attempt import ATTEMPTS, Attempt, agree, best_of, confirmed
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps, tight_bodies_steps
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.components.overlap import overlapping
@@ -241,13 +241,15 @@ def _surfaces_steps(
 
 
 def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
-    """The attempt at the same pair by which one shape is a part of the other, where it is surer than that as wholes."""
+    """An attempt at the same pair, or the one by which one shape is a part of the other, where this is surer."""
     pair = in_one_unit(whole.pair)
     placing = part_match_steps(pair, known.disagreement(pair))
     candidates = yield from spread(placing, 0.0, 1.0, "Placing a part")
-    if max(candidate.certainty for candidate in candidates) <= whole.candidates[0].certainty:
+    if candidates[0].certainty <= max(PART_MATCH.likely, whole.candidates[0].certainty):
         return whole
-    return Attempt(pair, candidates, whole.coverage)
+    part = Attempt(pair, candidates, whole.coverage)
+    # Of one map, that of whole shapes is the more exact, by the places of both.
+    return confirmed(whole, candidates[0].certainty) if agree(whole, part) else part
 
 
 def _candidates_steps(

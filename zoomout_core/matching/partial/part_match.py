@@ -34,6 +34,8 @@ class PartMatchTuning(Tuning, set_by="partial"):
 
     Attributes:
         unsure: certainty of the map of two whole shapes below which one is tried as a part of the other.
+        likely: certainty below which no shape is taken for a part: whole dinosaurs of other species, at 3 % either way,
+            have nine of ten limbs right as wholes, and two or four as parts.
         largest_ratio: of the scales of two shapes, beyond which their units differ.
         residual: distance from the whole beyond which a place of the part has no partner.
         another_map: maps whose images are farther apart on average rival each other.
@@ -43,6 +45,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
     """
 
     unsure: float = tuned(0.8, "probability", 0, 1)
+    likely: float = tuned(0.15, "probability", 0, 1)
     largest_ratio: float = tuned(5.0, "1", 1, 1000)
     residual: float = tuned(0.03, "length", 0, 10)
     another_map: float = tuned(0.1, "length", 0, 2)

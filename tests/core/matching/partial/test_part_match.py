@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from pieces import analysed, lower_half
+from pieces import analysed, lower_half, piece_of
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching import match as match_module
+from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
@@ -35,11 +36,18 @@ def made() -> tuple[Creature, Creature]:
     return lower_half(1500)
 
 
-def matched(source: Surface, target: Surface) -> zo.MatchResult:
-    """With doubt about the whole map in any case, and as few searches as do."""
+def matched(source: Surface, target: Surface, same_share: float = 1.0) -> zo.MatchResult:
+    """With doubt about the whole map in any case, no doubt about the part, and as few searches as do.
+
+    Args:
+        source: the surface that the map lands on.
+        target: the surface that the map starts from.
+        same_share: of places with the same images, beyond which two maps are one; by default none are.
+    """
     zo.forget_shapes()
     with (
-        retuned(PART_MATCH, unsure=1.0, misfit=-50.0),
+        retuned(ATTEMPTS, same_share=same_share),
+        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
         retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400)
@@ -154,12 +162,29 @@ def test_certainty_is_of_the_fit_and_of_rivals(
     assert _certainty(one, [one, *others], whole) == pytest.approx(certainty, abs=0.03)
 
 
+def test_where_both_find_the_same_map_that_of_whole_shapes_is_taken() -> None:
+    whole, bent = creature(1000, seed=0, asymmetry=0.3), creature(1100, seed=1, bend=0.3, asymmetry=0.3)
+    with_hole = piece_of(bent, bent.directions @ [0, -1, 0] < 0.95)
+    alone = zo.match(whole.surface, with_hole.surface, partial="off", k_final=60, samples=400)
+    result = matched(whole.surface, with_hole.surface, 0.75)
+    assert result.candidates[0].part_match is None
+    np.testing.assert_array_equal(result.surface_map.triangle, alone.surface_map.triangle)
+    assert result.certainty >= alone.certainty
+    assert result.certainty > 0.99
+
+
 def test_sure_maps_and_worse_parts_are_left_alone(
     made: tuple[Creature, Creature], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     part, whole = made
     with retuned(PART_MATCH, misfit=50.0), retuned(PART_CANDIDATES, searches=((5, 0.6),), registered=2):
         zo.forget_shapes()
+        kept = zo.match(whole.surface, part.surface, k_final=60, samples=400)
+    assert kept.candidates[0].part_match is None
+
+    # Nor is one that is surer than the whole, and unlikely all the same.
+    searches = retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4)
+    with retuned(PART_MATCH, unsure=1.0, misfit=-50.0, likely=1.0), retuned(ATTEMPTS, same_share=1.0), searches:
         kept = zo.match(whole.surface, part.surface, k_final=60, samples=400)
     assert kept.candidates[0].part_match is None
 
