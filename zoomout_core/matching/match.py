@@ -248,8 +248,10 @@ def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
     if candidates[0].certainty <= max(PART_MATCH.likely, whole.candidates[0].certainty):
         return whole
     part = Attempt(pair, candidates, whole.coverage)
-    # Of one map, that of whole shapes is the more exact, by the places of both.
-    return confirmed(whole, candidates[0].certainty) if agree(whole, part) else part
+    areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]
+    if min(areas) >= PART_MATCH.nearly_whole * max(areas) and agree(whole, part):
+        return confirmed(whole, candidates[0].certainty)
+    return part
 
 
 def _candidates_steps(

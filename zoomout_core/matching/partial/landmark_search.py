@@ -21,8 +21,8 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
     """The landmarks, and what assignments cost; lengths are those of the larger shape at unit area.
 
     Attributes:
-        farthest_cut: distance to a cut beyond which more counts no more when the first landmark is chosen.
-        mean_distance: weight of the mean distance beside it, which makes it a tip.
+        mean_distance: weight of the mean distance to all places, beside the distance to a cut, when the first landmark
+            is chosen: it is a tip.
         near_cut: distance to a cut, relative to the square root of the shape's area, that is enough.
         least_weight: of a place on a cut, when the others are chosen.
         places: of the source, that landmarks may be placed on.
@@ -37,7 +37,6 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
         apart: mean distance between the places of assignments that differ.
     """
 
-    farthest_cut: float = tuned(5.0, "length", 0, 100)
     mean_distance: float = tuned(0.3, "1", 0, 10)
     near_cut: float = tuned(0.1, "1", 1e-6, 10)
     least_weight: float = tuned(0.3, "1", 0, 1)
@@ -48,7 +47,7 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
     relative_tolerance: float = tuned(0.15, "1", 0, 10)
     doubt: float = tuned(0.6, "1", 0, 1)
     distances: float = tuned(2.0, "1", 0, 100)
-    least_turning: float = tuned(0.1, "1", 0, 1)
+    least_turning: float = tuned(0.1, "1", 0, 2)
     kept: int = tuned(16, "assignments", 1, 1000)
     apart: float = tuned(0.1, "length", 0, 10)
 
@@ -59,7 +58,7 @@ SEARCH = LandmarkSearchTuning()
 def landmarks_of(target: IncompleteShape, count: int) -> Integers:
     """(m,) places of a shape, `count` at most: a tip far from cuts, and farthest places, those near cuts later."""
     between, cut_distance = target.between, target.cut_distance
-    remote = np.where(np.isfinite(cut_distance), np.minimum(cut_distance, SEARCH.farthest_cut), 0)
+    remote = np.where(np.isfinite(cut_distance), cut_distance, 0)
     scale = SEARCH.near_cut * np.sqrt(target.shape.basis.areas.sum())
     weight = np.clip(cut_distance / scale, SEARCH.least_weight, 1)
     chosen = [int(np.argmax(remote + SEARCH.mean_distance * between.mean(axis=1)))]

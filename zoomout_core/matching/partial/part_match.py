@@ -36,6 +36,9 @@ class PartMatchTuning(Tuning, set_by="partial"):
         unsure: certainty of the map of two whole shapes below which one is tried as a part of the other.
         likely: certainty below which no shape is taken for a part: whole dinosaurs of other species, at 3 % either way,
             have nine of ten limbs right as wholes, and two or four as parts.
+        nearly_whole: ratio of the areas from which the map of whole shapes is kept where both find the same: it is the
+            more exact one then (a body in a fight, 21 against 28), and the less exact one where much is missing (two
+            people, both cut, 73 against 29).
         largest_ratio: of the scales of two shapes, beyond which their units differ.
         residual: distance from the whole beyond which a place of the part has no partner.
         another_map: maps whose images are farther apart on average rival each other.
@@ -46,6 +49,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
 
     unsure: float = tuned(0.8, "probability", 0, 1)
     likely: float = tuned(0.15, "probability", 0, 1)
+    nearly_whole: float = tuned(0.8, "1", 0, 1)
     largest_ratio: float = tuned(5.0, "1", 1, 1000)
     residual: float = tuned(0.03, "length", 0, 10)
     another_map: float = tuned(0.1, "length", 0, 2)

@@ -63,6 +63,16 @@ def test_the_sense_of_turning_decides_what_distances_leave_open() -> None:
     assert (sines * images).sum() < 0.1 * (sines**2).sum()
 
 
+def test_landmarks_that_lie_in_line_tell_no_sense(lower: PartAndWhole) -> None:
+    part, whole = lower.part, lower.whole
+    chosen, unlike = landmarks_of(part, 5), unlikeness(part, whole)
+    with retuned(SEARCH, least_turning=2.0, width=100):
+        in_line = assignments(chosen, unlike, part, whole, 0.6)
+        np.testing.assert_array_equal(in_line, assignments(chosen, unlike, part, whole, 0.0))
+    with retuned(SEARCH, width=100):
+        assert not np.array_equal(in_line, assignments(chosen, unlike, part, whole, 0.6))
+
+
 def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)

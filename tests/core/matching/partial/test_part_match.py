@@ -171,6 +171,9 @@ def test_where_both_find_the_same_map_that_of_whole_shapes_is_taken() -> None:
     np.testing.assert_array_equal(result.surface_map.triangle, alone.surface_map.triangle)
     assert result.certainty >= alone.certainty
     assert result.certainty > 0.99
+    with retuned(PART_MATCH, nearly_whole=1.0):
+        by_part = matched(whole.surface, with_hole.surface, 0.75)
+    assert by_part.candidates[0].part_match is not None
 
 
 def test_sure_maps_and_worse_parts_are_left_alone(
