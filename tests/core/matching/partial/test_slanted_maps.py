@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from pieces import PartAndWhole
 
 from zoomout_core.matching.partial.incomplete_shape import unlikeness
@@ -39,6 +40,18 @@ def test_true_landmarks_are_extended_to_all_places_and_refined(lower: PartAndWho
     with retuned(SLANTED, rounds=0):
         once = extended(chosen, truth[chosen], unlike, part, whole)
     assert not np.array_equal(once, place)
+
+
+@pytest.mark.parametrize(("rounds", "weight"), [(0, "unlikeness"), (1, "later_unlikeness")])
+def test_places_go_to_their_like_as_well_as_by_distances(lower: PartAndWhole, rounds: int, weight: str) -> None:
+    shape = lower.whole
+    every = np.arange(len(shape.between))
+    chosen = landmarks_of(shape, 6)
+    likes_next = 1 - np.roll(np.eye(len(every)), 1, axis=1)
+    none = {"unlikeness": 0.0, "later_unlikeness": 0.0}
+    for weights, expected in ((none, every), (none | {weight: 10.0}, np.roll(every, -1))):
+        with retuned(SLANTED, rounds=rounds, **weights):
+            np.testing.assert_array_equal(extended(chosen, chosen, likes_next, shape, shape), expected)
 
 
 def test_anchors_hold_a_slanted_map(lower: PartAndWhole) -> None:
