@@ -57,7 +57,7 @@ class RegisteredPart:
         closest: the closest points of the whole, next to vertices whose normals agree.
         residual: (n,) distance to these.
         agreement: (n,) cosine between the normals.
-        is_near: (n,) whether they are near the images by the rough map, along the whole.
+        is_near: (n,) whether they are near the image of the nearest place, along the whole.
         strain: mean distance, relative to their own, between where neighbouring nodes put each other.
     """
 
@@ -107,12 +107,14 @@ def registered_steps(
     count = min(PART_REGISTRATION.image_functions, here.search.rows.shape[1])
     images = here.search.fit(there.mesh.vertices[vertex], count)
     aligned = align(images, here, NONRIGID.alignment_width, mirrored=False)
-    first = vertex[np.argmin(here.distances, axis=0)]
-    around, limit = Surroundings.of(there), GeodesicLimit(first, there)
+    place = np.argmin(here.distances, axis=0)
+    around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there)
     graph = yield from bent_steps(rest, normals, aligned.positions, around, limit, here, levels, is_part=True)
     positions, turned, blends = graph.moved()
     turned = unit_vectors(turned)
     closest = around.closest(positions, turned)
+    # The rough map may have been off by more; what has gone to a limb that touches, its neighbours have not.
+    nearby = GeodesicLimit(closest.vertex[here.search.samples[place]], there)
     residual = np.linalg.norm(closest.interpolate(there.mesh.vertices) - positions, axis=1)
     facing = unit_vectors(closest.interpolate(there.mesh.vertex_normals))
     return RegisteredPart(
@@ -122,7 +124,7 @@ def registered_steps(
         closest,
         residual,
         np.einsum("nx,nx->n", turned, facing),
-        ~limit.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex),
+        ~nearby.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex),
         _strain(graph),
     )
 
