@@ -75,10 +75,11 @@ def draw_lines(
 
 
 def _finish(figure: Figure, path: Path) -> None:
-    """One legend below all panels, of the panel that has most lines, since colours go by name; and the file."""
-    entries = max((axes.get_legend_handles_labels() for axes in figure.axes), key=lambda found: len(found[0]))
-    longest = max(len(label) for label in entries[1])
-    columns = max(1, int(figure.get_figwidth() * LETTERS / (longest + KEY)))
-    figure.legend(*entries, loc="outside lower center", ncols=columns, fontsize="small")
+    """One legend of all panels' lines, since colours go by name; and the file."""
+    handles = {
+        label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    columns = max(1, int(figure.get_figwidth() * LETTERS / (max(map(len, handles)) + KEY)))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, fontsize="small")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

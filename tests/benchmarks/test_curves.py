@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from benchmarks.curves import THRESHOLDS, draw_curves, draw_lines, share_below
@@ -25,6 +27,18 @@ def test_figures_are_written_with_their_folders(tmp_path: Path) -> None:
     draw_views(tmp_path / "c" / "views.png", [[View("one", surface, np.ones((3, 3)))]])
     for name in ("a/curves.png", "b/lines.png", "c/views.png"):
         assert imread(tmp_path / name).std() > 0
+
+
+def test_the_legend_has_the_lines_of_all_panels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[list[str]] = []
+
+    def legend(_figure: Figure, _handles: object, labels: list[str], **_how: object) -> None:
+        drawn.append(list(labels))
+
+    monkeypatch.setattr(Figure, "legend", legend)
+    steps = np.linspace(0, 1, len(THRESHOLDS))
+    draw_curves(tmp_path / "curves.png", {"one": {"a": steps, "b": steps}, "two": {"c": steps, "a": steps}})
+    assert drawn == [["a", "b", "c"]]
 
 
 def test_heat_goes_from_white_to_black_and_shows_no_image_as_the_worst() -> None:
