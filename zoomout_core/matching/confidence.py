@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, turned_over
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import triangle_areas
@@ -41,6 +41,7 @@ def confidence_of(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     mirrored: bool,
+    has_partner: Booleans | None = None,
 ) -> tuple[Floats, float]:
     """Confidence from the error that two indicators agree on, and from triangles that the map turns over.
 
@@ -55,6 +56,8 @@ def confidence_of(
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         mirrored: the map reverses the orientation.
+        has_partner: (n_t,) whether there is something on the source for a vertex; elsewhere confidence is 0, and
+            nothing counts as turned over. All have, when not given.
 
     Returns:
         (n_t,) in [0, 1], and the part of the target's area, in [0, 1], that the map turns over.
@@ -67,9 +70,11 @@ def confidence_of(
     normals = there.interpolate(source.mesh.vertex_normals) * (-1 if mirrored else 1)
     over = turned_over(there.interpolate(source.mesh.vertices), normals, triangles)
     area = triangle_areas(target.mesh.vertices, triangles)
+    known = np.ones(len(expected), dtype=bool) if has_partner is None else has_partner
+    over &= known[triangles].all(axis=1)
     shares = sum_at_vertices(triangles, np.column_stack([area * ~over, area]), len(expected))
     upright = shares[:, 0] / np.maximum(shares[:, 1], 1e-300)
-    return upright / (1 + (expected / CONFIDENCE.half_confidence) ** 2), float(area[over].sum() / area.sum())
+    return known * upright / (1 + (expected / CONFIDENCE.half_confidence) ** 2), float(area[over].sum() / area.sum())
 
 
 def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: ShapeAnalysis) -> float:

@@ -391,10 +391,10 @@ def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refi
     k_target, k_source = candidate.functional_map.shape
     images = there.interpolate(source.basis.eigenvectors[:, :k_source])
     functional_map = target.basis.coefficients(images)[:k_target]
-    confidence, over = confidence_of(there, found.back, functional_map, source, target, False)
+    confidence, over = confidence_of(there, found.back, functional_map, source, target, False, found.has_partner)
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
-    return Refined(found.fit, found.back, functional_map, confidence * found.has_partner, over)
+    return Refined(found.fit, found.back, functional_map, confidence, over)
 
 
 def fitted_steps(

@@ -91,6 +91,8 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     assert np.median(result.confidence[far]) < 0.05
     assert np.median(result.confidence[kept]) > 0.3
     assert any("of the target seems to have no partner" in note for note in result.notes)
+    # What has no partner does not count as turned over.
+    assert not any("turns over" in note for note in result.notes)
 
 
 def pair_of(source: Surface, target: Surface) -> Pair:
