@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -20,11 +20,10 @@ import zoomout_core as zo
 from benchmarks.ablation import maps_without
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
 from benchmarks.pictures import Picture, draw
+from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
 from zoomout_core.matching.match import NOTES
-
-Record: TypeAlias = dict[str, Any]
 
 OURS = "zo.match"
 # Published maps that others refine: their names end so.
