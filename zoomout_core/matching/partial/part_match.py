@@ -98,11 +98,11 @@ def part_match_steps(pair: Pair, disagreement: Disagreement = nothing_known) -> 
         pair: the two shapes.
         disagreement: with what is known of the map.
     """
-    part, whole = part_of(pair)
-    found = yield from part_candidates_steps(IncompleteShape(part), IncompleteShape(whole))
+    part, whole = (IncompleteShape(shape) for shape in part_of(pair))
+    found = yield from part_candidates_steps(part, whole)
     candidates = [_candidate(one, pair, disagreement) for one in found]
     candidates.sort(key=lambda candidate: candidate.scores["total"])
-    return [replace(each, certainty=_certainty(each, candidates, IncompleteShape(whole))) for each in candidates]
+    return [replace(each, certainty=_certainty(each, candidates, whole)) for each in candidates]
 
 
 @dataclass(frozen=True, eq=False)

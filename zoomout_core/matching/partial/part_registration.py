@@ -30,7 +30,6 @@ class PartRegistrationTuning(Tuning, set_by="partial"):
     Attributes:
         image_functions: eigenfunctions of the part that the images of its samples are smoothed by.
         levels: the schedule by which candidates are compared.
-        most_residual: distance from the whole that counts no more.
     """
 
     image_functions: int = tuned(60, "eigenfunctions", 4, 1000)
@@ -40,7 +39,6 @@ class PartRegistrationTuning(Tuning, set_by="partial"):
         0,
         1000,
     )
-    most_residual: float = tuned(0.1, "length", 1e-6, 10)
 
 
 PART_REGISTRATION = PartRegistrationTuning()
@@ -74,13 +72,11 @@ class RegisteredPart:
         """What tells a right map from a wrong one, by the areas (n,) of the vertices: 0 for a perfect fit.
 
         Returns:
-            residual: mean distance, at most that of `PartRegistrationTuning`;
             normals: mean of one minus the cosine;
             strain: see above.
         """
         weights = areas / areas.sum()
         return {
-            "residual": float(weights @ np.minimum(self.residual, PART_REGISTRATION.most_residual)),
             "normals": float(weights @ (1 - self.agreement)),
             "strain": self.strain,
         }

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from pieces import PartAndWhole
 
-from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
+from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
 from zoomout_core.runtime.stepping import drain
-from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +37,9 @@ def test_a_wrong_place_costs_strain_and_normals(lower: PartAndWhole, fitted: Reg
     assert astray["normals"] > 2 * right["normals"]
 
 
-def test_scores_do_not_depend_on_the_unit_of_areas_and_cap_residuals(fitted: RegisteredPart) -> None:
+def test_scores_do_not_depend_on_the_unit_of_areas(fitted: RegisteredPart) -> None:
     areas = np.linspace(1, 2, len(fitted.residual))
     assert fitted.scores(areas) == pytest.approx(fitted.scores(7 * areas))
-    with retuned(PART_REGISTRATION, most_residual=1e-4):
-        assert fitted.scores(areas)["residual"] <= 1e-4
 
 
 def test_the_whole_does_not_draw_the_part(lower: PartAndWhole, fitted: RegisteredPart) -> None:
