@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 from butterfly import EVEN, MIRROR, grid, mirrored_vertex, self_map
 from scipy.spatial import ConvexHull
+from transfer_meshes import nearest_map
 
 import zoomout_core as zo
+from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import analysis_steps
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
-from zoomout_core.symmetry.detect import _place, energies
+from zoomout_core.symmetry import detect
+from zoomout_core.symmetry.detect import _place, candidate_steps, energies
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import symmetrised_uv
@@ -45,6 +49,39 @@ def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
     off = np.linalg.norm(found - np.diag(MIRROR), axis=(1, 2))
     assert np.median(off) < 0.05
     assert off.max() < 0.5
+
+
+def turned_about(mirror: SelfMap) -> tuple[SelfMap, np.ndarray]:
+    """The half turn of the egg about z, nearly, and (3,) its diagonal."""
+    half_turn = np.array([-1.0, -1, 1])
+    there = nearest_map(mirror.surface.vertices * half_turn, mirror.surface)
+    return replace(mirror, surface_map=there, reverses_orientation=False), half_turn
+
+
+def test_frames_of_a_half_turn_are_that_turn_and_it_leaves_little_asymmetry(mirror: SelfMap) -> None:
+    symmetry, half_turn = turned_about(mirror)
+    found = frames(symmetry)
+    np.testing.assert_allclose(np.linalg.det(found), 1)
+    off = np.linalg.norm(found - np.diag(half_turn), axis=(1, 2))
+    assert np.median(off) < 0.1
+    assert np.median(shape_asymmetry(symmetry)) < 0.02
+
+
+def test_candidates_that_keep_the_orientation_are_told_from_those_that_reverse_it(
+    mirror: SelfMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape, (symmetry, _) = mirror.shape, turned_about(mirror)
+    images = mirror.surface_map.vertex, symmetry.surface_map.vertex, np.arange(len(EVEN))
+    guesses = [Hypothesis("", functional_map_of(image, shape.basis, shape.basis, 20, 20)) for image in images]
+    monkeypatch.setattr(detect, "GUESSES", (lambda _: guesses,))
+    found = drain(candidate_steps(shape))
+    reached = []
+    for one in found:
+        places = shape.mesh.vertices[shape.search.samples]
+        linear = np.linalg.lstsq(places, places[one.sample_map], rcond=None)[0]
+        reached.append((one.reverses_orientation, tuple(np.sign(np.diag(linear)).astype(int))))
+    # And not the identity, which is one of the guesses.
+    assert sorted(reached) == [(False, (-1, -1, 1)), (True, (-1, 1, 1))]
 
 
 def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mirror: SelfMap) -> None:

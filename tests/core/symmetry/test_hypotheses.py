@@ -200,6 +200,10 @@ def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(
     far_up = np.arange(30.0) ** 1.5
     far_up[[20, 25]] = 1.001 * far_up[[19, 24]]
     assert not asked(far_up)
+    for last, within in ((12, True), (13, False)):
+        up_to = np.arange(30.0) ** 1.5
+        up_to[[4, last]] = 1.001 * up_to[[3, last - 1]]
+        assert asked(up_to) == within
     # Four alike are more than any turn makes of one.
     four = apart.copy()
     four[3:7] = four[3] * np.array([1, 1.001, 1.002, 1.003])

@@ -87,8 +87,9 @@ def test_twice_the_error_weighs_the_more_the_surer_the_criterion_is(square: Shap
         total(**{name: 2 * GOOD[name]} if name != "curvature" else {name: 1 - 2 * (1 - GOOD[name])}) - total()
         for name in ("commutativity", "place", "distance", "curvature")
     ]
+    (half_as_far,) = in_order([candidate(np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT))))], square)
     # Each by a quarter to three quarters more than the next, as fitted to the benchmark.
-    for more, less in pairwise(twice):
+    for more, less in pairwise([half_as_far.scores["total"] - total(), *twice]):
         assert 1.2 < more / less < 1.75
     # Pseudo-scalars that turn the wrong way count as much as some three times the error of commutativity.
     lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5]))
@@ -183,6 +184,18 @@ def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: ShapeAna
         candidate(UP_DOWN, commutativity=0.3, **bad),
     )
     assert other < 0.1 < 0.9 < one
+
+
+def test_an_exact_symmetry_is_as_sure_with_any_lead_and_less_behind_another(square: ShapeAnalysis) -> None:
+    exact = {"commutativity": 0.4, "distance": 0.3}
+    (alone,) = certainties(square, candidate(LEFT_RIGHT, place=1.0, **exact))
+    level, behind = (
+        certainties(square, candidate(LEFT_RIGHT, place=1.0, **exact), candidate(UP_DOWN, place=place, **exact))[1]
+        for place in (1.0, 0.9)
+    )
+    # The error of commutativity alone says 0.76.
+    assert (alone, level) == pytest.approx((0.761, 0.761), abs=1e-3)
+    assert behind < level - 0.02
 
 
 def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(square: ShapeAnalysis) -> None:
