@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 from scipy.spatial.transform import Rotation
 from transfer_meshes import globe, identity, nearest_map, plate
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_areas, unique_edges
+from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_normals
+from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_open
-from zoomout_core.transfer.frames import frames_of, frames_on, on_working_mesh, rotations
+from zoomout_core.transfer.frames import _products_of_gradients, frames_of, frames_on, on_working_mesh, rotations
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.normals import turn_directions
+from zoomout_core.transfer.normals import NORMALS, turn_directions, turn_normals
 from zoomout_core.transfer.weights import limit_weights, sum_to_one
 
 MESH = plate(20, 20, jitter=0.1)
@@ -271,6 +273,29 @@ def test_frames_of_a_body_that_is_turned_and_grown_are_that_turn_or_mirror_and_t
     np.testing.assert_allclose(frames.areas.sum(), 1)
 
 
+def test_gradients_are_integrated_over_the_areas_of_vertices() -> None:
+    stiffness, areas = mesh_laplacian(MESH.vertices, MESH.triangles)
+    slopes = np.array([[2.0, 1], [0, 3], [-1, 1]])
+    found = _products_of_gradients(csc_array(stiffness), MESH.vertices[:, :2] @ slopes.T, MESH.vertices[:, :2])
+    np.testing.assert_allclose(found.sum(axis=0), slopes * areas.sum(), atol=1e-9)
+    inner = np.minimum(np.minimum(X, 1 - X), np.minimum(Y, 1 - Y)) > 0.1
+    np.testing.assert_allclose(found[inner].sum(axis=0), slopes * areas[inner].sum(), atol=0.01)
+
+
+@pytest.mark.parametrize("spacing", [lambda x: x**2, lambda x: 1 - (1 - x) ** 2])
+def test_growth_is_that_of_the_place_however_dense_the_mesh_is_on_either_side(
+    spacing: Callable[[np.ndarray], np.ndarray],
+) -> None:
+    # A sector of a ring, by the exponential of complex numbers, which grows alike in all directions.
+    even = plate(20, 20)
+    x, y = spacing(even.vertices[:, 0]), even.vertices[:, 1]
+    source = even.with_vertices(np.column_stack([x, y, 0 * x]))
+    target = even.with_vertices(np.column_stack([np.exp(x) * np.cos(y), np.exp(x) * np.sin(y), 0 * x]))
+    growth = np.cbrt(np.linalg.det(frames_of(mapped_onto(source, target)).turns))
+    inner = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y)) > 0.2
+    np.testing.assert_allclose(growth[inner], np.exp(x)[inner], rtol=0.02)
+
+
 def test_frames_are_blind_to_what_is_not_trusted() -> None:
     x = BODY.vertices[:, 0]
     wrong = x > 0.6 * x.max()
@@ -406,6 +431,22 @@ def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_i
     steep = (X > 0.55) & (X < 0.7)
     assert 0.03 < np.median(height[steep]) < 0.08
     assert height[X > 0.55].max() < 0.3
+
+
+def test_what_is_wound_inside_out_has_the_mirror_images_of_its_normals_whether_lifted_or_not() -> None:
+    values = np.where(X[:, None] > 0.5, [0.999, 0, 0.045], [0.6, 0, 0.8])
+    vertices = MESH.vertices.copy()
+    vertices[:, 2] = np.where(X > 0.5, -0.6 * np.sin(6 * (X - 0.5)), 0)
+    found, mirrored = (
+        turn_normals(point(Kind.NORMAL, values), mapped_onto(MESH, Surface(vertices, wound))).values
+        for wound in (MESH.triangles, MESH.triangles[:, ::-1])
+    )
+    up = vertex_normals(vertices, MESH.triangles)
+    height = np.einsum("nx,nx->n", found, up)
+    # Where it falls away, some are pushed below the surface, and lifted before they are made of unit length.
+    lifted = np.abs(height - NORMALS.lifted / np.sqrt(1 + NORMALS.lifted**2)) < 1e-4
+    assert 3 < lifted.sum() < 0.3 * len(X)
+    np.testing.assert_allclose(mirrored, found - 2 * height[:, None] * up, atol=1e-9)
 
 
 @pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER])

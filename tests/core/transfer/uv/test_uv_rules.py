@@ -110,7 +110,7 @@ def flat(places: np.ndarray, faces: np.ndarray) -> Surface:
 
 @pytest.mark.parametrize(
     ("factors", "stretched", "collapsed"),
-    [((6, 1 / 6, 1 / 50), 2, 1), ((2.5, 0.4, 1 / 20), 1, 0), ((6, 1, 1), 1, 0), ((1, 1 / 6, 1), 1, 0)],
+    [((4.5, 1 / 4.5, 1 / 50), 2, 1), ((3.5, 1 / 3.5, 1 / 20), 1, 0), ((6, 1, 1), 1, 0), ((1, 1 / 6, 1), 1, 0)],
 )
 def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_source(
     factors: tuple[float, ...], stretched: int, collapsed: int
