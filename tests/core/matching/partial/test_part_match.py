@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from pieces import analysed, lower_half, piece_of
+from pieces import analysed, lower_half
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.matching import match as match_module
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
@@ -36,17 +35,11 @@ def made() -> tuple[Creature, Creature]:
     return lower_half(1500)
 
 
-def matched(source: Surface, target: Surface, same_share: float = 1.0) -> zo.MatchResult:
-    """With doubt about the whole map in any case, no doubt about the part, and as few searches as do.
-
-    Args:
-        source: the surface that the map lands on.
-        target: the surface that the map starts from.
-        same_share: of places with the same images, beyond which two maps are one; by default none are.
-    """
+def matched(source: Surface, target: Surface) -> zo.MatchResult:
+    """With doubt about the whole map in any case, no doubt about the part, and as few searches as do."""
     zo.forget_shapes()
     with (
-        retuned(ATTEMPTS, same_share=same_share),
+        retuned(ATTEMPTS, same_share=1.0),
         retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
         retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4),
     ):
@@ -162,42 +155,3 @@ def test_certainty_is_of_the_fit_and_of_rivals(
     one, same = candidate(fit, places), candidate(fit, places)
     others = [same] if rival is None else [same, candidate(rival, places[::-1])]
     assert _certainty(one, [one, *others], whole) == pytest.approx(certainty, abs=0.03)
-
-
-def test_where_both_find_the_same_map_that_of_whole_shapes_is_taken() -> None:
-    whole, bent = creature(1000, seed=0, asymmetry=0.3), creature(1100, seed=1, bend=0.3, asymmetry=0.3)
-    with_hole = piece_of(bent, bent.directions @ [0, -1, 0] < 0.95)
-    alone = zo.match(whole.surface, with_hole.surface, partial="off", k_final=60, samples=400)
-    result = matched(whole.surface, with_hole.surface, 0.75)
-    assert result.candidates[0].part_match is None
-    np.testing.assert_array_equal(result.surface_map.triangle, alone.surface_map.triangle)
-    assert result.certainty >= alone.certainty
-    assert result.certainty > 0.99
-    with retuned(PART_MATCH, nearly_whole=1.0):
-        by_part = matched(whole.surface, with_hole.surface, 0.75)
-    assert by_part.candidates[0].part_match is not None
-
-
-def test_sure_maps_and_worse_parts_are_left_alone(
-    made: tuple[Creature, Creature], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    part, whole = made
-    with retuned(PART_MATCH, misfit=50.0), retuned(PART_CANDIDATES, searches=((5, 0.6),), registered=2):
-        zo.forget_shapes()
-        kept = zo.match(whole.surface, part.surface, k_final=60, samples=400)
-    assert kept.candidates[0].part_match is None
-
-    # Nor is one that is surer than the whole, and unlikely all the same.
-    searches = retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4)
-    with retuned(PART_MATCH, unsure=1.0, misfit=-50.0, likely=1.0), retuned(ATTEMPTS, same_share=1.0), searches:
-        kept = zo.match(whole.surface, part.surface, k_final=60, samples=400)
-    assert kept.candidates[0].part_match is None
-
-    def never(*_given: object) -> None:
-        raise AssertionError("a part was looked for")
-
-    monkeypatch.setattr(match_module, "part_match_steps", never)
-    with retuned(PART_MATCH, unsure=0.0):
-        zo.match(whole.surface, part.surface, k_final=60, samples=400)
-    zo.match(whole.surface, part.surface, partial="off", k_final=60, samples=400)
-    zo.match(whole.surface, part.surface, initial="landmarks", landmarks=([0, 5], [0, 5]), k_final=60, samples=400)

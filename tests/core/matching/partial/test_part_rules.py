@@ -1,0 +1,225 @@
+"""What decides about parts: each term of what a map promises, which places have a partner, which maps are rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pieces import PartAndWhole
+
+from zoomout_core.arrays import Integers
+from zoomout_core.matching import match as match_module
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial import part_candidates, part_match
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
+from zoomout_core.matching.partial.landmark_search import SEARCH, landmarks_of
+from zoomout_core.matching.partial.part_candidates import (
+    PART_CANDIDATES,
+    PartCandidate,
+    _promise,
+    images_apart,
+    part_candidates_steps,
+)
+from zoomout_core.matching.partial.part_match import PART_MATCH, _certainty, _on_part, may_be_part, part_fit_steps
+from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
+from zoomout_core.matching.partial.slanted_maps import SLANTED, extended, slanted_sizes
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+# --- maps from landmarks ------------------------------------------------------------------------------------
+
+
+def test_a_third_of_the_landmarks_may_be_wrong(lower: PartAndWhole) -> None:
+    whole = lower.whole
+    chosen, nothing = landmarks_of(whole, 9), np.zeros_like(whole.between)
+    placed = chosen.copy()
+    placed[-3:] = np.argmax(whole.between[chosen[-3:]], axis=1)
+    right = []
+    for most in (SLANTED.most, 100.0):
+        with retuned(SLANTED, rounds=0, most=most):
+            right.append(np.mean(extended(chosen, placed, nothing, whole, whole) == np.arange(len(nothing))))
+    assert right[0] > 0.98
+    assert right[1] < 0.8
+
+
+def test_the_shape_of_fewer_functions_has_some_at_the_least(lower: PartAndWhole) -> None:
+    with retuned(SLANTED, sizes=(4, 40, 4), fewest=7):
+        of_part = [k_part for k_part, _ in slanted_sizes(lower.part, lower.whole)]
+    assert of_part[:2] == [7, 7]
+    assert of_part[-1] > 7
+
+
+# --- what a map promises ------------------------------------------------------------------------------------
+
+
+def at_mirror_images(pair: PartAndWhole) -> Integers:
+    """(s,) for each sample of the part the sample of the whole on the other side of its true place."""
+    directions = pair.made_whole.directions[pair.whole.shape.search.samples]
+    true = directions[pair.true_samples()] * [-1, 1, 1]
+    return np.asarray(np.argmax(true @ directions.T, axis=1))
+
+
+@pytest.mark.parametrize("term", ["facing", "place", "distance", "unlikeness", "orientation"])
+def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartAndWhole, term: str) -> None:
+    part, whole = lower.part, lower.whole
+    unlike = unlikeness(part, whole)
+    lead = []
+    for weight in (0.0, 1.0):
+        with retuned(PART_CANDIDATES, **{term: weight}):
+            right, wrong = (_promise(m, unlike, part, whole) for m in (lower.true_samples(), at_mirror_images(lower)))
+        lead.append(wrong - right)
+    assert lead[1] > lead[0] + 0.1
+
+
+def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lower: PartAndWhole) -> None:
+    part, unlike = lower.part, unlikeness(lower.part, lower.whole)
+    gained = []
+    for factor in (0.7, 1.4):
+        whole = IncompleteShape(at_scale(lower.whole.shape, factor))
+        promises = []
+        for doubt in (SEARCH.doubt, 1.0):
+            with retuned(SEARCH, doubt=doubt):
+                promises.append(_promise(lower.true_samples(), unlike, part, whole))
+        gained.append(promises[1] - promises[0])
+    assert gained[0] > 10 * abs(gained[1])
+    assert (~part.unaffected).mean() > 0.1
+
+
+def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, matches: list[Integers]) -> list[Integers]:
+    """What is left of maps to be bent by, if these are found, each promising less than the one before it."""
+
+    def registered(match: Integers, promise: float, *_: object) -> PartCandidate:
+        nothing: Any = None
+        return PartCandidate(match, nothing, {"promise": promise, "fit": promise})
+
+    def promised(match: Integers, *_: object) -> float:
+        return float(next(i for i, each in enumerate(matches) if each is match))
+
+    monkeypatch.setattr(part_candidates, "_searched", lambda *_: matches[::-1])
+    monkeypatch.setattr(part_candidates, "_promise", promised)
+    monkeypatch.setattr(part_candidates, "_registered", registered)
+    with retuned(PART_CANDIDATES, searches=((5, 0.0),), registered=3):
+        return [found.match for found in drain(part_candidates_steps(pair.part, pair.whole))]
+
+
+def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right, other = lower.true_samples(), at_mirror_images(lower)
+    nearly, off = right.copy(), right.copy()
+    some = np.random.default_rng(0).permutation(len(right))
+    nearly[some[: len(some) // 25]] = other[some[: len(some) // 25]]
+    off[some[: len(some) // 3]] = other[some[: len(some) // 3]]
+    assert 0 < images_apart(nearly, right, lower.whole) < 0.05 < images_apart(off, right, lower.whole)
+    found = candidates_of(monkeypatch, lower, [nearly, right, off, other, np.roll(right, 50)])
+    assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
+
+
+# --- partners -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fitted(lower: PartAndWhole) -> RegisteredPart:
+    return drain(registered_steps(lower.true_samples(), lower.part, lower.whole))
+
+
+def surface_and_shapes(pair: PartAndWhole, part_is_target: bool = True) -> Pair:
+    """The whole and its part, as source and target or the other way round."""
+    made, shapes = (pair.made_whole, pair.made_part), (pair.whole.shape, pair.part.shape)
+    step = 1 if part_is_target else -1
+    source, target = made[::step]
+    return Pair(source.surface, target.surface, *shapes[::step], 60, 20)
+
+
+def candidate(match: Integers, fit: float = 0.0, size: tuple[int, int] = (20, 40)) -> Candidate:
+    scores = {"fit": fit, "total": fit}
+    return Candidate("", False, False, np.eye(*size), np.eye(*size[::-1]), match, None, None, 0.0, scores, match)
+
+
+def test_of_the_whole_has_a_partner_what_the_part_lies_on(lower: PartAndWhole, fitted: RegisteredPart) -> None:
+    part, whole = lower.part.shape, lower.whole.shape
+    found, has_partner = _on_part(fitted, part, whole)
+    on_part = np.max(lower.made_whole.directions @ lower.made_part.directions.T, axis=1) > 0.99
+    assert 0.2 < on_part.mean() < 0.8
+    assert (has_partner == on_part).mean() > 0.9
+    off = np.linalg.norm(found.interpolate(fitted.positions) - whole.mesh.vertices, axis=1)
+    assert off[has_partner].max() < PART_MATCH.residual
+    # Nor has what faces the other way.
+    inside_out = replace(fitted, normals=-fitted.normals)
+    assert _on_part(inside_out, part, whole)[1].mean() < 0.1
+
+
+def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_is_no_other_limb(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    n = len(fitted.residual)
+    count = n // 4
+
+    def bad(number: int) -> np.ndarray:
+        return np.arange(n) // count == number
+
+    made = replace(
+        fitted,
+        residual=np.where(bad(0), 0.04, 0.02),
+        agreement=np.where(bad(1), -0.1, 0.1),
+        is_near=~bad(2),
+    )
+
+    def registered(*_: object) -> Generator[float, None, RegisteredPart]:
+        yield 0.5
+        return made
+
+    monkeypatch.setattr(part_match, "registered_steps", registered)
+    found = drain(part_fit_steps(surface_and_shapes(lower), candidate(lower.true_samples())))
+    np.testing.assert_array_equal(found.has_partner, ~(bad(0) | bad(1) | bad(2)))
+    np.testing.assert_array_equal(found.fit.fits, found.has_partner)
+    assert found.fit.surface_map is fitted.closest
+    back = drain(part_fit_steps(surface_and_shapes(lower, False), candidate(lower.true_samples())))
+    assert back.back is fitted.closest
+    np.testing.assert_array_equal(back.fit.surface_map.triangle, found.back.triangle)
+    assert len(back.has_partner) == len(lower.whole.shape.mesh.vertices)
+
+
+@pytest.mark.parametrize("part_is_target", [True, False])
+def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch, part_is_target: bool
+) -> None:
+    def registered(*_: object) -> Generator[float, None, RegisteredPart]:
+        yield 0.5
+        return fitted
+
+    monkeypatch.setattr(part_match, "registered_steps", registered)
+    pair = surface_and_shapes(lower, part_is_target)
+    refined = drain(match_module._part_steps(pair, candidate(lower.true_samples())))
+    assert abs(refined.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
+    assert refined.functional_map.shape == (20, 40)
+
+
+# --- rivals, and what is tried ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("apart", "rivals"), [(0.05, False), (0.2, True)])
+def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None:
+    at = np.array([0.0, apart])
+    shape = SimpleNamespace(nearest_distance_sample=np.arange(2))
+    whole: Any = SimpleNamespace(shape=shape, between=np.abs(at[:, None] - at))
+    one, other = (candidate(np.full(10, number), -4.0) for number in (0, 1))
+    alone = _certainty(one, [one], whole)
+    assert alone > 0.9
+    assert _certainty(one, [one, other], whole) == pytest.approx(alone / 2 if rivals else alone)
+    # A rival that lies behind takes the less; one that lies far ahead leaves nothing.
+    behind = _certainty(one, [one, replace(other, scores={"fit": -3.9, "total": -3.9})], whole)
+    ahead = _certainty(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})], whole)
+    assert behind > 0.7 * alone
+    assert not rivals or ahead < 1e-3
+
+
+@pytest.mark.parametrize(("factor", "tried"), [(1.0, True), (3.0, True), (1 / 3.0, True), (9.0, False), (1 / 9, False)])
+def test_units_may_differ_by_a_small_factor(lower: PartAndWhole, factor: float, tried: bool) -> None:
+    pair = surface_and_shapes(lower)
+    assert may_be_part(replace(pair, target_shape=at_scale(pair.target_shape, factor))) == tried

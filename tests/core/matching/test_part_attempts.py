@@ -1,0 +1,116 @@
+"""When one shape is tried as a part of the other, and which of the two maps a match goes on with."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.matching import match
+from zoomout_core.matching.attempt import Attempt
+from zoomout_core.matching.partial.part_match import PART_MATCH
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+COUNT = 100
+PLACES = np.random.default_rng(1).standard_normal((COUNT, 3))
+THERE, ELSEWHERE = np.arange(COUNT), np.arange(COUNT)[::-1]
+LARGE, SMALL = 1.0, 0.5
+
+
+def candidate(certainty: float, sample_map: np.ndarray) -> Candidate:
+    nothing = np.zeros((0, 0))
+    return Candidate("", False, False, nothing, nothing, sample_map, None, None, certainty, {})
+
+
+def gone_on_with(
+    monkeypatch: pytest.MonkeyPatch,
+    by_whole: float,
+    by_part: float,
+    areas: tuple[float, float] = (LARGE, SMALL),
+    image: np.ndarray = THERE,
+) -> tuple[str, float]:
+    """The map that is gone on with, and its certainty, by that of either, the areas, and the images as a part."""
+
+    def shape(area: float) -> Any:
+        full = SimpleNamespace(to_surface=lambda points: points, scale=1.0)
+        return SimpleNamespace(
+            proxy=SimpleNamespace(full=full, vertices=PLACES),
+            search=SimpleNamespace(samples=np.arange(COUNT)),
+            basis=SimpleNamespace(areas=np.full(4, area / 4)),
+        )
+
+    def placed(*_: object) -> Generator[float, None, list[Candidate]]:
+        yield 0.5
+        return [candidate(by_part, image), candidate(0.0, ELSEWHERE)]
+
+    each_at_unit_area, in_one_unit = (
+        SimpleNamespace(source_shape=shape(of_source), target_shape=shape(of_target))
+        for of_source, of_target in ((1.0, 1.0), areas)
+    )
+    pair: Any = each_at_unit_area
+    whole = Attempt(pair, [candidate(by_whole, THERE), candidate(0.0, ELSEWHERE)], 0.9)
+    monkeypatch.setattr(match, "in_one_unit", lambda _: in_one_unit)
+    monkeypatch.setattr(match, "part_match_steps", placed)
+    known: Any = SimpleNamespace(disagreement=lambda _: None)
+    found = drain(match._part_attempt_steps(whole, known))
+    assert found.coverage == 0.9
+    assert len(found.candidates) == 2
+    return "part" if found.pair is in_one_unit else "whole", found.candidates[0].certainty
+
+
+@pytest.mark.parametrize(
+    ("by_whole", "by_part", "taken"),
+    [(0.3, 0.5, "part"), (0.5, 0.3, "whole"), (0.4, 0.4, "whole"), (0.02, 0.1, "whole"), (0.02, 0.2, "part")],
+)
+def test_the_surer_map_is_taken_if_that_of_a_part_is_likely_at_all(
+    monkeypatch: pytest.MonkeyPatch, by_whole: float, by_part: float, taken: str
+) -> None:
+    expected = by_part if taken == "part" else by_whole
+    assert gone_on_with(monkeypatch, by_whole, by_part) == (taken, expected)
+
+
+@pytest.mark.parametrize("areas", [(1.0, 0.9), (0.9, 1.0)])
+def test_of_shapes_of_nearly_one_area_the_map_as_wholes_is_kept_where_both_agree(
+    monkeypatch: pytest.MonkeyPatch, areas: tuple[float, float]
+) -> None:
+    assert gone_on_with(monkeypatch, 0.3, 0.5, areas) == ("whole", 0.5)
+    assert gone_on_with(monkeypatch, 0.3, 0.5, areas, ELSEWHERE) == ("part", 0.5)
+    assert gone_on_with(monkeypatch, 0.6, 0.5, areas) == ("whole", 0.6)
+
+
+@pytest.mark.parametrize(
+    ("unsure", "options", "has_cuts", "tried"),
+    [
+        (1.0, {}, True, True),
+        (0.0, {}, True, False),
+        (1.0, {}, False, False),
+        (1.0, {"partial": "off"}, True, False),
+        (1.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, True, False),
+    ],
+)
+def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missing(
+    monkeypatch: pytest.MonkeyPatch, unsure: float, options: dict[str, Any], has_cuts: bool, tried: bool
+) -> None:
+    seen = []
+
+    def watched(whole: Attempt, _known: object) -> Generator[float, None, Attempt]:
+        seen.append(whole)
+        yield from ()
+        return replace(whole, candidates=[replace(whole.candidates[0], certainty=0.125)])
+
+    monkeypatch.setattr(match, "_part_attempt_steps", watched)
+    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(match, "GUESSES", ())
+    source, target = creature(200).surface, creature(180, seed=1).surface
+    with retuned(PART_MATCH, unsure=unsure):
+        result = zo.match(source, target, k_final=20, samples=100, **options)
+    assert len(seen) == tried
+    assert (result.candidates[0].certainty == 0.125) == tried
