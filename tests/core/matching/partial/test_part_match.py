@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,23 +11,17 @@ from creatures import Creature, creature, true_vertex
 from pieces import analysed, lower_half
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
-    _certainty,
     in_one_unit,
     may_be_part,
-    part_match_steps,
     part_of,
 )
-from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.scores import EVIDENCE
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 
@@ -88,9 +83,13 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     assert not any("turns over" in note for note in result.notes)
 
 
+@cache
+def shape_of(surface: Surface) -> ShapeAnalysis:
+    return analysed(Creature(surface, surface.vertices))
+
+
 def pair_of(source: Surface, target: Surface) -> Pair:
-    shapes = (analysed(Creature(surface, surface.vertices)) for surface in (source, target))
-    return Pair(source, target, *shapes, 60, 20)
+    return Pair(source, target, shape_of(source), shape_of(target), 60, 20)
 
 
 def test_only_shapes_with_cuts_in_one_unit_are_tried(made: tuple[Creature, Creature]) -> None:
@@ -119,39 +118,3 @@ def test_the_larger_shape_is_the_unit_and_the_smaller_one_the_part(made: tuple[C
         share = part.surface.area / whole.surface.area
         assert smaller.basis.areas.sum() == pytest.approx(share)
         assert (smaller is pair.source_shape) == (source is part)
-
-
-def test_what_is_known_decides_between_places(made: tuple[Creature, Creature]) -> None:
-    part, whole = made
-    pair = in_one_unit(pair_of(whole.surface, part.surface))
-    with retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4):
-        first, second, *_ = drain(part_match_steps(pair))
-
-        def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
-            return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
-
-        with retuned(PART_MATCH, another_map=0.0):
-            known = drain(part_match_steps(pair, against_the_first))
-    np.testing.assert_array_equal(known[0].sample_map, second.sample_map)
-    np.testing.assert_array_equal(known[-1].sample_map, first.sample_map)
-    assert known[-1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE.axes)
-    # What is known makes a place unlikely beside others; the fit alone says how likely any is.
-    assert known[-1].certainty < 1e-9
-    assert known[-1].scores["fit"] == first.scores["fit"]
-
-
-@pytest.mark.parametrize(("fit", "rival", "certainty"), [(-4.0, None, 0.99), (-1.0, None, 0.01), (-4.0, -4.0, 0.5)])
-def test_certainty_is_of_the_fit_and_of_rivals(
-    made: tuple[Creature, Creature], fit: float, rival: float | None, certainty: float
-) -> None:
-    whole = IncompleteShape(analysed(made[1]))
-    places = np.arange(100)
-
-    def candidate(fit: float, match: Integers) -> Candidate:
-        nothing = np.empty((0, 0))
-        scores = {"fit": fit, "total": fit}
-        return Candidate("", False, False, nothing, nothing, match, None, None, 0.0, scores, match)
-
-    one, same = candidate(fit, places), candidate(fit, places)
-    others = [same] if rival is None else [same, candidate(rival, places[::-1])]
-    assert _certainty(one, [one, *others], whole) == pytest.approx(certainty, abs=0.03)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pieces import PartAndWhole
 
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching import match as match_module
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_candidates, part_match
@@ -21,13 +21,22 @@ from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
     _promise,
+    _registered,
     images_apart,
     part_candidates_steps,
 )
-from zoomout_core.matching.partial.part_match import PART_MATCH, _certainty, _on_part, may_be_part, part_fit_steps
+from zoomout_core.matching.partial.part_match import (
+    PART_MATCH,
+    _certainty,
+    _on_part,
+    may_be_part,
+    part_fit_steps,
+    part_match_steps,
+)
 from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
 from zoomout_core.matching.partial.slanted_maps import SLANTED, extended, slanted_sizes
 from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.scores import EVIDENCE
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
@@ -223,6 +232,39 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
     ahead = _certainty(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})], whole)
     assert behind > 0.7 * alone
     assert not rivals or ahead < 1e-3
+
+
+def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = [
+        _registered(match, 0.0, lower.part, lower.whole) for match in (at_mirror_images(lower), lower.true_samples())
+    ]
+
+    def found(*_: object) -> Generator[float, None, list[PartCandidate]]:
+        yield 0.5
+        return made
+
+    monkeypatch.setattr(part_match, "part_candidates_steps", found)
+    pair = surface_and_shapes(lower)
+    first, second = drain(part_match_steps(pair))
+    assert first.part_match is made[1].match
+    assert first.certainty > 100 * second.certainty
+
+    def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
+        return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
+
+    known = drain(part_match_steps(pair, against_the_first))
+    assert known[0].part_match is made[0].match
+    assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE.axes)
+    # What is known makes a place unlikely beside others; the fit alone says how likely any is.
+    assert known[1].certainty < 1e-9
+    assert known[1].scores["fit"] == first.scores["fit"]
+
+
+@pytest.mark.parametrize(("fit", "certainty"), [(-4.0, 0.97), (-2.82, 0.5), (-1.0, 0.004)])
+def test_a_place_is_as_likely_as_its_fit_is_good(fit: float, certainty: float) -> None:
+    nowhere: Any = None
+    one = candidate(np.zeros(10, dtype=np.int64), fit)
+    assert _certainty(one, [one], nowhere) == pytest.approx(certainty, abs=0.01)
 
 
 @pytest.mark.parametrize(("factor", "tried"), [(1.0, True), (3.0, True), (1 / 3.0, True), (9.0, False), (1 / 9, False)])
