@@ -134,6 +134,8 @@ def _summary(outcome: Outcome) -> list[str]:
         f"Transferred: {', '.join(report['transferred'])}.",
         f"Right with a probability of {report['certainty']:.0%}, by its lead over the other candidates.",
         f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
+        f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
+        f"{report['source_share_without_partner']:.1%} of the source's.",
         f"{len(report['candidates'])} correspondences were found; where sides are swapped, try --candidate 1.",
         *report["notes"],
     ]

@@ -172,6 +172,8 @@ def _figures(outcome: Outcome) -> dict[str, Any]:
         "certainty": float(report["certainty"]),
         "mean_confidence": float(report["confidence"].mean()),
         "low_confidence": float((report["confidence"] < LOW).mean()),
+        "share_without_partner": report["share_without_partner"],
+        "source_share_without_partner": report["source_share_without_partner"],
         "candidates": len(report["candidates"]),
         "transferred": report["transferred"],
         "notes": report["notes"],

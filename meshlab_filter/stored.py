@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from meshlab_filter.mesh_data import Layer, attribute_values, has_attribute
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError
 
@@ -27,10 +27,12 @@ class Correspondence:
     Attributes:
         surface_map: for every target vertex a point on the source surface.
         confidence: (n_t,) in [0, 1].
+        has_partner: (n_t,) whether there is something on the source for a vertex; None where that was not asked.
     """
 
     surface_map: SurfaceMap
     confidence: Floats
+    has_partner: Booleans | None = None
 
 
 def check_names(mesh: Mesh, names: Iterable[str]) -> None:
@@ -56,6 +58,11 @@ def attribute_names(name: str) -> tuple[str, ...]:
     return tuple(f"{name}_{part}" for part in ("triangle", "barycentric", "x", "y", "z", "confidence"))
 
 
+def partner_name(name: str) -> str:
+    """The attribute that says, by 1 or 0, whether a vertex has a partner."""
+    return f"{name}_has_partner"
+
+
 def store(mesh: Mesh, name: str, found: Correspondence, source: Layer) -> None:
     """Store a correspondence on a target; points are in the source's own frame."""
     triangle, barycentric, *axes, confidence = attribute_names(name)
@@ -64,6 +71,8 @@ def store(mesh: Mesh, name: str, found: Correspondence, source: Layer) -> None:
     for axis, values in zip(axes, found.surface_map.interpolate(source.vertices).T, strict=True):
         mesh.add_vertex_custom_scalar_attribute(np.ascontiguousarray(values), axis)
     mesh.add_vertex_custom_scalar_attribute(found.confidence.astype(np.float64), confidence)
+    if found.has_partner is not None:
+        mesh.add_vertex_custom_scalar_attribute(found.has_partner.astype(np.float64), partner_name(name))
 
 
 def read_stored(mesh: Mesh, name: str, source: Layer) -> Correspondence:
@@ -82,7 +91,10 @@ def read_stored(mesh: Mesh, name: str, source: Layer) -> Correspondence:
         surface_map = SurfaceMap(triangle, barycentric, source.surface.triangles)
         moved = np.abs(surface_map.interpolate(source.vertices) - np.column_stack(point)).max()
         if moved <= MOVED * np.ptp(source.vertices[source.surface.triangles.ravel()], axis=0).max():
-            return Correspondence(surface_map, confidence)
+            known = has_attribute(mesh, partner_name(name))
+            return Correspondence(
+                surface_map, confidence, attribute_values(mesh, partner_name(name)) > 0.5 if known else None
+            )
     raise MeshError(
         f"The correspondence '{name}' of layer '{mesh.label()}' leads to another source than '{source.label}', or to "
         "what that was before it changed: find it again, under another name."

@@ -89,8 +89,10 @@ def match(
 ) -> None:
     """Find for every vertex of TARGET the point on SOURCE that it corresponds to; either may be a point cloud.
 
-    Writes triangle, barycentric, vertex, confidence and functional_map to one .npz file. With --initial nearest the
-    map is that to the nearest points, as for clothes on a body, with a confidence of one or zero, and nothing else.
+    Writes triangle, barycentric, vertex, confidence, functional_map, and has_partner and source_has_partner, which
+    vertices of TARGET and of SOURCE have something on the other that they correspond to, to one .npz file. With
+    --initial nearest the map is that to the nearest points, as for clothes on a body, with a confidence of one or zero,
+    and nothing else.
     """
     try:
         check_output(output)
@@ -102,7 +104,13 @@ def match(
             lines = _save_nearest(with_progress_bar(nearest), output)
         else:
             result = with_progress_bar(match_steps(*shapes, **start_arguments(**options)))
-            result.surface_map.save(output, confidence=result.confidence, functional_map=result.functional_map)
+            result.surface_map.save(
+                output,
+                confidence=result.confidence,
+                functional_map=result.functional_map,
+                has_partner=result.has_partner,
+                source_has_partner=result.source_has_partner,
+            )
             lines = summary(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
@@ -145,6 +153,8 @@ def summary(result: MatchResult) -> list[str]:
         f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.",
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below 0.5.",
         f"Turned over: {over:.1%} of the target's area.",
+        f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
+        f"{result.source_share_without_partner:.1%} of the source's.",
         f"Found by {result.candidates[result.chosen].origin}, the best of {len(result.candidates)} candidates.",
     ]
     return [*lines, *result.notes]

@@ -71,6 +71,10 @@ def report_on(result: zo.MatchResult) -> dict[str, Any]:
     """What a filter says of the correspondence that it found."""
     return {
         "confidence": result.confidence,
+        "has_partner": result.has_partner,
+        "source_has_partner": result.source_has_partner,
+        "share_without_partner": result.share_without_partner,
+        "source_share_without_partner": result.source_share_without_partner,
         "certainty": result.certainty,
         "candidates": [
             {"origin": found.origin, "reverses_orientation": found.reverses_orientation, **found.scores}

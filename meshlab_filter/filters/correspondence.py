@@ -30,7 +30,7 @@ from meshlab_filter.mesh_data import (
     read_layer,
 )
 from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
-from meshlab_filter.stored import Correspondence, attribute_names, check_names, read_stored, store
+from meshlab_filter.stored import Correspondence, attribute_names, check_names, partner_name, read_stored, store
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.matching.presets import DETAIL
@@ -54,22 +54,24 @@ def compute_correspondence_by_zoomout(
     """Find for every vertex of the target the point on the source that it corresponds to.
 
     It is stored on the target, in the custom attributes NAME_triangle (number of the source's face),
-    NAME_barycentric (coordinates in it), NAME_x, NAME_y and NAME_z (the same place in the source's own frame) and
-    NAME_confidence (in [0, 1]). Nothing else changes.
+    NAME_barycentric (coordinates in it), NAME_x, NAME_y and NAME_z (the same place in the source's own frame),
+    NAME_confidence (in [0, 1]) and NAME_has_partner (0 where nothing on the source corresponds, else 1). Nothing else
+    changes.
 
     Returns:
-        `triangle`, `barycentric` and `confidence`, arrays; `certainty`, the probability that the whole is right, no
-        side swapped; `candidates`, for each what it came from, whether it reverses orientation, and its scores;
-        `notes`, sentences for the user.
+        `triangle`, `barycentric` and `confidence`, arrays; `has_partner` and `source_has_partner`, the same of both
+        meshes' vertices; `share_without_partner` and `source_share_without_partner`, of their areas; `certainty`, the
+        probability that the whole is right, no side swapped; `candidates`, for each what it came from, whether it
+        reverses orientation, and its scores; `notes`, sentences for the user.
 
     Raises:
         MeshError: a mesh that is missing or cannot be used; the message says what to do.
         ValueError: arguments that do not fit together.
     """
     source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh)
-    check_names(ms.mesh(targetmesh), attribute_names(name))
+    check_names(ms.mesh(targetmesh), [*attribute_names(name), partner_name(name)])
     result = yield from match_steps(source, target, **matching)
-    store(ms.mesh(targetmesh), name, Correspondence(result.surface_map, result.confidence), source)
+    store(ms.mesh(targetmesh), name, Correspondence(result.surface_map, result.confidence, result.has_partner), source)
     report = report_on(result)
     return {**report, "triangle": result.surface_map.triangle, "barycentric": result.surface_map.barycentric}
 

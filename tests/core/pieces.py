@@ -58,7 +58,12 @@ class PartAndWhole:
         return np.asarray(np.linalg.norm(points[images] - points[true], axis=1))
 
 
+def in_lower_half(made: Creature) -> Booleans:
+    """(n,) which vertices of a creature are on the legs, the tail or one arm."""
+    return made.directions @ [0.6, 0, -0.8] > -0.15
+
+
 def lower_half(count: int = 1100) -> tuple[Creature, Creature]:
     """The legs, the tail and one arm of a lopsided creature that has bent its limbs, and the creature as it was."""
     bent = creature(count, seed=1, bend=0.5, asymmetry=0.3)
-    return piece_of(bent, bent.directions @ [0.6, 0, -0.8] > -0.15), creature(1000, seed=0, asymmetry=0.3)
+    return piece_of(bent, in_lower_half(bent)), creature(1000, seed=0, asymmetry=0.3)

@@ -33,10 +33,19 @@ def run(*arguments: str | Path) -> Result:
 def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, bent: Creature) -> None:
     outcome = run("match", files / "source.ply", files / "target.ply", "-o", files / "map.npz")
     assert outcome.exit_code == 0, outcome.output
-    for fact in ("Right with a probability of", "Mean confidence", "Turned over: ", "candidates."):
+    for fact in (
+        "Right with a probability of",
+        "Mean confidence",
+        "Turned over: ",
+        "Without a partner: ",
+        "candidates.",
+    ):
         assert fact in outcome.output
     with np.load(files / "map.npz") as file:
-        assert set(file.files) == {"triangle", "barycentric", "vertex", "confidence", "functional_map"}
+        arrays = {"triangle", "barycentric", "vertex", "confidence", "functional_map"}
+        assert set(file.files) == {*arrays, "has_partner", "source_has_partner"}
+        assert file["has_partner"].shape == (len(bent.directions),)
+        assert file["source_has_partner"].shape == (len(resting.directions),)
         error = zo.geodesic_error(
             file["vertex"], resting.surface, np.arange(len(bent.directions)), true_vertex(resting, bent)
         )

@@ -59,6 +59,7 @@ def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files
     assert (tmp_path / "front.png").is_file()
     assert ("OBJ cannot hold vertex_scalar" in ran.output) == name.endswith("obj")
     assert "Mean confidence" in ran.output
+    assert "Without a partner: " in ran.output
 
 
 def test_the_options_of_the_match_are_understood(files, tmp_path):
@@ -136,6 +137,8 @@ def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_th
     assert "could not be read" in broken["error"]
     assert first["output"] == str(out / "first.ply")
     assert 0 < second["mean_confidence"] <= 1
+    assert 0 <= second["share_without_partner"] <= 1
+    assert 0 <= second["source_share_without_partner"] <= 1
     assert "texcoord" in second["transferred"]
 
 

@@ -101,6 +101,11 @@ def test_a_correspondence_is_stored_on_the_target(found, source, target):
     np.testing.assert_array_equal(
         mesh.vertex_custom_scalar_attribute_array("correspondence_confidence"), report["confidence"]
     )
+    np.testing.assert_array_equal(
+        mesh.vertex_custom_scalar_attribute_array("correspondence_has_partner"), report["has_partner"]
+    )
+    assert report["source_has_partner"].shape == (len(source.rest),)
+    assert 0 <= report["share_without_partner"] < 0.05
     rest = np.einsum("nc,ncx->nx", report["barycentric"], source.rest[source.faces[report["triangle"]]])
     assert np.linalg.norm(rest - target.rest, axis=1).mean() / SIZE < 0.03
     place = np.einsum("nc,ncx->nx", report["barycentric"], source.vertices[source.faces[report["triangle"]]])

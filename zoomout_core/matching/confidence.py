@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, turned_over
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.triangles import border_edges, triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
 from zoomout_core.tuning import Tuning, tuned
+
+# A point whose barycentric coordinates at vertices of a border fall short of one by less lies on it.
+ON_BORDER = 1e-2
 
 
 @dataclass(frozen=True)
@@ -22,16 +26,29 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
         half_confidence: expected error at which confidence halves: there half of the vertices are off by more than
             0.025 and a fifth by more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
         pooling: diffusion length over which errors are averaged: an error is rarely a single vertex's.
-        without_partner: where going there and back misses by more than this, there is no partner: gorillas and men
-            miss by less.
+        without_partner: where going there and back misses by more than this, there is no partner.
+        beyond_border: the same where the map there ends on a border of the other shape: what fills a hole of it.
     """
 
     half_confidence: float = tuned(0.022, "at unit area", 1e-6, 1)
     pooling: float = tuned(0.05, "at unit area", 0, 1)
-    without_partner: float = tuned(0.07, "at unit area", 0, 2)
+    without_partner: float = tuned(0.085, "at unit area", 0, 2)
+    beyond_border: float = tuned(0.03, "at unit area", 0, 2)
 
 
 CONFIDENCE = ConfidenceTuning()
+
+
+class Partners(NamedTuple):
+    """Which vertices of two surfaces, or of two shapes' meshes, have a partner on the other one.
+
+    Attributes:
+        target: (n_t,) of the target.
+        source: (n_s,) of the source.
+    """
+
+    target: Booleans
+    source: Booleans
 
 
 def confidence_of(
@@ -77,19 +94,28 @@ def confidence_of(
     return known * upright / (1 + (expected / CONFIDENCE.half_confidence) ** 2), float(area[over].sum() / area.sum())
 
 
-def share_without_partner(there: SurfaceMap, back: SurfaceMap, target: ShapeAnalysis) -> float:
-    """The part of the target's area, in [0, 1], to which nothing on the source seems to correspond.
+def partners_by_cycle(there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Partners:
+    """Which vertices of two shapes' meshes come back, near enough, from where they go.
 
-    A tail that the source lacks goes to its surroundings there, from where no way leads back.
+    A tail that the other shape lacks goes to its surroundings there, from where no way leads back.
 
     Args:
         there: from the target's mesh to the source's.
         back: from the source's mesh to the target's, found on its own.
-        target: the shape that is asked about.
+        source: the shape that the map there lands on.
+        target: the shape that it starts from.
     """
-    cycle = cycle_error(there, back, target.mesh.vertices)[:, None]
-    lost = target.basis.smoothed(cycle, CONFIDENCE.pooling**2)[:, 0] > CONFIDENCE.without_partner
-    return float(target.basis.areas[lost].sum() / target.basis.areas.sum())
+    return Partners(_returns(there, back, target, source), _returns(back, there, source, target))
+
+
+def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: ShapeAnalysis) -> Booleans:
+    """(n,) whether the vertices of a shape's mesh come back to where they were."""
+    cycle = cycle_error(there, back, shape.mesh.vertices)
+    pooled = shape.basis.smoothed(cycle[:, None], CONFIDENCE.pooling**2)[:, 0]
+    on_border = np.zeros(len(other.mesh.vertices), dtype=bool)
+    on_border[border_edges(other.mesh.triangles)] = True
+    ends_there = there.interpolate(on_border.astype(np.float64)) > 1 - ON_BORDER
+    return np.asarray((pooled <= CONFIDENCE.without_partner) & ~(ends_there & (cycle > CONFIDENCE.beyond_border)))
 
 
 def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) -> Floats:

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -20,7 +20,7 @@ from zoomout_core.matching.attempt import ATTEMPTS, Attempt, agree, best_of, con
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps, tight_bodies_steps
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.components.overlap import overlapping
-from zoomout_core.matching.confidence import confidence_of, share_without_partner
+from zoomout_core.matching.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.constraints import CONSTRAINTS, Constraints, checked_axes, checked_regions, pinned
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremities, extremity_hypotheses, has_extremities
@@ -45,6 +45,7 @@ from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
 from zoomout_core.matching.scores import Disagreement
 from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
@@ -108,6 +109,9 @@ class MatchResult:
     Attributes:
         surface_map: for every target vertex a point on the source surface.
         confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby.
+        has_partner: (n_t,) whether there is something on the source that a vertex of the target corresponds to. What
+            has none, such as a tail that the source lacks, lies where its surroundings do. True where no face is.
+        source_has_partner: (n_s,) the same of the source's vertices.
         functional_map: (k_target, k_source) between the bases of the main parts.
         candidates: all maps that were found, the most likely first.
         chosen: the number of the candidate that this result is made from.
@@ -118,6 +122,8 @@ class MatchResult:
 
     surface_map: SurfaceMap
     confidence: Floats
+    has_partner: Booleans
+    source_has_partner: Booleans
     functional_map: Floats
     candidates: tuple[Candidate, ...]
     chosen: int
@@ -132,6 +138,16 @@ class MatchResult:
         It is of all of the target, and falls with the part of it for which nothing was found.
         """
         return self.candidates[self.chosen].certainty * self.placed
+
+    @property
+    def share_without_partner(self) -> float:
+        """The part of the target's area, in [0, 1], to which nothing on the source corresponds."""
+        return share_of_area(self.pair.target, ~self.has_partner)
+
+    @property
+    def source_share_without_partner(self) -> float:
+        """The part of the source's area, in [0, 1], to which nothing on the target corresponds."""
+        return share_of_area(self.pair.source, ~self.source_has_partner)
 
     def outline(self, candidate: int) -> tuple[Integers, Integers]:
         """Where a candidate leads, roughly, before its full map is worked out.
@@ -273,7 +289,7 @@ def _candidates_steps(
 def _prepare_carrying(pair: Pair) -> None:
     """Have what carrying the map over to all vertices needs worked out."""
     if not pair.target_shape.proxy.full.is_skin:
-        _ = pair.target_shape.proxy.place
+        _ = pair.target_shape.proxy.place, pair.source_shape.proxy.place
     _ = pair.source_shape.neighbourhoods
 
 
@@ -325,17 +341,14 @@ def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) 
 
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:
     candidate = candidates[chosen]
-    source, target = pair.source_shape, pair.target_shape
     refining = _part_steps if candidate.part_match is not None else _whole_steps
     refined = yield from spread(refining(pair, candidate), start, 0.95, "Refining")
-    fit, back, functional_map, confidence, over = refined
-    there = fit.surface_map
-    carrying = in_background(lambda: lifted(pair, fit, confidence))
+    carrying = in_background(lambda: lifted(pair, refined.fit, refined.confidence, refined.partners))
     whole = yield from spread(carrying, 0.95, 1.0, "Carrying over to all vertices")
-    notes = (*_notes_on_rest(there, back, source, target), *whole.notes, *pair.notes)
-    if over > NOTES.folds:
+    notes = (*_notes_on_rest(pair, whole.partners), *whole.notes, *pair.notes)
+    if refined.over > NOTES.folds:
         notes = (
-            f"The map turns over {over:.0%} of the target's surface, where the two shapes differ too much: "
+            f"The map turns over {refined.over:.0%} of the target's surface, where the two shapes differ too much: "
             "confidence is low there.",
             *notes,
         )
@@ -343,7 +356,15 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
     if certainty < NOTES.sure:
         notes = ((UNSURE if certainty >= NOTES.lost else NOT_RECOGNISED).format(certainty), *notes)
     return MatchResult(
-        whole.surface_map, whole.confidence, functional_map, candidates, chosen, notes, pair, whole.placed
+        whole.surface_map,
+        whole.confidence,
+        *whole.partners,
+        refined.functional_map,
+        candidates,
+        chosen,
+        notes,
+        pair,
+        whole.placed,
     )
 
 
@@ -352,14 +373,14 @@ class Refined(NamedTuple):
 
     Attributes:
         fit: of the target to the source.
-        back: the map from the source, found on its own.
+        partners: which vertices have one.
         functional_map: (k_target, k_source).
         confidence: (n_t,) of the target's vertices.
         over: the part of the target's area, in [0, 1], that the map turns over.
     """
 
     fit: Fit
-    back: SurfaceMap
+    partners: Partners
     functional_map: Floats
     confidence: Floats
     over: float
@@ -380,7 +401,7 @@ def _whole_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Ref
     if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
         fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
     measured = confidence_of(fit.surface_map, back, functional_map, source, target, candidate.reverses_orientation)
-    return Refined(fit, back, functional_map, *measured)
+    return Refined(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
 
 
 def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refined]:
@@ -391,10 +412,11 @@ def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refi
     k_target, k_source = candidate.functional_map.shape
     images = there.interpolate(source.basis.eigenvectors[:, :k_source])
     functional_map = target.basis.coefficients(images)[:k_target]
-    confidence, over = confidence_of(there, found.back, functional_map, source, target, False, found.has_partner)
+    known = found.partners.target
+    confidence, over = confidence_of(there, found.back, functional_map, source, target, False, known)
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
-    return Refined(found.fit, found.back, functional_map, confidence, over)
+    return Refined(found.fit, found.partners, functional_map, confidence, over)
 
 
 def fitted_steps(
@@ -411,16 +433,20 @@ def fitted_steps(
     return fit, target.basis.coefficients(images)[:k_target]
 
 
-def _notes_on_rest(
-    there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
-) -> tuple[str, ...]:
-    """What is said about parts that only one of the two shapes has."""
-    of_target, of_source = share_without_partner(there, back, target), share_without_partner(back, there, source)
+def share_of_area(surface: Surface, chosen: Booleans) -> float:
+    """The part of a surface's area, in [0, 1], that some of its vertices (n,) stand for."""
+    areas = vertex_areas(surface.vertices, surface.triangles)
+    return float(areas[chosen].sum() / areas.sum())
+
+
+def _notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
+    """What is said about parts that only one of the two surfaces has."""
     notes = (
-        (of_target, "About {:.0%} of the target seems to have no partner on the source: confidence is low there."),
-        (of_source, "About {:.0%} of the source seems to have no partner on the target: nothing was matched to it."),
+        (pair.target, partners.target, "target seems to have no partner on the source: confidence is low there."),
+        (pair.source, partners.source, "source seems to have no partner on the target: nothing was matched to it."),
     )
-    return tuple(text.format(share) for share, text in notes if share > NOTES.without_partner)
+    shares = ((share_of_area(surface, ~has_partner), text) for surface, has_partner, text in notes)
+    return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > NOTES.without_partner)
 
 
 def _hypotheses_steps(

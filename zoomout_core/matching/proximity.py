@@ -15,7 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import unique_edges, unit_vectors, vertex_areas
+from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 
@@ -115,8 +115,7 @@ def _cosines(surface_map: SurfaceMap, source: Surface, target: Surface, near: Bo
     component = working.component[working.vertex_of]  # of no meaning where no face uses the vertex
     areas = vertex_areas(working.vertices, working.triangles)[working.vertex_of]
     agreement = segment_sum(cosine * areas * near, component)
-    edges, edge_of = unique_edges(working.triangles)
-    border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
+    border = border_edges(working.triangles)
     is_open = np.zeros(len(agreement), dtype=bool)
     is_open[working.component[border[:, 0]]] = True
     return np.asarray(cosine * np.where(is_open & (agreement < 0), -1, 1)[component])

@@ -51,6 +51,12 @@ def unique_edges(triangles: Integers) -> tuple[Integers, Integers]:
     return np.stack([low[chosen], high[chosen]], axis=1), edge_of.reshape(-1, 3)
 
 
+def border_edges(triangles: Integers) -> Integers:
+    """(b, 2) the undirected edges that only one of the triangles (m, 3) has."""
+    edges, edge_of = unique_edges(triangles)
+    return np.asarray(edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1])
+
+
 def _ends(triangles: Integers) -> tuple[Integers, Integers]:
     """(3m,) the smaller and the larger vertex of each side of triangles (m, 3), from a corner to the next."""
     following = np.roll(triangles, -1, axis=1)

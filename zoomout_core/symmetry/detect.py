@@ -21,7 +21,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lifted
-from zoomout_core.matching.confidence import confidence_of
+from zoomout_core.matching.confidence import Partners, confidence_of
 from zoomout_core.matching.match import ANALYSING, fitted_steps
 from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
@@ -215,7 +215,8 @@ def _finished(
     confidence, _ = confidence_of(fit.surface_map, back, functional_map, shape, shape, reverses)
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
-    surface_map, confidence, placed, notes = lifted(pair, fit, confidence)
+    everywhere = np.ones(len(confidence), dtype=bool)
+    surface_map, confidence, _, placed, notes = lifted(pair, fit, confidence, Partners(everywhere, everywhere))
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import creature
+from pieces import analysed, piece_of
+from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.confidence import (
+    CONFIDENCE,
     confidence_of,
     cycle_error,
-    share_without_partner,
+    partners_by_cycle,
     spectral_distance,
 )
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 MADE = creature(500, seed=0)
 TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
@@ -119,9 +123,30 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
 
 
 def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: ShapeAnalysis) -> None:
-    share = share_without_partner(elsewhere(shape, TAIL), identity(shape), shape)
-    assert share == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
-    assert share_without_partner(identity(shape), identity(shape), shape) == 0
+    lost = partners_by_cycle(elsewhere(shape, TAIL), identity(shape), shape, shape)
+    for has_partner in lost:
+        assert shape.basis.areas[~has_partner].sum() == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
+        assert has_partner[~TAIL].mean() > 0.95
+    assert np.concatenate(partners_by_cycle(identity(shape), identity(shape), shape, shape)).all()
+
+
+def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
+    whole = creature(1000, seed=0)
+    inside = whole.directions @ [0, -1, 0] > 0.9
+    holed = piece_of(whole, ~inside)
+    kept = np.flatnonzero(np.isin(whole.directions @ [1, 2, 4], holed.directions @ [1, 2, 4]))
+    nearest = cKDTree(holed.surface.vertices).query(whole.surface.vertices)[1]
+    there = SurfaceMap.from_vertices(kept, whole.surface)
+    back = SurfaceMap.from_vertices(nearest, holed.surface)
+    shapes = analysed(whole), analysed(holed)
+    # Ending on the border is what tells: the way there and back is short.
+    with retuned(CONFIDENCE, without_partner=1.0):
+        found = partners_by_cycle(there, back, *shapes)
+        assert found.target.all()
+        assert found.source[kept].all()
+        assert found.source[inside].mean() < 0.5
+        with retuned(CONFIDENCE, beyond_border=1.0):
+            assert partners_by_cycle(there, back, *shapes).source.all()
 
 
 def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
@@ -129,7 +154,8 @@ def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
     np.fill_diagonal(distance, np.inf)
     beside = np.where(distance.min(axis=1) < 0.04, distance.argmin(axis=1), np.arange(len(distance)))
     assert (beside != np.arange(len(beside))).mean() > 0.2
-    assert share_without_partner(vertex_map(beside, shape), identity(shape), shape) < 0.02
+    found = partners_by_cycle(vertex_map(beside, shape), identity(shape), shape, shape)
+    assert found.target.mean() > 0.98
 
 
 def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: ShapeAnalysis) -> None:

@@ -16,6 +16,7 @@ import zoomout_core as zo
 from zoomout_core.matching import match
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.components.bodies import Bodies
+from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.options import MatchOptions
@@ -134,19 +135,20 @@ def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult
     [
         (0.03, 0.02, 0.02, ()),
         (0.1, 0.02, 0.02, ("turns over 10% of the target",)),
-        (0.03, 0.1, 0.02, ("About 10% of the target seems to have no partner on the source",)),
-        (0.03, 0.02, 0.1, ("About 10% of the source seems to have no partner on the target",)),
+        (0.03, 0.1, 0.02, ("of the target seems to have no partner on the source",)),
+        (0.03, 0.02, 0.1, ("of the source seems to have no partner on the target",)),
     ],
 )
 def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
     result: zo.MatchResult, monkeypatch, over: float, of_target: float, of_source: float, words: tuple[str, ...]
 ) -> None:
+    def lonely(shape: ShapeAnalysis, share: float) -> np.ndarray:
+        return np.cumsum(shape.basis.areas) > share
+
+    shapes = result.pair.source_shape, result.pair.target_shape
+    partners = Partners(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
     monkeypatch.setattr(match, "confidence_of", lambda *_: (np.ones(240), over))
-    monkeypatch.setattr(
-        match,
-        "share_without_partner",
-        lambda _there, _back, shape: of_target if shape is result.pair.target_shape else of_source,
-    )
+    monkeypatch.setattr(match, "partners_by_cycle", lambda *_: partners)
     notes = notes_of(result, 0.97)
     assert len(notes) == len(words)
     assert all(some in note for some, note in zip(words, notes, strict=True))

@@ -116,6 +116,9 @@ def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_rig
     assert (result.confidence[alone] < 0.5).mean() > 0.9
     assert np.median(result.confidence[common]) > np.median(result.confidence[alone]) + 0.3
     assert any("of the target seems to have no partner" in note for note in result.notes)
+    assert (~result.has_partner[alone]).mean() > 0.5
+    assert result.has_partner[common].mean() > 0.97
+    assert result.source_has_partner.mean() > 0.97
 
 
 @pytest.mark.parametrize("limb", [ARM, LEG])
@@ -126,6 +129,10 @@ def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
     error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
     assert error.mean() < 2 * RIGHT
     assert any("of the source seems to have no partner" in note for note in result.notes)
+    missing = on_limb(source, limb)
+    assert (~result.source_has_partner[missing]).mean() > 0.5
+    assert result.source_has_partner[~missing].mean() > 0.97
+    assert result.has_partner.mean() > 0.97
 
 
 def test_the_result_does_not_depend_on_unit_place_or_vertex_order(resting, bent, result) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from zoomout_core.mesh.triangles import (
+    border_edges,
     edge_graph,
     sides_by_edge,
     triangle_areas,
@@ -33,6 +34,11 @@ def test_each_edge_is_listed_once_and_known_from_each_side() -> None:
     assert sorted(sides.side.tolist()) == list(range(12))
     fin = np.concatenate([TETRAHEDRON, [[0, 1, 4]]])
     assert sorted(np.diff(sides_by_edge(fin).first).tolist()) == [1, 1, 2, 2, 2, 2, 2, 3]
+
+
+def test_the_border_is_made_of_the_edges_of_one_triangle() -> None:
+    assert len(border_edges(TETRAHEDRON)) == 0
+    assert sorted(map(tuple, border_edges(TETRAHEDRON[1:]).tolist())) == [(0, 1), (0, 2), (1, 2)]
 
 
 def test_the_graph_of_edges_has_their_lengths_both_ways() -> None:

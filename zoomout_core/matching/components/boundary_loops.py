@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.matching.components.parts import Part
-from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.mesh.triangles import border_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.tuning import Tuning, tuned
 
@@ -78,8 +78,7 @@ def loops_on_loops(part: Part, partner: Part) -> Floats:
 
 def boundary_loops(part: Part) -> list[BoundaryLoop]:
     """The connected parts of a part's border."""
-    edges, edge_of = unique_edges(part.corners)
-    border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
+    border = border_edges(part.corners)
     n = len(part.vertices)
     graph = coo_array((np.ones(len(border), bool), border.T), shape=(n, n))
     label = connected_components(graph, directed=False)[1][border[:, 0]]

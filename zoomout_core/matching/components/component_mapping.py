@@ -79,7 +79,8 @@ class ComponentMap:
         paired: number of the target's parts that have a partner.
         others: number of those that lie on other parts.
         alone: number of those that lie on none.
-        left: number of the source's parts that nothing lies on.
+        left: number of the source's parts that nothing lies on,
+        left_vertices: and their vertices, of the source's working mesh.
         too_many: number of parts, of the surface that has more, that were too many to be paired one by one.
     """
 
@@ -88,6 +89,7 @@ class ComponentMap:
     others: int
     alone: int
     left: int
+    left_vertices: Integers
     too_many: int
 
 
@@ -103,7 +105,8 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     theirs = source.parts(source.points)
     if not theirs or not target.loose.any():
-        return ComponentMap(Image.joined([]), 0, 0, len(target.parts(target.points)), len(theirs), 0)
+        lone = len(target.parts(target.points))
+        return ComponentMap(Image.joined([]), 0, 0, lone, len(theirs), np.flatnonzero(source.loose), 0)
     points, normals, around = _carried(target, _motion(pair, source, target, body, confidence))
     ours = target.parts(points)
     partners, misfit = paired(
@@ -131,7 +134,9 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     others += len(among_all)
     alone = len(ours) - len(partners) - others
     unpaired = max(len(ours), len(theirs)) - PARTS.most_parts
-    return ComponentMap(Image.joined(found), len(partners), others, alone, len(theirs) - len(met), max(unpaired, 0))
+    left = [part.vertices for number, part in enumerate(theirs) if number not in met]
+    left_vertices = np.concatenate([np.zeros(0, dtype=np.int64), *left])
+    return ComponentMap(Image.joined(found), len(partners), others, alone, len(left), left_vertices, max(unpaired, 0))
 
 
 def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,25 +14,12 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import PARTS
 from zoomout_core.matching.components.shells import ShellMap, map_shells
+from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair, standing
+from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lifted_fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.tuning import Tuning, tuned
-
-
-@dataclass(frozen=True)
-class LiftTuning(Tuning, set_by="judgement"):
-    """What a result's notes tell.
-
-    Attributes:
-        notable_share: a larger part of the target's area without anything on the source comes with a note.
-    """
-
-    notable_share: float = tuned(0.03, "1", 0, 1)
-
-
-LIFT = LiftTuning()
 
 
 class LiftedMap(NamedTuple):
@@ -42,26 +28,29 @@ class LiftedMap(NamedTuple):
     Attributes:
         surface_map: from the target to the source.
         confidence: (n_t,) in it.
+        partners: which vertices of the surfaces have one; those that no face uses count as such.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
         notes: what a user should know about parts, a sentence each.
     """
 
     surface_map: SurfaceMap
     confidence: Floats
+    partners: Partners
     placed: float
     notes: tuple[str, ...]
 
 
-def lifted(pair: Pair, fit: Fit, confidence: Floats) -> LiftedMap:
+def lifted(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> LiftedMap:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
 
     Args:
         pair: the surfaces and their shapes.
         fit: of the target shape to the source shape.
         confidence: (n,) of the target shape's vertices.
+        partners: which vertices of the shapes' meshes have one.
     """
     if pair.target_shape.proxy.full.is_skin:
-        return _from_shells(pair, map_shells(pair, fit, confidence))
+        return _from_shells(pair, map_shells(pair, fit, confidence, partners))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     between_parts = lifted_fit(fit, source, target, standing(pair))
     loose = map_components(pair, between_parts, confidence)
@@ -82,7 +71,26 @@ def lifted(pair: Pair, fit: Fit, confidence: Floats) -> LiftedMap:
     whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
     areas = triangle_areas(pair.target.vertices, pair.target.triangles)
     share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
-    return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, share, _notes(pair, loose))
+    alone = (pair.target.working.vertex_of >= 0) & ~on_body & ~placed
+    left = np.isin(pair.source.working.vertex_of, loose.left_vertices)
+    both = Partners(
+        _on_surface(target, partners.target, ~alone),
+        _on_surface(source, partners.source, ~left),
+    )
+    return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, both, share, _notes(pair, loose))
+
+
+def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Booleans:
+    """(n,) which vertices of a surface have a partner.
+
+    Args:
+        proxy: of the surface's main part.
+        has_partner: (m,) which vertices of the stand-in have.
+        beside: (n,) which vertices that are not on the main part have.
+    """
+    on_part = proxy.place.interpolate(has_partner.astype(np.float64)) >= 0.5
+    vertex_of = proxy.full.vertex_of
+    return np.where(vertex_of >= 0, on_part[vertex_of], beside)
 
 
 def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
@@ -97,7 +105,13 @@ def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
     confidence = np.where(of >= 0, shells.confidence[near], 0)
     triangle = pair.source.working.triangle_of[shells.surface_map.triangle[near]]
     whole = SurfaceMap(triangle, shells.surface_map.barycentric[near], pair.source.triangles)
-    return LiftedMap(whole, confidence, 1 - shells.alone, _notes_on_shells(pair, shells))
+    partners = Partners(
+        *(
+            np.where(surface.working.vertex_of >= 0, has_partner[surface.working.vertex_of], True)
+            for surface, has_partner in zip((pair.target, pair.source), shells.partners, strict=True)
+        )
+    )
+    return LiftedMap(whole, confidence, partners, 1 - shells.alone, _notes_on_shells(pair, shells))
 
 
 def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
@@ -109,11 +123,6 @@ def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
     if shells.paired:
         others = "; the others lie on what is nearest" if shells.paired < count else ""
         notes.append(f"{shells.paired} of {count} parts laid on their like by place, size and shape{others}.")
-    if shells.alone > LIFT.notable_share:
-        notes.append(
-            f"About {shells.alone:.0%} of the target lies where the source has nothing: it takes the nearest place, "
-            "with low confidence."
-        )
     return tuple(notes)
 
 

@@ -25,6 +25,7 @@ from zoomout_core.matching.components.overlap import leaves_in_place, overlappin
 from zoomout_core.matching.components.parts import PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, registered
 from zoomout_core.matching.components.similarity_field import SimilarityField
+from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.constraints import CONSTRAINTS
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.nonrigid_icp import Fit
@@ -106,6 +107,7 @@ class ShellMap:
     Attributes:
         surface_map: between the working meshes.
         confidence: (n,) of the target's working vertices.
+        partners: which vertices of the working meshes have one.
         paired: number of the target's shells that are registered with their like.
         alone: the part of the target's area for which nothing on the source is near where it is moved to.
         in_place: whether the two lie over each other, and stay there.
@@ -113,18 +115,20 @@ class ShellMap:
 
     surface_map: SurfaceMap
     confidence: Floats
+    partners: Partners
     paired: int
     alone: float
     in_place: bool
 
 
-def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> ShellMap:
+def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_skins: Partners) -> ShellMap:
     """Map the shells of two surfaces, given the map between their skins.
 
     Args:
         pair: the surfaces, and the skins' shapes.
         fit: of the target's skin to the source's.
         confidence: (n,) at the vertices of the target shape's mesh.
+        of_skins: which vertices of the shapes' meshes have a partner.
     """
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
@@ -134,6 +138,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> ShellMap:
     image = _beneath(points, normals, source, *kinds)
     trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
+    has_partner = _have_partners(pair, points, image.distance, source, target, None if in_place else of_skins)
     partners: list[tuple[int, int]] = []
     motions: list[Similarities] = []
     # A surface of one shell is a whole body, and a shell of the other one a piece of one.
@@ -156,16 +161,44 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats) -> ShellMap:
         image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
         image.distance[vertices] = onto.distance[on]
         trust[vertices] = SHELLS.full_trust / (1 + (stretch / SHELLS.half_stretch) ** 2)
+        has_partner.target[vertices] = has_partner.source[theirs[j].vertices] = True
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
         surface_map = _pinned(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
     return ShellMap(
         surface_map,
         trust,
+        has_partner,
         len(partners),
         float(target.areas[image.distance > SHELLS.half_distance].sum() / target.areas.sum()),
         in_place,
     )
+
+
+def _have_partners(
+    pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_skins: Partners | None
+) -> Partners:
+    """Which vertices of the working meshes lie near the other surface as the target is moved along.
+
+    Args:
+        pair: the surfaces, and the skins' shapes.
+        points: (n, 3) of the target's vertices, on the source.
+        distance: (n,) from there to what of the source they lie on.
+        source: with its shells.
+        target: with its shells.
+        of_skins: which vertices of the skins have a partner, if these are what moves the target.
+    """
+    nearest = SurfaceMap(*closest_points(source.points, points, target.mesh.triangles), target.mesh.triangles)
+    apart = np.linalg.norm(nearest.interpolate(points) - source.points, axis=1)
+    near = Partners(distance <= SHELLS.half_distance, apart <= SHELLS.half_distance)
+    if of_skins is None:
+        return near
+    for side, shape, on_skin, found in (
+        (target, pair.target_shape, of_skins.target, near.target),
+        (source, pair.source_shape, of_skins.source, near.source),
+    ):
+        found &= on_skin[cKDTree(shape.proxy.vertices).query(side.points)[1]]
+    return near
 
 
 def _pinned(

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from zoomout_core.arrays import Booleans, Floats, SingleFloats, segment_sum
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.mesh.triangles import area_normals, edge_graph, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, border_edges, edge_graph, unit_vectors
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
 
@@ -74,8 +74,7 @@ class IncompleteShape:
     def cut_distance_of_vertices(self) -> Floats:
         """(n,) geodesic distance to the nearest border that something may be missing at; infinite without one."""
         mesh = self.shape.mesh
-        edges, edge_of = unique_edges(mesh.triangles)
-        border = edges[np.bincount(edge_of.ravel(), minlength=len(edges)) == 1]
+        border = border_edges(mesh.triangles)
         n = len(mesh.vertices)
         graph = coo_array((np.ones(len(border), dtype=bool), border.T), shape=(n, n))
         loop = connected_components(graph, directed=False)[1][border[:, 0]]

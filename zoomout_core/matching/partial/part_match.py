@@ -12,6 +12,7 @@ from scipy.special import expit
 from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates_steps
@@ -112,12 +113,12 @@ class PartFit:
     Attributes:
         fit: from the target's mesh to the source's.
         back: from the source's mesh to the target's.
-        has_partner: (n_t,) whether there is something on the source for a vertex of the target.
+        partners: which of their vertices have one.
     """
 
     fit: Fit
     back: SurfaceMap
-    has_partner: Booleans
+    partners: Partners
 
 
 def part_fit_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, PartFit]:
@@ -128,11 +129,11 @@ def part_fit_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, P
     registered = yield from registered_steps(candidate.part_match, *shapes, NONRIGID.levels)
     on_whole = registered.closest
     of_part = (registered.residual < PART_MATCH.residual) & (registered.agreement > 0) & registered.is_near
-    if part is pair.target_shape:
-        back = _on_part(registered, part, whole)[0]
-        return PartFit(Fit(on_whole, registered.positions, registered.rotations, of_part), back, of_part)
     on_part, of_whole = _on_part(registered, part, whole)
-    return PartFit(Fit.unfitted(on_part), on_whole, of_whole)
+    if part is pair.target_shape:
+        fit = Fit(on_whole, registered.positions, registered.rotations, of_part)
+        return PartFit(fit, on_part, Partners(of_part, of_whole))
+    return PartFit(Fit.unfitted(on_part), on_whole, Partners(of_whole, of_part))
 
 
 def _on_part(registered: RegisteredPart, part: ShapeAnalysis, whole: ShapeAnalysis) -> tuple[SurfaceMap, Booleans]:

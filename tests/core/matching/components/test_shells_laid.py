@@ -25,6 +25,7 @@ from zoomout_core.matching.components.shells import (
     _pinned,
     map_shells,
 )
+from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
@@ -203,11 +204,19 @@ def test_what_is_near_the_skin_is_on_the_outside() -> None:
 # --- all shells -----------------------------------------------------------------------------------------------------
 
 
-def map_of(source: Surface, target: Surface, trust: float = 0.8) -> ShellMap:
-    """The map of shells whose largest one stands for the skin, which goes to itself by number."""
+def map_of(source: Surface, target: Surface, trust: float = 0.8, on_skin: bool = True) -> ShellMap:
+    """The map of shells whose largest one stands for the skin, which goes to itself by number.
+
+    Args:
+        source: the surface that the map lands on.
+        target: the surface that it starts from.
+        trust: in the skin's map.
+        on_skin: whether the skins' vertices have partners.
+    """
     shapes = [skin_of(surface) for surface in (source, target)]
     pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
-    return map_shells(pair, Fit.unfitted(identity(shapes[1])), np.full(len(shapes[1].mesh.vertices), trust))
+    partners = Partners(*(np.full(len(shape.mesh.vertices), on_skin) for shape in shapes[::-1]))
+    return map_shells(pair, Fit.unfitted(identity(shapes[1])), np.full(len(partners.target), trust), partners)
 
 
 TRUNK = ball(0.3, radii=(1, 0.7, 1.6), count=150)
@@ -246,6 +255,32 @@ def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_
         else:
             assert found.alone < share
             assert 0.1 < found.confidence[on_knob].mean() < 0.8
+
+
+def test_a_shell_far_from_the_other_surface_has_no_partner_on_it() -> None:
+    far = KNOB.with_vertices(KNOB.vertices - np.array([1.0, 0, 0]))
+    longer, shorter = Surface.joined([TRUNK, HORN, far]), Surface.joined([TRUNK, HORN])
+    expected = longer.working.component < 2
+    found = map_of(shorter, turned(longer)).partners
+    np.testing.assert_array_equal(found.target, turned(longer).working.component < 2)
+    assert found.source.all()
+    found = map_of(longer, turned(shorter)).partners
+    np.testing.assert_array_equal(found.source, expected)
+    assert found.target.all()
+
+
+def test_what_the_skin_has_no_partner_for_only_registered_shells_have() -> None:
+    source = Surface.joined([TRUNK, KNOB])
+    target = turned(Surface.joined([TRUNK, KNOB, HORN]))
+    found = map_of(source, target, on_skin=False)
+    assert found.paired == 2
+    np.testing.assert_array_equal(found.partners.target, target.working.component != 1)
+    assert found.partners.source.all()
+    # Those that stay where they are owe nothing to the skins' map.
+    in_place = map_of(source, Surface.joined([TRUNK, KNOB, ball(0.01, (0, 0.21, 0), count=20)]), on_skin=False)
+    assert in_place.in_place
+    assert in_place.paired == 2
+    assert np.concatenate(in_place.partners).all()
 
 
 @pytest.mark.parametrize(("trust", "of_body"), [(0.8, 0.8), (1.3, 1.0), (-0.3, 0.0)])

@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
-from pieces import analysed, lower_half
+from pieces import analysed, in_lower_half, lower_half
 
 import zoomout_core as zo
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS
+from zoomout_core.matching.match import share_of_area
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import (
@@ -48,13 +49,24 @@ def off(result: zo.MatchResult, source: Creature, target: Creature, at: np.ndarr
     return np.asarray(np.linalg.norm(images - true, axis=1) / np.sqrt(source.surface.area))
 
 
+def overlap_of(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union of two selections (n,)."""
+    return float((one & other).sum() / (one | other).sum())
+
+
 def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None:
     part, whole = made
     result = matched(whole.surface, part.surface)
     assert result.candidates[0].part_match is not None
     assert np.median(off(result, whole, part, np.arange(len(part.directions)))) < 0.03
     assert np.median(result.confidence) > 0.5
-    assert any("of the source seems to have no partner" in note for note in result.notes)
+    # Both surfaces have a mask, and the notes speak of the same share.
+    assert result.has_partner.mean() > 0.95
+    assert overlap_of(result.source_has_partner, in_lower_half(whole)) > 0.85
+    missing = share_of_area(whole.surface, ~in_lower_half(whole))
+    assert result.source_share_without_partner == pytest.approx(missing, abs=0.1)
+    share = f"About {result.source_share_without_partner:.0%} of the source seems to have no partner"
+    assert any(note.startswith(share) for note in result.notes)
     # Between bases at unit area the constant function, of norm one, goes to itself.
     assert abs(result.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
     assert result.functional_map.shape[0] < result.functional_map.shape[1]
@@ -66,6 +78,7 @@ def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None
     other = result.use(1)
     assert other.chosen == 1
     assert not np.array_equal(other.surface_map.triangle, result.surface_map.triangle)
+    assert not np.array_equal(other.source_has_partner, result.source_has_partner)
 
 
 def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None:
@@ -78,7 +91,9 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     far = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) > 0.3
     assert np.median(result.confidence[far]) < 0.05
     assert np.median(result.confidence[kept]) > 0.3
-    assert any("of the target seems to have no partner" in note for note in result.notes)
+    assert overlap_of(result.has_partner, in_lower_half(whole)) > 0.85
+    assert result.source_has_partner.mean() > 0.95
+    assert any(f"About {result.share_without_partner:.0%} of the target" in note for note in result.notes)
     # What has no partner does not count as turned over.
     assert not any("turns over" in note for note in result.notes)
 
