@@ -135,7 +135,6 @@ def _solid(marked: Booleans, source: EdgeGraph) -> Booleans:
     graph_edges[-1] = False
     full = np.logical_and.reduceat(graph_edges[source.of_side], source.surface.face_start[:-1])
     graph_edges[source.of_side[~full[source.surface.corner_face]]] = False
-    graph_edges[-1] = False
     return marked & graph_edges[source.of_edge]
 
 
