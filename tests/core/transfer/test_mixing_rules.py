@@ -18,7 +18,7 @@ from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_nor
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_open
-from zoomout_core.transfer.frames import _products_of_gradients, frames_of, frames_on, on_working_mesh, rotations
+from zoomout_core.transfer.frames import TRUST, _products_of_gradients, frames_of, frames_on, on_working_mesh, rotations
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -114,6 +114,11 @@ def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
     # A face whose corners lie on two islands lies across, however far from the cut its middle is.
     coarse = plate(2, 1)
     assert MappedTarget(MESH, coarse, nearest_map(coarse.vertices, MESH), np.ones(6)).near_border(cut).all()
+    # One edge of the cut may be as long as all of it.
+    cut = cut_open(coarse, np.repeat([[0.0], [1.0]], 4, axis=0))
+    near = MappedTarget(coarse, MESH, nearest_map(MESH.vertices, coarse), np.ones(len(X))).near_border(cut)
+    assert near[np.abs(middle - 0.5) < 0.02].all()
+    assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
 
 
 def test_labels_at_vertices_are_those_of_the_largest_part_not_of_the_largest_corner() -> None:
@@ -309,6 +314,19 @@ def test_frames_are_blind_to_what_is_not_trusted() -> None:
     assert off.mean() < 0.03
     assert misled[wrong].mean() > 1
     assert misled[~wrong].mean() > 4 * off[~wrong].mean()
+
+
+def test_edges_are_filled_in_as_far_as_they_are_not_trusted() -> None:
+    top = BODY.vertices[:, 2] > 0.5
+    full, none, half = (
+        frames_of(mapped_onto(BODY, BODY, confidence)) for confidence in (1.0, 0.0, np.where(top, 0.0, 1.0))
+    )
+    np.testing.assert_allclose(full.doubted_stiffness.toarray(), 0, atol=1e-12)
+    np.testing.assert_allclose(none.doubted_stiffness.toarray(), TRUST.remainder * none.stiffness.toarray(), atol=1e-9)
+    edges = ~np.eye(len(top), dtype=bool)
+    doubted, expected = half.doubted_stiffness.toarray(), TRUST.remainder * half.stiffness.toarray()
+    expected[np.ix_(~top, ~top)] = 0
+    np.testing.assert_allclose(doubted[edges], expected[edges], atol=1e-8)
 
 
 def test_frames_on_some_vertices_are_on_their_neighbours_as_well() -> None:
