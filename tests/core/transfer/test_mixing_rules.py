@@ -117,7 +117,7 @@ def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
     # One edge of the cut may be as long as all of it.
     cut = cut_open(coarse, np.repeat([[0.0], [1.0]], 4, axis=0))
     near = MappedTarget(coarse, MESH, nearest_map(MESH.vertices, coarse), np.ones(len(X))).near_border(cut)
-    assert near[np.abs(middle - 0.5) < 0.02].all()
+    assert near[np.abs(middle - 0.5) < 0.035].all()
     assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
 
 
@@ -382,13 +382,15 @@ def test_of_vertices_that_are_welded_the_first_one_counts() -> None:
     np.testing.assert_array_equal(np.sort(found), [*range(9), *range(12, 18)])
 
 
+@pytest.mark.parametrize("at", [0.5, 0.0])
 @pytest.mark.parametrize(("confidence", "followed"), [(1.0, True), (0.6, True), (0.2, False), (0.0, False)])
 def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_not(
-    confidence: float, followed: bool
+    confidence: float, followed: bool, at: float
 ) -> None:
     fine = plate(40, 40)
     x, y = fine.vertices[:, 0], fine.vertices[:, 1]
-    wrong = np.hypot(x - 0.5, y - 0.5) < 0.08
+    away = np.hypot(x - at, y - at)
+    wrong = away < 0.08
     offsets = np.tile([[[0, 0, 0.1]]], (len(x), 1, 1)).astype(float)
     offsets[wrong] = [0, 0, -0.2]
     match = trusted(np.where(wrong, confidence, 1.0), fine)
@@ -400,7 +402,7 @@ def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_no
     else:
         assert confidence > 0 or heights.min() > 0.05
         assert f"{wrong.sum()} vertices of low confidence" in found.notes[0]
-    np.testing.assert_allclose(found.values[~wrong & (np.hypot(x - 0.5, y - 0.5) > 0.25), 0, 2], 0.1, atol=0.01)
+    np.testing.assert_allclose(found.values[away > 0.25, 0, 2], 0.1, atol=0.01)
 
 
 def test_parts_that_are_not_trusted_at_all_keep_a_place() -> None:
@@ -479,22 +481,20 @@ def test_normals_are_on_the_side_that_faces_are_wound_to(domain: Domain) -> None
     assert (sunk[:, 2] < 0).all()
 
 
-@pytest.mark.parametrize("turned", [True, False])
-def test_rotations_turn_with_the_surface_if_they_are_to(turned: bool) -> None:
+@pytest.mark.parametrize("options", [{"turned": True}, {"turned": False}, {}])
+def test_rotations_turn_with_the_surface_if_they_are_to(options: dict[str, bool]) -> None:
     turn = Rotation.from_rotvec([0.3, -0.5, 1.1])
     target = MESH.with_vertices(turn.apply(MESH.vertices))
     own = Rotation.from_rotvec([0.2, 0.7, -0.1])
-    expected = turn * own if turned else own
+    expected = turn * own if options.get("turned") else own
     quaternions = np.tile(np.roll(own.as_quat(), 1), (len(X), 1))
-    found = transfer(point(Kind.QUATERNION, quaternions), identity(MESH), MESH, target, turned=turned).values
+    found = transfer(point(Kind.QUATERNION, quaternions), identity(MESH), MESH, target, **options).values
     off = Rotation.from_quat(np.roll(found, -1, axis=1)) * expected.inv()
     assert off.magnitude().max() < 1e-6
     matrix = np.eye(4)
     matrix[:3, :3] = own.as_matrix() @ np.diag([1, 2, 3])
     matrix[:3, 3] = 4, 5, 6
-    result = transfer(
-        point(Kind.MATRIX, np.tile(matrix.ravel(), (len(X), 1))), identity(MESH), MESH, target, turned=turned
-    )
+    result = transfer(point(Kind.MATRIX, np.tile(matrix.ravel(), (len(X), 1))), identity(MESH), MESH, target, **options)
     truth = matrix.copy()
     truth[:3, :3] = expected.as_matrix() @ np.diag([1, 2, 3])
     np.testing.assert_allclose(result.values, np.tile(truth.ravel(), (len(X), 1)), atol=1e-6)

@@ -75,9 +75,18 @@ def test_kinds_without_a_row_are_refused_by_naming_those_with_one(mesh: Sheet) -
         (Domain.POINT, Kind.VECTOR, np.zeros(2400)),
         (Domain.POINT, Kind.COLOR, np.zeros((2400, 4), dtype=np.uint8)),
         (Domain.CORNER, Kind.UV, np.zeros((9600, 3))),
+        (Domain.POINT, Kind.COLOR, np.zeros((2400, 2))),
+        (Domain.POINT, Kind.COLOR, np.zeros((2400, 5))),
+        (Domain.CORNER, Kind.UV, np.zeros(9600)),
         (Domain.POINT, Kind.DIRECTION, np.zeros((2400, 2))),
+        (Domain.POINT, Kind.DIRECTION, np.zeros((2400, 4))),
+        (Domain.POINT, Kind.NORMAL, np.zeros((2400, 2))),
+        (Domain.POINT, Kind.NORMAL, np.zeros((2400, 4))),
         (Domain.POINT, Kind.QUATERNION, np.zeros((2400, 3))),
+        (Domain.POINT, Kind.QUATERNION, np.zeros((2400, 5))),
         (Domain.FACE, Kind.MATRIX, np.zeros((2400, 4))),
+        (Domain.FACE, Kind.MATRIX, np.zeros((2400, 15))),
+        (Domain.FACE, Kind.MATRIX, np.zeros((2400, 17))),
         (Domain.POINT, Kind.MARK, np.zeros(2400, dtype=int)),
         (Domain.POINT, Kind.LABEL, np.zeros(2400)),
         (Domain.POINT, Kind.BOOLEAN, np.zeros(2400, dtype=int)),
@@ -96,6 +105,14 @@ def test_values_that_are_not_finite_are_refused_where_they_would_spread(mesh: Sh
     assert "not finite" in refused(mesh, Attribute("thing", Domain.CORNER, Kind.UV, uv))
     weights = csr_array(np.full((2400, 2), np.inf))
     assert "not finite" in refused(mesh, Attribute("thing", Domain.POINT, Kind.WEIGHT, weights))
+
+
+def test_what_is_mixed_is_told_and_what_needs_no_more_than_its_other_side() -> None:
+    # Directions turn, labels have no middle, and of UVs the other half may be elsewhere: they have ways of their own.
+    mixable = {kind for kind, rule in RULES.items() if rule.mixable}
+    assert mixable == {Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT, Kind.OFFSET}
+    mirrorable = {kind for kind, rule in RULES.items() if rule.mirrorable}
+    assert mirrorable == {Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT, Kind.BOOLEAN, Kind.MARK}
 
 
 def test_a_map_between_other_surfaces_is_refused(mesh: Sheet) -> None:
