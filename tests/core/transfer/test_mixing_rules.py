@@ -245,6 +245,15 @@ def test_linear_values_are_filled_in_linearly_and_within_range() -> None:
     np.testing.assert_allclose(weights[hole], np.column_stack([X, 1 - X])[hole], atol=0.01)
 
 
+def test_a_button_that_is_not_trusted_has_the_weights_and_the_sum_of_what_it_is_on() -> None:
+    surface, part = side_by_side((plate(8, 8), (0, 0, 0), 1.0), (plate(2, 2), (0.4, 0.5, 0.05), 0.02))
+    weights = csr_array(np.where(part[:, None] == 0, [[0.3, 0.2]], [[0.0, 1.0]]))
+    match = trusted(np.where(part == 0, 1.0, 0.0), surface)
+    found = transfer(point(Kind.WEIGHT, weights), match, surface, surface, fill_below=0.5)
+    np.testing.assert_allclose(found.values.toarray(), np.tile([0.3, 0.2], (len(part), 1)), atol=1e-6)
+    assert "move as what is nearest" in found.notes[0]
+
+
 # --- growth and trust of frames -----------------------------------------------------------------------------
 
 
