@@ -50,6 +50,11 @@ class TransferRequest:
         """All objects that have data, the source first."""
         return EvaluatedObject(self.source, self.evaluated, self.mesh), *self.others
 
+    @property
+    def replaces(self) -> bool:
+        """Whether nothing is left of what the target has."""
+        return self.blend.replaces and self.settings.without_partner == "fill"
+
 
 @dataclass
 class Remarks:
@@ -136,17 +141,34 @@ class TransferJob:
         Vertices that map to sources without it (`lacking`, numbers of sources) retain their values.
         """
         how, outside = self.blend, self._on_sources(lacking)
+        if self.kept.any() or outside.any():
+            how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~(outside | self.kept))
+        if self.kept.any():
+            self.remarks.add([f"{self.kept.sum()} vertices without a partner keep what they have."])
         if outside.any():
-            how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~outside)
             names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
             lie = f"{outside.sum()} vertices lie on objects without it ({names})"
             self.remarks.add([f"{carried.name}: {lie}, and keep what they have."])
         return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
 
+    @cached_property
+    def kept(self) -> Booleans:
+        """(n_t,) which vertices of the target stay as they are, for nothing on the source corresponds to them."""
+        has_partner = self.match.has_partner
+        if has_partner is None or self.settings.without_partner == "fill":
+            return np.zeros(len(self.match.confidence), dtype=bool)
+        return ~has_partner
+
     def _on_sources(self, sources: Collection[int]) -> Booleans:
         """(n_t,) whether each vertex of the target lies on one of some sources, given by their numbers."""
         first = np.cumsum([len(source.triangles) for source in self.pair.sources])
         return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
+
+    def kept_as(self, carried: Attribute, present: Attribute) -> Attribute:
+        """A transferred attribute, which is not blended, with what is there where vertices stay as they are."""
+        if not self.kept.any():
+            return carried
+        return blend(carried, present, self.pair.target, Blend(mask=~self.kept))
 
     def note_replaced(self, what: str) -> None:
         """Say that data of the target is replaced, where others are blended."""

@@ -94,7 +94,7 @@ def _present(layer: Layer, request: TransferRequest, incomplete: bool) -> Attrib
     """The attribute of the target that a layer is blended with, or whose values some vertices retain."""
     mesh, name = request.target.data, layer.attribute.name
     if (
-        (request.blend.replaces and not incomplete)
+        (request.replaces and not incomplete)
         or name not in mesh.attributes
         or not mesh_data.fits(mesh.attributes[name], layer)
     ):

@@ -51,7 +51,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     listed = [None, *materials]
     face_slots = replace(face_slots, values=face_slots.values + 1)
-    if request.blend.replaces and not lacking:
+    if request.replaces and not lacking:
         return [MaterialAdapter(listed, face_slots, None, lacking)]
     theirs, present = mesh_data.read_materials(request.target, request.target.data)
     filled = np.array([name is not None for name in theirs] or [False])[present.values]

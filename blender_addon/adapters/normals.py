@@ -21,10 +21,12 @@ class NormalAdapter:
     Attributes:
         normals: those of the source in world space, then those of the target in its mesh's own.
         target: the target's own mesh, at rest: what normals are stored for.
+        present: the normals that it has.
     """
 
     normals: Attribute
     target: zo.Surface
+    present: Attribute
     kind: str = "custom_normals"
 
     @property
@@ -34,6 +36,7 @@ class NormalAdapter:
     def transfer(self, job: TransferJob) -> Steps[None]:
         job.note_replaced("custom normals")
         self.normals = yield from job.transfer(self.normals, "custom normals", target=self.target)
+        self.normals = job.kept_as(self.normals, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_custom_normals(target.data, self.normals)
@@ -44,4 +47,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     if "custom_normals" not in request.data:
         return []
     normals = mesh_data.read_joined_normals(request.sources)
-    return [] if normals is None else [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target))]
+    if normals is None:
+        return []
+    present = mesh_data.read_own_normals(request.target.data)
+    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present)]

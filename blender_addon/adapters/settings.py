@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from bpy.types import Object
 
@@ -24,6 +25,8 @@ class Settings:
 
     Attributes:
         fill_below: numbers, colours and weights of less confidence than this are filled in from around them.
+        without_partner: what becomes of vertices that nothing on the source corresponds to. "fill": they take what is
+            around them. "keep": they stay as they are.
         mode: how they are blended with what the target has, see `Blend`.
         factor: how much of them is taken.
         mask_group: the vertex group of the target that limits where; empty for everywhere.
@@ -34,6 +37,7 @@ class Settings:
     """
 
     fill_below: float = FILL_BELOW
+    without_partner: Literal["fill", "keep"] = "fill"
     mode: Mode = "mix"
     factor: float = 1.0
     mask_group: str = ""

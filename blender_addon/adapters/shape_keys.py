@@ -33,6 +33,7 @@ class ShapeKeyAdapter:
         offsets: displacement of each vertex, in world space.
         source_rest: (n_s, 3) positions at rest, in world space.
         target_rest: (n_t, 3) positions of the target at rest, in world space.
+        present: how far the target's own keys of these names move it, like `offsets`; zero for those that it lacks.
     """
 
     owners: Sequence[tuple[str, Sequence[str]]]
@@ -40,6 +41,7 @@ class ShapeKeyAdapter:
     offsets: Attribute
     source_rest: Floats
     target_rest: Floats
+    present: Attribute
     kind: str = "shape_keys"
 
     @property
@@ -50,7 +52,8 @@ class ShapeKeyAdapter:
         job.note_replaced("shape keys")
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
-        self.offsets = yield from job.transfer(self.offsets, "shape keys", source, target)
+        carried = yield from job.transfer(self.offsets, "shape keys", source, target)
+        self.offsets = job.kept_as(carried, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
@@ -126,7 +129,19 @@ def _collected_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]
     for name, _ in owners:
         _note_animation(bpy.context.scene.objects[name], target, remarks)
     target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
-    return [ShapeKeyAdapter(owners, joined.keys, joined.offsets, joined.rest, target_rest)]
+    present = _present_offsets(target, joined.offsets.labels)
+    return [ShapeKeyAdapter(owners, joined.keys, joined.offsets, joined.rest, target_rest, present)]
+
+
+def _present_offsets(target: Object, names: Sequence[str]) -> Attribute:
+    """How far keys of these names move an object's vertices, in world space; not at all those that it lacks."""
+    values = np.zeros((len(target.data.vertices), len(names), 3))
+    if not _absent(target):
+        own = mesh_data.read_own_shape_keys(target.data).offsets
+        for column, name in enumerate(names):
+            if name in own.labels:
+                values[:, column] = own.values[:, own.labels.index(name)]
+    return mesh_data.offsets_of(tuple(names), mesh_data.directions_in_world(target, values))
 
 
 def _absent(source: Object) -> bool:

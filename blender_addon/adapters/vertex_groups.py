@@ -84,9 +84,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         sharing["limit"] = settings.limit
     locked_deforming = locked & deforming
     present = (
-        mesh_data.read_weights(target, target.data)
-        if locked_deforming or lacking or not request.blend.replaces
-        else None
+        mesh_data.read_weights(target, target.data) if locked_deforming or lacking or not request.replaces else None
     )
     if locked_deforming and present:
         columns = [i for i, name in enumerate(present.labels) if name in locked_deforming]

@@ -77,6 +77,7 @@ def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
         "others": list(match.others) if isinstance(match, stored_match.StoredMatch) else [],
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
+        "without_partner": stored_match.without_partner(match),
         "mean_confidence": float(match.confidence.mean()),
         "certainty": match.certainty if isinstance(match, zo.MatchResult) else None,
         "notes": list(match.notes),

@@ -18,6 +18,7 @@ from .joined import (
     read_joined_weights,
 )
 from .layers import (
+    HAS_PARTNER,
     MATCH_ATTRIBUTES,
     MOST_UV_MAPS,
     SCULPTED,
@@ -36,7 +37,7 @@ from .layers import (
 )
 from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
-from .normals import read_custom_normals, write_custom_normals
+from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
 from .selection import read_selection, write_selection
 from .shape_keys import (
@@ -88,6 +89,7 @@ from .vertex_groups import (
 )
 
 __all__ = [
+    "HAS_PARTNER",
     "MARKS",
     "MATCH_ATTRIBUTES",
     "MOST_UV_MAPS",
@@ -141,6 +143,7 @@ __all__ = [
     "read_layers",
     "read_marks",
     "read_materials",
+    "read_own_normals",
     "read_own_shape_keys",
     "read_positions",
     "read_rest_positions",

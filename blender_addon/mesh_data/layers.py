@@ -22,6 +22,8 @@ from .normals import CUSTOM_NORMAL
 MOST_UV_MAPS = 8
 # The attributes of a stored match: for each vertex a triangle of the source, barycentric coordinates, and confidence.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
+# That of a match which knows it: whether there is something on the source for a vertex.
+HAS_PARTNER = "zoomout_has_partner"
 # Prefix of the names of the attributes that store a mesh's own symmetry.
 SYMMETRY_ATTRIBUTES = ".zoomout_symmetry_"
 # Attributes that are read and written elsewhere: faces' materials, marks of edges and vertices, and custom normals.
@@ -178,7 +180,7 @@ def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
         return "they belong to the editing of the source's own mesh"
     if name.startswith(SYMMETRY_ATTRIBUTES):
         return "it maps the source's own mesh onto itself"
-    if name in MATCH_ATTRIBUTES:
+    if name in MATCH_ATTRIBUTES or name == HAS_PARTNER:
         return "it belongs to a match that the source itself is the target of"
     if name.startswith(PINS):
         return "pins of UVs are set for one unwrapping of one mesh"

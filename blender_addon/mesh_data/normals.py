@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from bpy.types import Mesh, Object
 
@@ -21,10 +23,16 @@ def read_custom_normals(obj: Object, mesh: Mesh) -> Attribute | None:
 
 def read_normals(obj: Object, mesh: Mesh) -> Attribute:
     """The normals of a mesh's corners in world space, as displayed."""
-    normals = read_array(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)
+    own = read_own_normals(mesh)
     # Normals transform by the inverse transpose; they point outwards on mirrored objects as well.
-    normals = normals @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
+    normals = own.values @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(own, values=normals)
+
+
+def read_own_normals(mesh: Mesh) -> Attribute:
+    """The normals of a mesh's corners in its own space."""
+    normals = read_array(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)
     return Attribute(CUSTOM_NORMAL, Domain.CORNER, Kind.NORMAL, normals)
 
 

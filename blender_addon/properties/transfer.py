@@ -9,7 +9,7 @@ from ..adapters import FILL_BELOW, Settings, parse_group_names, parse_names
 from .once import ONCE
 
 # Options that say where and how much, and those that say what becomes of groups and attributes.
-BLENDING = ("fill_below", "mode", "factor", "mask_group")
+BLENDING = ("fill_below", "without_partner", "mode", "factor", "mask_group")
 NAMING = ("limit", "flip_names", "group_names", "turning")
 
 
@@ -105,6 +105,20 @@ class BlendOptions:
         subtype="FACTOR",
         options=ONCE,
     )
+    without_partner: EnumProperty(
+        name="No Partner",
+        description="What becomes of the target where nothing on the source corresponds to it",
+        items=(
+            (
+                "FILL",
+                "Fill In",
+                "Weights, colours, numbers and shape keys go on smoothly from around it, other data as what is nearest",
+            ),
+            ("KEEP", "Keep", "The target keeps what it has there"),
+        ),
+        default="FILL",
+        options=ONCE,
+    )
     mode: EnumProperty(
         name="Where",
         description="Where the target receives what it may have already",
@@ -176,4 +190,6 @@ class BlendOptions:
         """
         chosen = {name: getattr(self, name) for name in BlendOptions.__annotations__}
         names, turning = parse_group_names(self.group_names), parse_names(self.turning)
-        return Settings(**{**chosen, "mode": self.mode.lower(), "group_names": names, "turning": turning})
+        for name in ("mode", "without_partner"):
+            chosen[name] = chosen[name].lower()
+        return Settings(**{**chosen, "group_names": names, "turning": turning})

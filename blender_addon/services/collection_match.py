@@ -16,6 +16,7 @@ from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.match import share_of_area
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
@@ -246,7 +247,19 @@ def _match_of_target(
             f"{len(elsewhere)} vertices lie on other objects than {names}: the nearest point there, with no confidence."
         )
     surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
-    return pair, StoredMatch(surface_map, confidence, tuple(notes), others=pair.source_names[1:])
+    has_partner = result.has_partner[slice(*targets.first_vertex[number : number + 2])]
+    of_sources = np.concatenate(
+        [result.source_has_partner[slice(*sources.first_vertex[i : i + 2])] for i in contributors]
+    )
+    return pair, StoredMatch(
+        surface_map,
+        confidence,
+        tuple(notes),
+        others=pair.source_names[1:],
+        has_partner=has_partner,
+        source_has_partner=of_sources,
+        without_partner=(share_of_area(pair.target, ~has_partner), share_of_area(pair.source, ~of_sources)),
+    )
 
 
 def _target_map(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> _TargetMap:

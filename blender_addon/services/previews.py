@@ -15,7 +15,15 @@ from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import map_target, transfer_steps
 
-from ..colors import asymmetry_colors, blended_colors, confidence_colors, pair_colors, place_colors, side_colors
+from ..colors import (
+    asymmetry_colors,
+    blended_colors,
+    confidence_colors,
+    pair_colors,
+    partner_colors,
+    place_colors,
+    side_colors,
+)
 from ..mesh_data import (
     MATCH_ATTRIBUTES,
     ObjectPair,
@@ -44,7 +52,10 @@ def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> 
     yield Progress(0.0, "Coloring")
     on_source: Floats | None = None
     if kind == CONFIDENCE:
-        on_target = confidence_colors(match.confidence)
+        on_target = confidence_colors(match.confidence, match.has_partner)
+        of_source = None if isinstance(match, zo.ProximityMatch) else match.source_has_partner
+        if of_source is not None and not of_source.all():
+            on_source = partner_colors(of_source)
     elif kind == PLACES:
         on_source = place_colors(pair.source.vertices, pair.source.vertices)
         on_target = match.surface_map.interpolate(on_source)

@@ -68,10 +68,17 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
 
 
 def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:
-    """Store the match on the mesh that was cut: a new vertex has the least confidence of its neighbours."""
+    """Store the match on the mesh that was cut: a new vertex has what the least of its neighbours have."""
     # The target's surface is no longer its own, but storing a `StoredMatch` needs the fingerprints alone.
     pair = replace(before, target_fingerprint=fingerprint_target(context, before.target_name))
-    of_new = [stored.confidence[around].min(axis=1) for around in (cut.edge, cut.corners)]
-    confidence = np.concatenate([stored.confidence, *of_new])
-    match = stored_match.StoredMatch(cut.surface_map, confidence, stored.notes, stored.settings)
+
+    def of_all(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, *(values[around].min(axis=1) for around in (cut.edge, cut.corners))])
+
+    match = replace(
+        stored,
+        surface_map=cut.surface_map,
+        confidence=of_all(stored.confidence),
+        has_partner=None if stored.has_partner is None else of_all(stored.has_partner),
+    )
     store_match(find_mesh(context, before.target_name).data, match, pair, stored.settings)

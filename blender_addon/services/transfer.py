@@ -160,6 +160,7 @@ def _write_report(target: Object, adapters: list[Adapter], job: TransferJob, use
         "notes": [*match.notes, *remarks.notes, *([shared] if users > 1 else [])],
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
+        "without_partner": stored_match.without_partner(match),
     }
     stored_report.write(target, report)
     return report

@@ -1,4 +1,4 @@
-"""A match, stored on the target's mesh as three attributes and a custom property that describes it.
+"""A match, stored on the target's mesh as three or four attributes and a custom property that describes it.
 
 Triangles are numbered like Blender's `loop_triangles` of the source: of its own mesh where the modifiers leave its
 faces as they are, else of the evaluated mesh. Barycentric coordinates follow the triangles' corners, which are in
@@ -10,6 +10,8 @@ triangulates it differently, points move within that face.
 from __future__ import annotations
 
 import json
+import zlib
+from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -18,9 +20,10 @@ import numpy as np
 from bpy.types import Mesh
 
 import zoomout_core as zo
+from zoomout_core.arrays import Booleans
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from ..mesh_data import MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
+from ..mesh_data import HAS_PARTNER, MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
@@ -40,6 +43,9 @@ class StoredMatch:
         notes: sentences for the user.
         settings: arguments of `match_objects` that it was computed with, as far as known.
         others: names of the objects that the target lies on besides its source.
+        has_partner: (n_t,) whether there is something on the source for a vertex; None if that is not known.
+        source_has_partner: (n_s,) the same of the source's vertices.
+        without_partner: the parts of the target's and of the source's area, in [0, 1], that have none.
     """
 
     surface_map: zo.SurfaceMap
@@ -47,6 +53,9 @@ class StoredMatch:
     notes: tuple[str, ...]
     settings: dict[str, Any] = field(default_factory=dict)
     others: tuple[str, ...] = ()
+    has_partner: Booleans | None = None
+    source_has_partner: Booleans | None = None
+    without_partner: tuple[float, float] | None = None
 
 
 Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
@@ -68,6 +77,12 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
         (CONFIDENCE, Kind.SCALAR, "FLOAT", match.confidence),
     ):
         write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
+    if HAS_PARTNER in mesh.attributes:
+        mesh.attributes.remove(mesh.attributes[HAS_PARTNER])
+    if match.has_partner is not None:
+        mask = Attribute(HAS_PARTNER, Domain.POINT, Kind.BOOLEAN, match.has_partner)
+        write_layer(mesh, Layer(mask, Role.GENERIC, "BOOLEAN"))
+    of_source = None if isinstance(match, zo.ProximityMatch) else match.source_has_partner
     mesh[PROPERTY] = json.dumps(
         {
             "source": source.name,
@@ -80,6 +95,8 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "others": [_described(source) for source in further],
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
+            "without_partner": without_partner(match),
+            "source_has_partner": None if of_source is None else _packed(of_source),
             "notes": match.notes,
             "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
         }
@@ -115,6 +132,9 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         tuple(stored["notes"]),
         stored.get("settings", {}),
         pair.source_names[1:],
+        read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
+        _unpacked(stored.get("source_has_partner"), len(pair.source.vertices)),
+        stored.get("without_partner"),
     )
 
 
@@ -133,6 +153,25 @@ def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
 def low_confidence(confidence: np.ndarray) -> int:
     """The number of vertices of low confidence."""
     return int((confidence < LOW_CONFIDENCE).sum())
+
+
+def without_partner(match: Match) -> tuple[float, float] | None:
+    """The parts of the target's and of the source's area, in [0, 1], that have no partner; None if not known."""
+    if isinstance(match, zo.MatchResult):
+        return match.share_without_partner, match.source_share_without_partner
+    return match.without_partner if isinstance(match, StoredMatch) else None
+
+
+def _packed(mask: Booleans) -> str:
+    """A selection (n,) as text, which is short where what is selected hangs together."""
+    return b64encode(zlib.compress(np.packbits(mask).tobytes())).decode()
+
+
+def _unpacked(text: str | None, count: int) -> Booleans | None:
+    """(count,) the selection that `_packed` made a text of."""
+    if text is None:
+        return None
+    return np.unpackbits(np.frombuffer(zlib.decompress(b64decode(text)), np.uint8), count=count).astype(bool)
 
 
 def _described(source: Fingerprint) -> dict[str, Any]:

@@ -38,8 +38,8 @@ class Kind(NamedTuple):
 OF_MATCH = {
     CONFIDENCE: Kind(
         "Confidence",
-        "How far to trust the match at each vertex: blue is sure, red is a guess",
-        "Blue is sure, red is a guess",
+        "How far to trust the match at each vertex: blue is sure, red is a guess, and violet has no partner",
+        "Blue is sure, red is a guess, violet has no partner",
     ),
     PLACES: Kind(
         "Places",

@@ -155,7 +155,14 @@ def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
         found, barycentric = closest_points(target.vertices, source.vertices, source.triangles[triangles])
         yield zo.Progress(1.0, "Matching")
         surface_map = zo.SurfaceMap(triangles[found], barycentric, source.triangles)
-        return SimpleNamespace(surface_map=surface_map, confidence=np.ones(len(found)), notes=())
+        masks = np.ones(len(found), dtype=bool), np.ones(len(source.vertices), dtype=bool)
+        return SimpleNamespace(
+            surface_map=surface_map,
+            confidence=np.ones(len(found)),
+            has_partner=masks[0],
+            source_has_partner=masks[1],
+            notes=(),
+        )
 
     monkeypatch.setattr(zo, "match_steps", all_on_trousers)
     found = match_collections(bpy.context, hero, scan)

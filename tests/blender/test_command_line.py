@@ -144,6 +144,7 @@ def test_every_option_of_the_sidebar_can_be_given():
     line = (
         "--initial nearest --detail fine --k-final 90 --map-file m.npz --exact-landmarks --no-landmarks --no-names "
         "--same-up --from-last --most-distance 0.2 --most-angle 90 --either-side --fill-below 0.3 --mode missing "
+        "--without-partner keep "
         "--factor 0.5 --mask-group Mask --limit 4 --flip-names --group-names a=b --turning flow"
     )
     options = parse(["transfer", "--source", "A", "--target", "B", *line.split()])

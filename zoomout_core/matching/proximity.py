@@ -40,6 +40,11 @@ class ProximityMatch:
     confidence: Floats
     notes: tuple[str, ...]
 
+    @property
+    def has_partner(self) -> Booleans:
+        """(n_t,) whether the nearest point is one to be trusted."""
+        return self.confidence > 0
+
 
 def match_by_proximity(
     source: Surface,
@@ -50,8 +55,7 @@ def match_by_proximity(
 ) -> ProximityMatch:
     """Find for every vertex of the target the nearest point on the source, where the two lie over each other.
 
-    Nothing is refined, and nothing is known where the nearest point is none to be trusted: transfer with `fill_below`
-    above zero to have that filled in.
+    Nothing is refined, and nothing is known where the nearest point is none to be trusted: a transfer fills that in.
 
     Args:
         source: the surface that the map lands on, such as a body.

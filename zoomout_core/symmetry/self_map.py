@@ -45,6 +45,10 @@ class SelfMap:
     distance: Floats
     prepared: ShapeAnalysis | None = None
 
+    @property
+    def has_partner(self) -> None:
+        """Every vertex has one, so that there is nothing to say which have."""
+
     @cached_property
     def line(self) -> Line:
         """The symmetry line, where `distance` is zero; without points where there are no two sides."""

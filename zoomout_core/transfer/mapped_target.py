@@ -74,6 +74,7 @@ class MappedTarget:
         surface_map: where each target vertex lies on the source.
         confidence: (n_t,) how far the map is to be trusted, in [0, 1].
         fill_below: vertices of less confidence are filled in from the others; None for none.
+        has_partner: (n_t,) which vertices have something on the source; others are filled in. None for all.
     """
 
     source: Surface
@@ -81,6 +82,7 @@ class MappedTarget:
     surface_map: SurfaceMap
     confidence: Floats
     fill_below: float | None = None
+    has_partner: Booleans | None = None
 
     @cached_property
     def points(self) -> Floats:
@@ -116,6 +118,8 @@ class MappedTarget:
     def filling(self) -> Filling | None:
         """How vertices of too little confidence are filled in, or None where there are none."""
         trusted = self.confidence >= (0 if self.fill_below is None else self.fill_below)
+        if self.has_partner is not None:
+            trusted &= self.has_partner
         return None if trusted.all() else filling(self.target, trusted)
 
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:

@@ -10,11 +10,12 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.sparse import issparse
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.continuation import continued
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -26,13 +27,16 @@ from zoomout_core.transfer.weights import mix_weights
 
 
 class Match(Protocol):
-    """What a match gives: the map, and how far to trust it."""
+    """What a match gives: the map, how far to trust it, and which vertices have a partner; None for all."""
 
     @property
     def surface_map(self) -> SurfaceMap: ...
 
     @property
     def confidence(self) -> Floats: ...
+
+    @property
+    def has_partner(self) -> Booleans | None: ...
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,10 @@ def transfer(
 ) -> Attribute:
     """An attribute of the source, on the target.
 
+    What has no partner on the source is filled in: numbers, colours, weights and shape keys smoothly from around it;
+    other kinds take there what is nearest along the surface. To leave it as it is on the target, `blend` with the
+    match's `has_partner` as the mask.
+
     Args:
         attribute: on the source.
         result: the match, or only its map, of each target vertex to a point of the source.
@@ -160,11 +168,17 @@ def map_target(
     """
     if fill_below is not None and not 0 <= fill_below <= 1:
         raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
-    surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
     source, target = as_surface(source), as_surface(target)
-    confidence = np.ones(len(target.vertices)) if isinstance(result, SurfaceMap) else np.asarray(result.confidence)
-    _check_map(surface_map, confidence, source, target)
-    return MappedTarget(source, target, surface_map, confidence, fill_below)
+    if isinstance(result, SurfaceMap):
+        _check_map(result, source, target)
+        return MappedTarget(source, target, result, np.ones(len(target.vertices)), fill_below)
+    surface_map, confidence, has_partner = result.surface_map, np.asarray(result.confidence), result.has_partner
+    _check_map(surface_map, source, target, confidence)
+    if has_partner is not None:
+        _check_map(surface_map, source, target, has_partner)
+        surface_map = continued(surface_map, target, has_partner)
+        confidence = np.where(has_partner, confidence, 0)
+    return MappedTarget(source, target, surface_map, confidence, fill_below, has_partner)
 
 
 def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:
@@ -229,9 +243,9 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
         raise MeshError(f"'{name}' has values that are not finite: correct them.")
 
 
-def _check_map(surface_map: SurfaceMap, confidence: Floats, source: Surface, target: Surface) -> None:
+def _check_map(surface_map: SurfaceMap, source: Surface, target: Surface, *of_vertices: Floats | Booleans) -> None:
     vertices, triangles = len(target.vertices), len(source.triangles)
-    if len(surface_map.triangle) != vertices or confidence.shape != (vertices,):
+    if len(surface_map.triangle) != vertices or any(values.shape != (vertices,) for values in of_vertices):
         raise MeshError(
             f"The map is for {len(surface_map.triangle)} vertices, but the target has {vertices}: "
             "match these two surfaces again."

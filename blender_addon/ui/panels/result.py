@@ -46,6 +46,10 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
             text = f"Matched with {names}, {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
+            if stored.get("without_partner"):
+                of_target, of_source = stored["without_partner"]
+                text = f"Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source"
+                sentences(context, layout, [text], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()

@@ -27,6 +27,7 @@ TIPS = [[1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 0.05
 class Match:
     surface_map: SurfaceMap
     confidence: np.ndarray
+    has_partner: None = None
 
 
 def map_of(source: Creature, target: Creature) -> SurfaceMap:

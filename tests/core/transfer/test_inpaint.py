@@ -24,6 +24,7 @@ class Known:
 
     surface_map: SurfaceMap
     confidence: np.ndarray
+    has_partner: None = None
 
 
 @pytest.fixture(scope="module")

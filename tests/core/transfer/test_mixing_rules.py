@@ -34,7 +34,7 @@ def point(kind: Kind, values: object) -> Attribute:
 
 
 def trusted(confidence: np.ndarray, surface: Surface = MESH) -> SimpleNamespace:
-    return SimpleNamespace(surface_map=identity(surface), confidence=confidence)
+    return SimpleNamespace(has_partner=None, surface_map=identity(surface), confidence=confidence)
 
 
 def side_by_side(*parts: tuple[Surface, tuple[float, float, float], float]) -> tuple[Surface, np.ndarray]:

@@ -202,7 +202,7 @@ def test_matrices_are_neither_sheared_nor_shrunk_between_two_rotations() -> None
 def test_what_turns_is_filled_in_where_confidence_is_low_and_says_so(kind: Kind) -> None:
     mesh = creature(3000).surface
     doubtful = mesh.vertices[:, 2] > np.quantile(mesh.vertices[:, 2], 0.98)
-    match = SimpleNamespace(surface_map=identity(mesh), confidence=np.where(doubtful, 0.0, 1.0))
+    match = SimpleNamespace(has_partner=None, surface_map=identity(mesh), confidence=np.where(doubtful, 0.0, 1.0))
     width = {Kind.QUATERNION: 4, Kind.MATRIX: 16}.get(kind, 3)
     values = np.tile(np.eye(4).ravel()[:width] if kind is not Kind.NORMAL else np.ones(3) / np.sqrt(3), (3000, 1))
     values[doubtful] *= -1

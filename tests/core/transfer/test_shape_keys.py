@@ -19,7 +19,7 @@ class Match:
     """A map that is trusted to some degree."""
 
     def __init__(self, surface_map: SurfaceMap, confidence: np.ndarray) -> None:
-        self.surface_map, self.confidence = surface_map, confidence
+        self.surface_map, self.confidence, self.has_partner = surface_map, confidence, None
 
 
 @pytest.fixture(scope="module")

@@ -34,6 +34,7 @@ GRID = (120, 80)
 class Match:
     surface_map: SurfaceMap
     confidence: np.ndarray
+    has_partner: None = None
 
 
 @dataclass(frozen=True)

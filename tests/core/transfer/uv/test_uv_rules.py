@@ -153,7 +153,7 @@ def test_the_less_trusted_samples_of_a_face_count_less() -> None:
     surface_map = nearest_map(target.vertices, source)
     taken = []
     for trusted in (target.vertices[:, 0] < 0.5, target.vertices[:, 0] > 0.5):
-        match = SimpleNamespace(surface_map=surface_map, confidence=np.where(trusted, 1.0, 0.0))
+        match = SimpleNamespace(has_partner=None, surface_map=surface_map, confidence=np.where(trusted, 1.0, 0.0))
         taken.append(transferred(uv, match, source, target).values.mean(axis=0)[0] > 2)
     assert taken == [False, True]
 
@@ -161,7 +161,7 @@ def test_the_less_trusted_samples_of_a_face_count_less() -> None:
 def test_nothing_trusted_is_still_a_vote_by_area() -> None:
     source, target = plate(20, 20), plate(1, 1)
     uv = np.where(middles(source)[:, :1] > 0.7, corners(source) + 5, corners(source))
-    match = SimpleNamespace(surface_map=nearest_map(target.vertices, source), confidence=np.zeros(4))
+    match = SimpleNamespace(has_partner=None, surface_map=nearest_map(target.vertices, source), confidence=np.zeros(4))
     np.testing.assert_allclose(transferred(uv, match, source, target).values, corners(target), atol=1e-9)
 
 
