@@ -18,12 +18,12 @@ import zoomout_core as zo
 from benchmarks.baselines.bcicp import Side
 from benchmarks.baselines.lmh import GLOBAL, kernels, lmh, localized_harmonics, transported
 from benchmarks.baselines.pfm import pfm
-from benchmarks.datasets import CORRESPONDENCE
+from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.generate.folder import class_of
-from benchmarks.partial import RADIUS, figures, region_of
+from benchmarks.partial import RADIUS, figures
 from benchmarks.pictures import View, by_position, draw_views
 from benchmarks.tables import Record, Tables
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
@@ -51,7 +51,7 @@ DRAWN = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(PairOfParts):
     """An animal whose pose is seen in a scene, which lacks some of it and has other things.
 
     Attributes:
@@ -62,10 +62,6 @@ class Scene:
         matches: (m, 2) target and source vertices that correspond.
     """
 
-    name: str
-    source: Surface
-    target: Surface
-    truth: Integers
     matches: Integers
 
     @cached_property
@@ -184,15 +180,14 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     drawn: list[list[View]] = []
     for chosen in tqdm(chosen_animals(folder, min(pairs or SCENES, SCENES)), desc="scenes", leave=False):
         scene = made_scene(folder, *chosen)
-        region = region_of(scene.truth, scene.source)
         vertices: dict[str, Integers] = {}
         for method, vertex_of in METHODS.items():
             begin = perf_counter()
             vertices[method] = vertex_of(scene)
             record = {"set": scene.name, "method": method, "seconds": perf_counter() - begin}
-            records.append(record | figures(vertices[method], scene.truth, region, scene.source))
+            records.append(record | figures(vertices[method], scene))
         if len(drawn) < DRAWN:
-            drawn.append(_views(scene, region, vertices))
+            drawn.append(_views(scene, vertices))
     if not records:
         return {"rows": []}
     if figure is not None:
@@ -218,10 +213,10 @@ def _rows(records: list[Record]) -> list[Record]:
     return rows
 
 
-def _views(scene: Scene, region: Booleans, vertices: dict[str, Integers]) -> list[View]:
+def _views(scene: Scene, vertices: dict[str, Integers]) -> list[View]:
     """The scene with the animal's places in colours, and the model with those that each map carries over."""
     grey = np.full(3, GREY)
-    colour = np.where(region[:, None], by_position(scene.source.vertices), grey)
+    colour = np.where(scene.region[:, None], by_position(scene.source.vertices), grey)
     seen = scene.truth >= 0
     maps = {"truth": scene.truth} | vertices
     carried = {name: np.where(seen[:, None], colour[vertex], grey) for name, vertex in maps.items()}

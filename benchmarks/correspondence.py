@@ -18,12 +18,23 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.ablation import maps_without
-from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
+from benchmarks.datasets import (
+    PARTS,
+    PairOfMeshes,
+    PairOfParts,
+    is_far,
+    load_pair,
+    pair_names,
+    part_names,
+    sets_in,
+    sets_of_parts_in,
+)
 from benchmarks.pictures import Picture, draw
 from benchmarks.tables import Record
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.match import NOTES
+from zoomout_core.matching.match import NOTES, share_of_area
+from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"
 # Published maps that others refine: their names end so.
@@ -35,6 +46,12 @@ TRUSTED, CLOSE = 0.5, 50
 # Classes of certainty in the table of calibration.
 CERTAINTIES = (0.0, 0.5, 0.8, NOTES.sure, 1.0)
 WORST = 10
+# Kinds of parts of which the shapes are other species.
+OTHER_SPECIES = ("both cut, other species",)
+# Known places at which the map of a part is measured.
+PART_PLACES = 500
+# Published mean errors times 1000 on SHREC'16: PFM's, and those of trained methods.
+PUBLISHED_ON_PARTS = {"cuts": (97, "20 to 33"), "holes": (232, "91")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +83,17 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
     `calibration`, for all sets and each: the maps announced with a certainty of some class, the mean of it, how many
     are right, and how many have left and right exchanged.
 
+    `parts`, for each kind of missing pieces of the sets of parts: success, mean and median error on what has a partner,
+    mean certainty; the mean share of the intersection in the union of the true and the
+    stated region that has a partner, of the source and of the target, on all pairs and on those that succeeded; how far
+    the stated share of the source's area without a partner is from the true one, on average; and the published mean
+    errors of PFM and of trained methods on SHREC'16. These pairs are in `calibration`, too.
+
     `ablation`: `rows` with a stage left out each, measured as `benchmarks.ablation` says.
 
     Args:
         data: the folder of the sets.
-        pairs: number of pairs of each set, evenly spread over its list.
+        pairs: number of pairs of each set, and of each kind of parts, evenly spread over its list.
         ablate: make the last table, too.
         picture_folder: where to draw the worst pairs of each set.
 
@@ -94,14 +117,22 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
                 worst = sorted(worst, key=lambda entry: -entry[0])[:WORST]
         if worst and picture_folder is not None:
             draw(picture_folder / f"{folder.name}.png", [picture for _, picture in worst])
-    tables = {"rows": _rows(records), "calibration": _calibration(records), "ablation": _rows(ablated)}
-    return tables | {"pairs": records + ablated}
+    of_parts: list[Record] = []
+    for folder in sets_of_parts_in(data):
+        of_parts += _records_of_parts(folder, pairs, picture_folder)
+    tables = {
+        "rows": _rows(records),
+        "parts": _rows_of_parts(of_parts),
+        "calibration": _calibration(records + of_parts),
+        "ablation": _rows(ablated),
+    }
+    return tables | {"pairs": records + of_parts + ablated}
 
 
 # --- maps ---------------------------------------------------------------------------------------------------
 
 
-def _matched(method: str, pair: PairOfMeshes, **start: Any) -> tuple[zo.MatchResult, Map]:
+def _matched(method: str, pair: PairOfMeshes | PairOfParts, **start: Any) -> tuple[zo.MatchResult, Map]:
     zo.forget_shapes()
     begin = perf_counter()
     result = zo.match(pair.source, pair.target, **start)
@@ -128,7 +159,7 @@ def _published(folder: Path, pair: PairOfMeshes) -> Iterator[Map]:
             yield _matched(f"{method} + zoomout", pair, initial="given", initial_map=vertex)[1]
 
 
-def _picture(record: Record, pair: PairOfMeshes, result: zo.MatchResult) -> Picture:
+def _picture(record: Record, pair: PairOfMeshes | PairOfParts, result: zo.MatchResult) -> Picture:
     caption = (
         f"{record['target']} from {record['source']}: error {record['error']:.0f}, certainty {record['certainty']:.0%}"
     )
@@ -140,7 +171,7 @@ def _picture(record: Record, pair: PairOfMeshes, result: zo.MatchResult) -> Pict
 
 def _records(name: str, pair: PairOfMeshes, maps: list[Map]) -> list[Record]:
     """What is known about maps of one pair."""
-    limit = NON_ISOMETRIC_LIMIT if "nonisometric" in name else ISOMETRIC_LIMIT
+    limit = NON_ISOMETRIC_LIMIT if is_far(name) else ISOMETRIC_LIMIT
     errors = pair.errors(np.column_stack([entry.vertex for entry in maps]))
     records = []
     for entry, error in zip(maps, errors.T, strict=True):
@@ -154,6 +185,47 @@ def _records(name: str, pair: PairOfMeshes, maps: list[Map]) -> list[Record]:
             record |= {"symmetric error": mirrored, "flip": flip}
         records.append(record)
     return records
+
+
+def _records_of_parts(folder: Path, pairs: int | None, picture_folder: Path | None) -> list[Record]:
+    """What is known about our maps of the pairs of a set of parts; `pairs` of each kind."""
+    records: list[Record] = []
+    worst: list[tuple[float, Picture]] = []
+    names = [name for kind in PARTS.values() for name in part_names(folder, pairs, [kind])]
+    for name in tqdm(names, desc=folder.name, leave=False):
+        pair = PairOfParts.load(folder, name)
+        result, ours = _matched(OURS, pair)
+        error = float(np.nanmean(pair.errors(ours.vertex, PART_PLACES)))
+        limit = NON_ISOMETRIC_LIMIT if pair.kind in OTHER_SPECIES else ISOMETRIC_LIMIT
+        names_of_two = {"target": f"{name}_target", "source": f"{name}_source"}
+        record: Record = {"set": pair.kind, "method": OURS} | names_of_two
+        records.append(
+            record | {"error": error, "right": error < limit, "flip": None} | ours.figures | _regions(pair, result)
+        )
+        if picture_folder is not None:
+            worst.append((error, _picture(records[-1], pair, result)))
+            worst = sorted(worst, key=lambda entry: -entry[0])[:WORST]
+    if worst and picture_folder is not None:
+        draw(picture_folder / f"{folder.name}.png", [picture for _, picture in worst])
+    return records
+
+
+def _regions(pair: PairOfParts, result: zo.MatchResult) -> Record:
+    """How well a result knows what has a partner."""
+    missing = 100 * share_of_area(pair.source, ~pair.region)
+    stated = 100 * result.source_share_without_partner
+    return {
+        "overlap on source": _overlap(pair.source, result.source_has_partner, pair.region),
+        "overlap on target": _overlap(pair.target, result.has_partner, pair.truth >= 0),
+        "missing %": missing,
+        "stated %": stated,
+        "share off by %": abs(stated - missing),
+    }
+
+
+def _overlap(surface: Surface, one: Booleans, other: Booleans) -> float:
+    """The area of the intersection of two selections (n,) over that of their union."""
+    return share_of_area(surface, one & other) / max(share_of_area(surface, one | other), 1e-300)
 
 
 def _trust(confidence: Floats, error: Floats) -> Record:
@@ -191,6 +263,32 @@ def _rows(records: list[Record]) -> list[Record]:
                 "rank correlation": _over(np.median, chosen, "rank correlation"),
                 "trusted and right %": _over(np.median, right, "trusted and right %"),
                 "not trusted %": _over(np.median, right, "not trusted %"),
+            }
+        )
+    return rows
+
+
+def _rows_of_parts(records: list[Record]) -> list[Record]:
+    rows = []
+    for kind in dict.fromkeys(record["set"] for record in records):
+        chosen = [record for record in records if record["set"] == kind]
+        right = [record for record in chosen if record["right"]]
+        pfm, trained = PUBLISHED_ON_PARTS.get(kind, (None, None))
+        rows.append(
+            {
+                "set": kind,
+                "pairs": len(chosen),
+                "success %": 100 * len(right) / len(chosen),
+                "mean": _over(np.mean, chosen, "error"),
+                "median": _over(np.median, chosen, "error"),
+                "PFM's mean": pfm,
+                "trained": trained,
+                "overlap on source": _over(np.mean, chosen, "overlap on source"),
+                "of right ones": _over(np.mean, right, "overlap on source"),
+                "overlap on target": _over(np.mean, chosen, "overlap on target"),
+                "share off by %": _over(np.mean, chosen, "share off by %"),
+                "certainty": _over(np.mean, chosen, "certainty"),
+                "seconds": _over(np.median, chosen, "seconds"),
             }
         )
     return rows

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import geodesic_error
 from zoomout_core.mesh.files import read_shape, read_surface
 from zoomout_core.mesh.surface import Surface, as_surface
@@ -21,6 +21,10 @@ Item = TypeVar("Item")
 CORRESPONDENCE = "correspondence.npz"
 # In a set with this file, it has for each vertex the nearest vertex of a common template.
 TEMPLATE = "template_vertex.npz"
+# In a set with this file, pairs NAME_source and NAME_target of which one, or both, lack pieces.
+TRUTH = "truth.npz"
+# How the names of these pairs begin, and what is missing.
+PARTS = {"cut": "cuts", "holes": "holes", "pfarm": "missing pieces", "both_partial": "both cut, other species"}
 # Largest number of known places at which a map is measured.
 MOST_PLACES = 1000
 # Where only a class of error is asked for, fewer do.
@@ -73,9 +77,78 @@ def sets_in(folder: Path) -> list[Path]:
     return [each for each in found if (each / TEMPLATE).is_file() or (each / "pairs.txt").is_file()]
 
 
+@dataclass(frozen=True, eq=False)
+class PairOfParts:
+    """Two shapes in one unit, of which the target, or both, lack pieces.
+
+    Attributes:
+        name: of the pair.
+        source: the surface that the map lands on.
+        target: the surface that it starts from.
+        truth: (n_t,) source vertex of each target vertex; -1 where there is none.
+    """
+
+    name: str
+    source: Surface
+    target: Surface
+    truth: Integers
+
+    @classmethod
+    def load(cls, folder: Path, name: str) -> Self:
+        """A pair of a set, by its name."""
+        source, target = (read_surface(folder / f"{name}_{side}.off") for side in ("source", "target"))
+        return cls(name, source, target, _truth(folder / TRUTH)[name])
+
+    @property
+    def kind(self) -> str:
+        """What is missing."""
+        return kind_of_part(self.name)
+
+    @cached_property
+    def region(self) -> Booleans:
+        """(n_s,) which vertices of the source something on the target corresponds to."""
+        return region_of(self.truth, self.source)
+
+    def errors(self, vertex: Integers, most: int) -> Floats:
+        """(c,) geodesic errors, times 1000, of a vertex map (n_t,) at `most` places that have a partner; NaN for no
+        image.
+
+        An image on a loose part has no distance to the body, and counts as none.
+        """
+        known = np.flatnonzero(self.truth >= 0)
+        places = known[np.unique(np.linspace(0, len(known) - 1, min(most, len(known))).astype(int))]
+        errors = 1000 * geodesic_error(vertex, self.source, places, self.truth[places], len(places))
+        return np.where((vertex[places] < 0) | np.isinf(errors), np.nan, errors)
+
+
+def region_of(images: Integers, source: Surface) -> Booleans:
+    """(n_s,) the vertices of the faces that have an image at a corner."""
+    is_image = np.zeros(len(source.vertices), dtype=bool)
+    is_image[images[images >= 0]] = True
+    region = np.zeros_like(is_image)
+    region[source.triangles[is_image[source.triangles].any(axis=1)]] = True
+    return region
+
+
+def kind_of_part(name: str) -> str:
+    """What is missing on the shapes of a pair, by its name."""
+    return next(kind for beginning, kind in PARTS.items() if name.startswith(f"{beginning}_"))
+
+
+def sets_of_parts_in(folder: Path) -> list[Path]:
+    """The sets of pairs with missing pieces in a folder, or the folder itself if it is one."""
+    return sorted({path.parent for mark in (TRUTH, f"*/{TRUTH}") for path in folder.glob(mark)})
+
+
+def part_names(folder: Path, most: int | None, kinds: Collection[str] = tuple(PARTS.values())) -> list[str]:
+    """The pairs of a set that are of some kinds, or `most` of them evenly spread over the list."""
+    names = sorted(_truth(folder / TRUTH))
+    return evenly([name for name in names if kind_of_part(name) in kinds], most)
+
+
 def is_far(name: str) -> bool:
     """Whether the shapes of the set with this name are far from isometric."""
-    return "nonisometric" in name
+    return "nonisometric" in name or name.startswith("smal")
 
 
 def evenly(items: Sequence[Item], most: int | None) -> list[Item]:

@@ -19,15 +19,13 @@ from benchmarks.baselines.fc import fc
 from benchmarks.baselines.gtm import gtm
 from benchmarks.baselines.pfm import Partial, first_map, pfm
 from benchmarks.curves import draw_curves, share_below
+from benchmarks.datasets import PairOfParts, part_names, region_of, sets_of_parts_in
 from benchmarks.tables import Record, Tables
-from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.files import read_surface
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import vertex_areas
 
-# How the names of pairs begin, and what they are.
-KINDS = {"cut": "cuts", "holes": "holes", "pfarm": "missing pieces"}
-TRUTH = "truth.npz"
+# What is missing on the pairs that are measured.
+KINDS = ("cuts", "holes", "missing pieces")
 # Size of PFM's functional map, that of the whole's functions that ZoomOut begins and ends with, and its step.
 K, K_INITIAL, STEP = 100, 20, 4
 # More functions are computed of the part than are used of the whole: as low as the whole's last one may be up to these.
@@ -43,18 +41,8 @@ PUBLISHED_SECONDS = {"PFM": 70.0, "ZoomOut": 6.0}
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """A part, a whole in another pose, and where the part lies on it; both in one unit.
-
-    Attributes:
-        source: the whole.
-        target: the part.
-        truth: (n_t,) source vertex of each target vertex; -1 where there is none.
-    """
-
-    source: Surface
-    target: Surface
-    truth: Integers
+class Part(PairOfParts):
+    """A part and a whole in another pose, and what methods share of them."""
 
     @cached_property
     def share(self) -> float:
@@ -127,7 +115,7 @@ METHODS: dict[str, Method] = {
 
 
 def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
-    """Match the parts of the set `partial` of a folder to their wholes by every method.
+    """Match the parts of the sets in a folder to their wholes by every method.
 
     `rows`, for each kind of part and each method: mean and median over the pairs of the mean geodesic error times 1000,
     the share of pairs below `LIMIT`, the mean share of the true region that images reach, median seconds with all that
@@ -136,20 +124,20 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     without an image counts in the curves as far off, and is left out of the mean error.
 
     Args:
-        data: the folder of the sets, or the set.
-        pairs: number of pairs, evenly spread over the list.
+        data: the folder of the sets, or a set.
+        pairs: number of pairs of each, evenly spread over the list.
         figure: an image file to draw the share of places below each error to.
 
     Returns:
         The tables by name, and under `pairs` a record for each pair and method, with its curve (`benchmarks.curves`).
     """
-    folder = data / "partial" if (data / "partial").is_dir() else data
     records: list[Record] = []
     seen = dict.fromkeys(KINDS, 0)
-    for name in tqdm(_names(folder, pairs), desc=folder.name, leave=False):
-        kind = name.split("_")[0]
-        records += _of_pair(folder, name, KINDS[kind], with_slow=seen[kind] < FEW)
-        seen[kind] += 1
+    for folder in sets_of_parts_in(data):
+        for name in tqdm(part_names(folder, pairs, KINDS), desc=folder.name, leave=False):
+            part = Part.load(folder, name)
+            records += _of_pair(part, with_slow=seen[part.kind] < FEW)
+            seen[part.kind] += 1
     if not records:
         return {"rows": []}
     if figure is not None:
@@ -157,23 +145,7 @@ def run(data: Path, pairs: int | None, figure: Path | None) -> Tables:
     return {"rows": _rows(records), "pairs": records}
 
 
-def _names(folder: Path, most: int | None) -> list[str]:
-    """The pairs of the kinds that are measured, or `most` of them evenly spread."""
-    if not (folder / TRUTH).is_file():
-        return []
-    with np.load(folder / TRUTH) as truth:
-        names = sorted(name for name in truth if name.split("_")[0] in KINDS)
-    if most is not None and most < len(names):
-        names = [names[i] for i in np.linspace(0, len(names) - 1, most).round().astype(int)]
-    return names
-
-
-def _of_pair(folder: Path, name: str, kind: str, with_slow: bool) -> list[Record]:
-    source, target = (read_surface(folder / f"{name}_{side}.off") for side in ("source", "target"))
-    with np.load(folder / TRUTH) as truths:
-        truth = truths[name]
-    region = region_of(truth, source)
-    part = Part(source, target, truth)
+def _of_pair(part: Part, with_slow: bool) -> list[Record]:
     took: dict[str, float] = {}
     records: list[Record] = []
     for method, (vertex_of, needs, is_slow) in METHODS.items():
@@ -187,34 +159,22 @@ def _of_pair(folder: Path, name: str, kind: str, with_slow: bool) -> list[Record
         begin = perf_counter()
         vertex = vertex_of(part)
         seconds = perf_counter() - begin + sum(took[need] for need in needs)
-        records.append({"set": kind, "pair": name, "method": method, "seconds": seconds})
-        records[-1] |= figures(vertex, truth, region, source)
+        records.append({"set": part.kind, "pair": part.name, "method": method, "seconds": seconds})
+        records[-1] |= figures(vertex, part)
     return records
 
 
-def figures(vertex: Integers, truth: Integers, region: Booleans, source: Surface) -> Record:
-    """What is measured of a vertex map (n_t,) by its truth (n_t,), -1 for none, and the region (n_s,) of the latter."""
-    known = np.flatnonzero(truth >= 0)
-    places = known[np.unique(np.linspace(0, len(known) - 1, min(PLACES, len(known))).astype(int))]
-    errors = 1000 * zo.geodesic_error(vertex, source, places, truth[places], len(places))
-    errors = np.where((vertex[places] < 0) | np.isinf(errors), np.nan, errors)
-    has_image = known[vertex[known] >= 0]
-    reached = region_of(vertex[has_image], source)
-    areas = vertex_areas(source.vertices, source.triangles)
+def figures(vertex: Integers, part: PairOfParts) -> Record:
+    """What is measured of a vertex map (n_t,)."""
+    errors = part.errors(vertex, PLACES)
+    known = np.flatnonzero(part.truth >= 0)
+    reached = region_of(vertex[known[vertex[known] >= 0]], part.source)
+    areas = vertex_areas(part.source.vertices, part.source.triangles)
     return {
         "error": float(np.nanmean(errors)),
-        "covered %": 100 * float(areas[region & reached].sum() / areas[region].sum()),
+        "covered %": 100 * float(areas[part.region & reached].sum() / areas[part.region].sum()),
         "curve": share_below(errors),
     }
-
-
-def region_of(images: Integers, source: Surface) -> Booleans:
-    """(n_s,) the vertices of the faces that have an image at a corner."""
-    is_image = np.zeros(len(source.vertices), dtype=bool)
-    is_image[images[images >= 0]] = True
-    region = np.zeros_like(is_image)
-    region[source.triangles[is_image[source.triangles].any(axis=1)]] = True
-    return region
 
 
 def _rows(records: list[Record]) -> list[Record]:
@@ -235,7 +195,7 @@ def _rows(records: list[Record]) -> list[Record]:
                 "right %": 100 * float((errors < LIMIT).mean()),
                 "covered %": float(np.mean([record["covered %"] for record in chosen])),
                 "seconds": float(np.median([record["seconds"] for record in chosen])),
-                "published s": PUBLISHED_SECONDS.get(method) if kind == KINDS["cut"] else None,
+                "published s": PUBLISHED_SECONDS.get(method) if kind == "cuts" else None,
             }
         )
     return rows

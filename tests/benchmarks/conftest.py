@@ -9,6 +9,7 @@ import pytest
 from creatures import creature, directions, mirrored_vertex, true_vertex
 from scipy.spatial import cKDTree
 
+from benchmarks.datasets import TRUTH
 from zoomout_core.mesh.surface import Surface
 
 BENDS = {"a": 0.0, "b": 0.9}
@@ -31,6 +32,25 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "pairs.txt").write_text("a b\n")
     for method, found in (("direct", true_vertex), ("symm", mirrored_vertex)):
         np.savez(folder / f"map_ini_{method}.npz", a__b=found(shapes["b"], shapes["a"]))
+    return folder.parent
+
+
+@pytest.fixture(scope="session")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two cuts and one with holes, of a creature whose one side has longer limbs; and one of two parts."""
+    folder = tmp_path_factory.mktemp("data") / "partial"
+    folder.mkdir()
+    truths = {}
+    kinds = {"cut_a_00": -0.2, "cut_a_01": -0.4, "holes_a_00": -0.6, "both_partial_00": -0.2}
+    for seed, (name, beyond) in enumerate(kinds.items()):
+        whole, bent = creature(1300, 5 + seed, asymmetry=0.3), creature(1200, seed, bend=0.5, asymmetry=0.3)
+        inside = (bent.directions[:, 0] > beyond)[bent.surface.triangles].all(axis=1)
+        used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
+        write_off(folder / f"{name}_source.off", whole.surface)
+        write_off(folder / f"{name}_target.off", Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)))
+        truths[name] = true_vertex(whole, bent)[used]
+    truths["both_partial_00"][::3] = -1
+    np.savez(folder / TRUTH, **truths)
     return folder.parent
 
 

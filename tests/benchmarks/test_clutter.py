@@ -93,13 +93,12 @@ def test_a_model_is_found_in_its_scene(animals: Path, monkeypatch: pytest.Monkey
 
 def test_a_pictured_model_carries_the_colours_of_the_scene(animals: Path) -> None:
     scene = clutter.made_scene(animals / "tosca_r", "beast0", "beast1", "other0")
-    region = clutter.region_of(scene.truth, scene.source)
-    shown = clutter._views(scene, region, {"zo": np.zeros(len(scene.truth), dtype=int)})
+    shown = clutter._views(scene, {"zo": np.zeros(len(scene.truth), dtype=int)})
     assert [view.caption for view in shown[1:]] == ["truth", "zo"]
     first, unseen = np.flatnonzero(scene.truth >= 0)[0], scene.truth < 0
     np.testing.assert_array_equal(shown[1].colour[first], shown[0].colour[scene.truth[first]])
     np.testing.assert_array_equal(shown[1].colour[unseen], clutter.GREY)
-    np.testing.assert_array_equal(shown[0].colour[~region], clutter.GREY)
+    np.testing.assert_array_equal(shown[0].colour[~scene.region], clutter.GREY)
 
 
 def test_a_folder_without_animals_is_refused(tmp_path: Path) -> None:

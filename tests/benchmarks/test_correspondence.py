@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import matplotlib.image
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from benchmarks import correspondence
 from benchmarks.__main__ import main
 from benchmarks.ablation import NEUTRAL
 from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
-from benchmarks.datasets import TEMPLATE, load_pair, pair_names, sets_in
+from benchmarks.datasets import TEMPLATE, PairOfParts, load_pair, pair_names, sets_in
+from zoomout_core.matching.match import share_of_area
 from zoomout_core.matching.scores import total_score
 
 Tables = dict[str, list[dict]]
@@ -87,6 +91,55 @@ def test_calibration_counts_every_map_once(tables: Tables) -> None:
         rows = [row for row in tables["calibration"] if row["set"] == name]
         assert sum(row["maps"] for row in rows) == 2
         assert sum(row["flips"] or 0 for row in rows) == 0
+
+
+# --- parts --------------------------------------------------------------------------------------------------------
+
+
+def guessed(method: str, pair: PairOfParts) -> tuple[Any, Map]:
+    """The truth, but of cuts, which goes to one place and says that nothing is missing."""
+    lost = pair.kind == "cuts"
+    masks = np.ones(len(pair.target.vertices), dtype=bool), pair.region | lost
+    result = SimpleNamespace(
+        has_partner=masks[0],
+        source_has_partner=masks[1],
+        source_share_without_partner=share_of_area(pair.source, ~masks[1]),
+    )
+    vertex = np.zeros_like(pair.truth) if lost else np.maximum(pair.truth, 0)
+    return result, Map(method, vertex, {"seconds": 2.0, "certainty": 0.1 if lost else 0.95})
+
+
+def test_each_kind_of_parts_has_a_row_beside_published_figures(parts: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(correspondence, "_matched", guessed)
+    tables = correspondence.run(parts, None, False, None)
+    rows = {row["set"]: row for row in tables["parts"]}
+    assert {name: row["pairs"] for name, row in rows.items()} == {"cuts": 2, "holes": 1, "both cut, other species": 1}
+    assert [row["success %"] for row in rows.values()] == [0, 100, 100]
+    cuts, holes, both = rows.values()
+    assert (cuts["PFM's mean"], cuts["trained"]) == (97, "20 to 33")
+    assert (holes["PFM's mean"], both["PFM's mean"]) == (232, None)
+    assert cuts["mean"] > 100
+    assert (holes["mean"], holes["certainty"], holes["seconds"]) == (0, 0.95, 2)
+    assert (holes["overlap on source"], holes["of right ones"], holes["share off by %"]) == (1, 1, 0)
+    # All is said to have a partner: the union is the whole.
+    missing = [record["missing %"] for record in tables["pairs"] if record["set"] == "cuts"]
+    assert cuts["overlap on source"] == pytest.approx(1 - np.mean(missing) / 100)
+    assert cuts["share off by %"] == pytest.approx(np.mean(missing))
+    assert cuts["of right ones"] is None
+    assert both["overlap on target"] == pytest.approx(2 / 3, abs=0.05)
+    assert sum(row["maps"] for row in tables["calibration"] if row["set"] == "all") == 4
+    assert [len(correspondence.run(parts, 1, False, None)["pairs"])] == [3]
+
+
+def test_a_part_is_matched_drawn_and_shown(parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(correspondence, "part_names", lambda *_: ["holes_a_00"])
+    monkeypatch.setattr(correspondence, "PARTS", {"holes": "holes"})
+    arguments = ["correspondence", "--data", parts / "partial", "--pictures", tmp_path]
+    outcome = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert outcome.exit_code == 0, outcome.output
+    assert "overlap on source" in outcome.output
+    assert "holes" in outcome.output
+    assert matplotlib.image.imread(tmp_path / "partial.png").shape[1] > 500
 
 
 @pytest.mark.parametrize(("method", "right", "flip"), [("direct", True, False), ("symm", False, True)])

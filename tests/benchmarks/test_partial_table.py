@@ -8,29 +8,11 @@ import matplotlib.image
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import write_off
-from creatures import creature, true_vertex
 
 from benchmarks import partial
 from benchmarks.__main__ import main
+from benchmarks.datasets import PairOfParts, part_names
 from zoomout_core.mesh.surface import Surface
-
-
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two cuts and one with holes, of a creature whose one side has longer limbs; and a pair of two parts."""
-    folder = tmp_path_factory.mktemp("data") / "partial"
-    folder.mkdir()
-    truths = {}
-    for seed, (name, beyond) in enumerate({"cut_a_00": -0.2, "cut_a_01": -0.4, "holes_a_00": -0.6}.items()):
-        whole, bent = creature(1300, 5 + seed, asymmetry=0.3), creature(1200, seed, bend=0.5, asymmetry=0.3)
-        inside = (bent.directions[:, 0] > beyond)[bent.surface.triangles].all(axis=1)
-        used, triangles = np.unique(bent.surface.triangles[inside], return_inverse=True)
-        write_off(folder / f"{name}_source.off", whole.surface)
-        write_off(folder / f"{name}_target.off", Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)))
-        truths[name] = true_vertex(whole, bent)[used]
-    np.savez(folder / partial.TRUTH, **truths, both_partial_00=np.zeros(3, dtype=int))
-    return folder.parent
 
 
 @pytest.fixture(autouse=True)
@@ -71,8 +53,8 @@ def test_each_kind_has_a_row_for_each_method(parts: Path, monkeypatch: pytest.Mo
 
 
 def test_pairs_are_those_of_the_known_kinds_evenly_spread(parts: Path) -> None:
-    assert partial._names(parts / "partial", None) == ["cut_a_00", "cut_a_01", "holes_a_00"]
-    assert partial._names(parts / "partial", 2) == ["cut_a_00", "holes_a_00"]
+    assert part_names(parts / "partial", None, partial.KINDS) == ["cut_a_00", "cut_a_01", "holes_a_00"]
+    assert part_names(parts / "partial", 2, partial.KINDS) == ["cut_a_00", "holes_a_00"]
 
 
 def test_a_map_is_measured_by_its_errors_and_by_what_it_reaches() -> None:
@@ -81,13 +63,13 @@ def test_a_map_is_measured_by_its_errors_and_by_what_it_reaches() -> None:
     corner = 2 * np.arange(10)[:, None]
     strip = Surface(points, np.concatenate([corner + np.array([0, 2, 1]), corner + np.array([1, 2, 3])]))
     truth = np.append(np.arange(12), -1)
-    region = partial.region_of(truth, strip)
-    np.testing.assert_array_equal(np.flatnonzero(region), range(14))
-    exact = partial.figures(truth, truth, region, strip)
+    pair = PairOfParts("cut_00", strip, strip, truth)
+    np.testing.assert_array_equal(np.flatnonzero(pair.region), range(14))
+    exact = partial.figures(truth, pair)
     assert (exact["error"], exact["covered %"]) == (0, 100)
-    one_off = partial.figures(truth + 2, truth, region, strip)
+    one_off = partial.figures(truth + 2, pair)
     assert one_off["error"] == pytest.approx(1000 / np.sqrt(10))
-    in_one_place = partial.figures(np.zeros(13, dtype=int), truth, region, strip)
+    in_one_place = partial.figures(np.zeros(13, dtype=int), pair)
     # Of the region's 6.5 squares by vertices, a corner's triangle has its three vertices reached.
     assert 0 < in_one_place["covered %"] < 25
 
