@@ -99,6 +99,18 @@ def light() -> Story:
     picture("panel_light")
 
 
+def parts() -> Story:
+    """A bust, matched with a whole body: what of each has no partner."""
+    hero, bust = pair()
+    bust.name = "Bust"
+    cut_below(bust, 0.55)
+    yield from begin(bust, hero)
+    call(bpy.ops.zoomout.match)
+    call(bpy.ops.zoomout.preview, kind="CONFIDENCE")
+    yield KNOWN
+    picture("panel_parts")
+
+
 def landmarks() -> Story:
     """Landmarks on both meshes, and a pair of collections."""
     hero, scan = pair(with_landmarks=True)
@@ -146,6 +158,7 @@ def symmetry() -> Story:
 STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "matching": (matching, set(), set()),
     "light": (light, set(), set()),
+    "parts": (parts, set(), {"ZOOMOUT_PT_transfer"}),
     "landmarks": (landmarks, {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"}, {"ZOOMOUT_PT_transfer"}),
     "symmetry": (symmetry, {"ZOOMOUT_PT_symmetry"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
 }
@@ -224,6 +237,17 @@ def mend(obj: Object) -> None:
     mesh.from_mesh(obj.data)
     while crowded := [edge for edge in mesh.edges if len(edge.link_faces) > 2]:
         bmesh.ops.collapse(mesh, edges=crowded)
+    mesh.to_mesh(obj.data)
+    mesh.free()
+
+
+def cut_below(obj: Object, height: float) -> None:
+    """Delete the vertices of an object below a part of its height."""
+    mesh = bmesh.new()
+    mesh.from_mesh(obj.data)
+    heights = [vertex.co.z for vertex in mesh.verts]
+    limit = min(heights) + height * (max(heights) - min(heights))
+    bmesh.ops.delete(mesh, geom=[vertex for vertex in mesh.verts if vertex.co.z < limit], context="VERTS")
     mesh.to_mesh(obj.data)
     mesh.free()
 
