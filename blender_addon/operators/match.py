@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from zoomout_core.matching.match import NOTES
 from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
@@ -43,4 +44,8 @@ def _summary(source_name: str, outcome: Outcome[stored_match.Match]) -> str:
     confidences = [match.confidence for match in outcome.done.values()]
     doubtful, vertices = (sum(map(count, confidences)) for count in (stored_match.low_confidence, len))
     what = f"'{names[0]}'" if len(names) == 1 else f"{len(names)} meshes"
-    return f"Matched {what} with '{source_name}'; {doubtful} of {vertices} vertices are of low confidence"
+    text = f"Matched {what} with '{source_name}'; {doubtful} of {vertices} vertices are of low confidence"
+    shares = stored_match.without_partner(outcome.done[names[0]]) if len(names) == 1 else None
+    if shares is None or max(shares) < NOTES.without_partner:
+        return text
+    return f"{text}; {shares[0]:.0%} of the target and {shares[1]:.0%} of the source have no partner"

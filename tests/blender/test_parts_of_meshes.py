@@ -1,6 +1,7 @@
 """What has no partner on the other mesh: found, kept with the match, seen, said, and filled in or left as it is."""
 
 import json
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -23,8 +24,10 @@ from scenes import (
 import zoomout_core as zo
 from blender_addon.adapters import Settings
 from blender_addon.colors import LONELY, MET, confidence_colors
+from blender_addon.operators.match import _summary
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
+from blender_addon.services.targets import Outcome
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
@@ -113,6 +116,15 @@ def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
     )
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
     assert [overlay.find(one.object_uid).name for one in overlay.shown()] == ["Target"]
+
+
+def test_the_operator_says_it_where_it_is_much(source, target):
+    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    said = _summary("Source", Outcome({"Target": kept}, {}))
+    assert said.endswith("; 12% of the target and 34% of the source have no partner")
+    for little in (None, (0.01, 0.02)):
+        assert "no partner" not in _summary("Source", Outcome({"Target": replace(kept, without_partner=little)}, {}))
+    assert "no partner" not in _summary("Source", Outcome({"Target": kept, "Other": kept}, {}))
 
 
 def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
