@@ -16,7 +16,7 @@ from zoomout_core.matching import match as match_module
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_candidates, part_match
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
-from zoomout_core.matching.partial.landmark_search import SEARCH, landmarks_of
+from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair, distinct, landmarks_of
 from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
@@ -61,6 +61,37 @@ def test_the_shape_of_fewer_functions_has_some_at_the_least(lower: PartAndWhole)
         of_part = [k_part for k_part, _ in slanted_sizes(lower.part, lower.whole)]
     assert of_part[:2] == [7, 7]
     assert of_part[-1] > 7
+
+
+def on_a_line(*places: float, cut: float = np.inf) -> Any:
+    """A shape of places on a line, all of them affected by a cut that is nearer than they are to each other."""
+    between = np.abs(np.subtract.outer(places, places))
+    return SimpleNamespace(between=between, unaffected=between <= cut)
+
+
+def test_a_pair_costs_how_far_its_distance_is_off_at_most_one_and_less_where_a_cut_may_explain_it() -> None:
+    whole, part, cut = on_a_line(0, 0.5, 1.0, 3.0), on_a_line(0, 1.0), on_a_line(0, 1.0, cut=0.1)
+    tolerance = SEARCH.tolerance + SEARCH.relative_tolerance
+    off = [0.1, -0.1]  # from a distance of one
+    at = on_a_line(0, *(1 + np.array(off)))
+    costs = _cost_of_pair(0, 1, part, at, at.between)[0, 1:]
+    np.testing.assert_allclose(costs, 0.1 / tolerance, rtol=1e-5)
+    doubted = _cost_of_pair(0, 1, cut, at, at.between)[0, 1:]
+    # A cut on the part makes its ways longer: what is shorter on the whole is in doubt.
+    np.testing.assert_allclose(doubted, [0.1 / tolerance, SEARCH.doubt * 0.1 / tolerance], rtol=1e-5)
+    short = on_a_line(0, *(1 + np.array(off)), cut=0.1)
+    doubted = _cost_of_pair(0, 1, part, short, short.between)[0, 1:]
+    np.testing.assert_allclose(doubted, [SEARCH.doubt * 0.1 / tolerance, 0.1 / tolerance], rtol=1e-5)
+    np.testing.assert_array_equal(_cost_of_pair(0, 1, part, whole, whole.between)[0], [1, 1, 0, 1])
+
+
+def test_assignments_differ_by_a_mean_distance_and_so_many_are_kept() -> None:
+    whole = on_a_line(*np.arange(200) * 0.08)
+    # The second differs from the first by 0.08, the third by 0.16 on average.
+    placed = np.array([[0, 50], [0, 52], [1, 53], [2, 52], [100, 150], [100, 151]])
+    assert distinct(placed, whole) == [0, 2, 4]
+    many = np.column_stack([4 * np.arange(40)] * 2)
+    assert distinct(many, whole) == list(range(SEARCH.kept))
 
 
 # --- what a map promises ------------------------------------------------------------------------------------
@@ -118,8 +149,15 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, matches: 
     monkeypatch.setattr(part_candidates, "_searched", lambda *_: matches[::-1])
     monkeypatch.setattr(part_candidates, "_promise", promised)
     monkeypatch.setattr(part_candidates, "_registered", registered)
+    results: list[list[PartCandidate]] = []
+
+    def steps() -> Generator[float, None, None]:
+        results.append((yield from part_candidates_steps(pair.part, pair.whole)))
+
     with retuned(PART_CANDIDATES, searches=((5, 0.0),), registered=3):
-        return [found.match for found in drain(part_candidates_steps(pair.part, pair.whole))]
+        fractions = [0.0, *steps(), 1.0]
+    assert fractions == sorted(fractions)
+    return [found.match for found in results[0]]
 
 
 def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
