@@ -27,6 +27,7 @@ from zoomout_core.matching.partial.part_candidates import (
 )
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
+    _candidate,
     _certainty,
     _on_part,
     may_be_part,
@@ -229,13 +230,15 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
 
     monkeypatch.setattr(part_match, "registered_steps", registered)
     found = drain(part_fit_steps(surface_and_shapes(lower), candidate(lower.true_samples())))
-    np.testing.assert_array_equal(found.has_partner, ~(bad(0) | bad(1) | bad(2)))
-    np.testing.assert_array_equal(found.fit.fits, found.has_partner)
+    np.testing.assert_array_equal(found.partners.target, ~(bad(0) | bad(1) | bad(2)))
+    np.testing.assert_array_equal(found.fit.fits, found.partners.target)
+    assert 0.2 < found.partners.source.mean() < 0.8
     assert found.fit.surface_map is fitted.closest
     back = drain(part_fit_steps(surface_and_shapes(lower, False), candidate(lower.true_samples())))
     assert back.back is fitted.closest
     np.testing.assert_array_equal(back.fit.surface_map.triangle, found.back.triangle)
-    assert len(back.has_partner) == len(lower.whole.shape.mesh.vertices)
+    np.testing.assert_array_equal(back.partners.source, found.partners.target)
+    np.testing.assert_array_equal(back.partners.target, found.partners.source)
 
 
 @pytest.mark.parametrize("part_is_target", [True, False])
@@ -251,6 +254,24 @@ def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
     refined = drain(match_module._part_steps(pair, candidate(lower.true_samples())))
     assert abs(refined.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
     assert refined.functional_map.shape == (20, 40)
+
+
+@pytest.mark.parametrize("part_is_target", [True, False])
+def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the_whole(
+    lower: PartAndWhole, part_is_target: bool
+) -> None:
+    one = _registered(lower.true_samples(), 0.0, lower.part, lower.whole)
+    pair = surface_and_shapes(lower, part_is_target)
+    found = _candidate(one, pair, lambda *_: {})
+    assert not found.mirrored
+    assert not found.reverses_orientation
+    target, source = pair.target_shape, pair.source_shape
+    made = (lower.made_part, lower.made_whole) if part_is_target else (lower.made_whole, lower.made_part)
+    here, there = (of.directions[shape.search.samples] for of, shape in zip(made, (target, source), strict=True))
+    apart = np.degrees(np.arccos(np.clip(np.einsum("sx,sx->s", here, there[found.sample_map]), -1, 1)))
+    # What the part lacks has no place on it to go to.
+    on_part = (here @ lower.made_part.directions.T).max(axis=1) > 0.99
+    assert np.median(apart[on_part]) < 6
 
 
 # --- rivals, and what is tried ------------------------------------------------------------------------------
