@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from test_edges import shape_of
@@ -10,7 +13,7 @@ from transfer_meshes import nearest_map, plate
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
-from zoomout_core.transfer.edges import snap_marks, transfer_edges
+from zoomout_core.transfer.edges import _beside, snap_marks, transfer_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.polylines import polylines_of, runs, sample
 
@@ -232,6 +235,22 @@ def test_samples_hold_all_vertices_and_are_no_farther_apart_than_asked() -> None
         np.linalg.norm(samples.point - a, axis=1) + np.linalg.norm(samples.point - b, axis=1),
         np.linalg.norm(b - a, axis=1),
     )
+
+
+@pytest.mark.parametrize("spacing", [1.0, 0.4])
+def test_points_are_told_where_they_are_beside_their_own_line(spacing: float) -> None:
+    # Two lines that cross, far from the origin, and a point beside each that is nearer to the other one.
+    at = np.arange(0, 10, spacing)
+    lines = np.stack([at - 5, 0 * at, 0 * at], axis=1), np.stack([0 * at, at - 5, 0 * at], axis=1)
+    samples: Any = SimpleNamespace(point=np.concatenate(lines) + 100, along=np.concatenate([at, at]))
+    index = np.arange(2 * len(at))
+    piece = np.repeat([0, 1], len(at))
+    points = np.array([[1.7, 0.3, 0], [-2.9, 0.2, 0.1], [0.1, 1.3, 0], [0.4, -3.75, 0], [-7.0, 0, 0]]) + 100
+    owner = np.array([0, 0, 0, 1, 0])
+    nearest, along, stray = _beside(owner, points, piece, index, samples)
+    np.testing.assert_array_equal(piece[nearest], owner)
+    np.testing.assert_allclose(along, [6.7, 2.1, 5.1, 1.25, 0], atol=1e-9)
+    np.testing.assert_allclose(stray, [0.3, np.hypot(0.2, 0.1), 1.3, 0.4, 2.0], atol=1e-9)
 
 
 def test_runs_end_where_the_chain_or_the_state_does() -> None:

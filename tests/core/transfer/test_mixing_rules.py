@@ -116,9 +116,12 @@ def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
     assert MappedTarget(MESH, coarse, nearest_map(coarse.vertices, MESH), np.ones(6)).near_border(cut).all()
     # One edge of the cut may be as long as all of it.
     cut = cut_open(coarse, np.repeat([[0.0], [1.0]], 4, axis=0))
-    near = MappedTarget(coarse, MESH, nearest_map(MESH.vertices, coarse), np.ones(len(X))).near_border(cut)
-    assert near[np.abs(middle - 0.5) < 0.035].all()
-    assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
+    for unit in (1.0, 1000.0):
+        source, target = (mesh.with_vertices(unit * mesh.vertices) for mesh in (coarse, MESH))
+        cut = cut_open(source, np.repeat([[0.0], [1.0]], 4, axis=0))
+        near = MappedTarget(source, target, nearest_map(target.vertices, source), np.ones(len(X))).near_border(cut)
+        assert near[np.abs(middle - 0.5) < 0.035].all()
+        assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
 
 
 def test_labels_at_vertices_are_those_of_the_largest_part_not_of_the_largest_corner() -> None:

@@ -38,7 +38,8 @@ def places_of_truth(pair: PartAndWhole) -> np.ndarray:
 def test_landmarks_of_a_part_are_placed_on_the_whole(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
-    placed = assignments(chosen, unlike, part, whole, 0.6)
+    with retuned(SEARCH, width=1000):
+        placed = assignments(chosen, unlike, part, whole, 0.6)
     assert placed.shape[1] == 7
     assert placed.max() < SEARCH.places
     off = whole.between[placed[:50], places_of_truth(lower)[chosen]].mean(axis=1)
@@ -55,7 +56,7 @@ def test_the_sense_of_turning_decides_what_distances_leave_open() -> None:
     # Nothing but the sense tells left from right here.
     shape = IncompleteShape(analysed(creature(700)))
     chosen, unlike = landmarks_of(shape, 7), unlikeness(shape, shape)
-    with retuned(SEARCH, places=len(shape.between)):
+    with retuned(SEARCH, places=len(shape.between), width=400):
         by_sense = assignments(chosen, unlike, shape, shape, 0.6)
         against = assignments(chosen, unlike, shape, shape, -0.6)
     np.testing.assert_array_equal(by_sense[0], chosen)
@@ -76,8 +77,9 @@ def test_landmarks_that_lie_in_line_tell_no_sense(lower: PartAndWhole) -> None:
 def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
-    found = assignments(chosen, unlike, part, whole, 0.6)
-    with retuned(SEARCH, doubt=1.0):
+    with retuned(SEARCH, width=400):
+        found = assignments(chosen, unlike, part, whole, 0.6)
+    with retuned(SEARCH, width=400, doubt=1.0):
         stubborn = assignments(chosen, unlike, part, whole, 0.6)
     assert not np.array_equal(found[:20], stubborn[:20])
 

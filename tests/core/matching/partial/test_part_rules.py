@@ -117,6 +117,24 @@ def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartA
     assert lead[1] > lead[0] + 0.1
 
 
+def test_normals_weigh_most_in_a_promise_then_the_place_then_distances(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unlike = unlikeness(lower.part, lower.whole)
+
+    def promise(facing: float = 0.2, place: float = 0.03, unit: float = 1.0) -> float:
+        monkeypatch.setattr(part_candidates, "fit_in_space", lambda *_: {"facing": facing, "place": place})
+        shapes = (IncompleteShape(at_scale(each.shape, unit)) for each in (lower.part, lower.whole))
+        return _promise(lower.true_samples(), unlike, *shapes)
+
+    facing, place = promise(facing=0.4) - promise(), promise(place=0.06) - promise()
+    with retuned(PART_CANDIDATES, facing=0.0, place=0.0, unlikeness=0.0, orientation=0.0):
+        distance = promise(unit=2.0) - promise()
+    # Of twice the error.
+    assert 0.05 < distance < 0.75 * place < 0.75 * 0.5 * facing
+    assert facing < 0.75
+
+
 def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lower: PartAndWhole) -> None:
     part, unlike = lower.part, unlikeness(lower.part, lower.whole)
 
