@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.maps.anchors import coordinates
+from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
@@ -23,7 +23,12 @@ from zoomout_core.matching.components.overlap import overlapping
 from zoomout_core.matching.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.constraints import CONSTRAINTS, Constraints, checked_axes, checked_regions, pinned
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
-from zoomout_core.matching.hypotheses.extremities import extremities, extremity_hypotheses, has_extremities
+from zoomout_core.matching.hypotheses.extremities import (
+    extremities,
+    extremity_hypotheses,
+    has_extremities,
+    more_extremity_hypotheses,
+)
 from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
@@ -40,7 +45,7 @@ from zoomout_core.matching.partial.part_match import (
     part_match_steps,
 )
 from zoomout_core.matching.proxy import PROXY
-from zoomout_core.matching.ranking import Candidate, rank_steps
+from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank_steps, with_others
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
 from zoomout_core.matching.scores import Disagreement
@@ -91,6 +96,10 @@ NOTES = NoteTuning()
 GUESSES: tuple[Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[Hypothesis]], ...] = (
     extremity_hypotheses,
     descriptor_hypotheses,
+)
+# Tried where these lead to no map that is likely.
+MORE_GUESSES: tuple[Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[Hypothesis]], ...] = (
+    more_extremity_hypotheses,
 )
 # What guesses need of each shape alone, so that it may be worked out for both at once, and is kept with them.
 ANALYSES: tuple[Callable[[ShapeAnalysis], object], ...] = (
@@ -250,10 +259,20 @@ def _surfaces_steps(
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
     best = best_of(attempts)
-    unsure = best.candidates[0].certainty < PART_MATCH.unsure
-    if unsure and options.initial == "auto" and options.partial == "auto" and may_be_part(best.pair):
-        best = yield from within(_part_attempt_steps(best, known), *PARTS_OF_PROGRESS[-2:])
+    if options.initial == "auto" and best.candidates[0].certainty < PART_MATCH.unsure:
+        best = yield from within(_second_steps(best, known, options), *PARTS_OF_PROGRESS[-2:])
     return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
+
+
+def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> Steps[Attempt]:
+    """What is gone on with where the first attempt is unsure: the map of a part, or one of more guesses."""
+    if options.partial == "auto" and may_be_part(first.pair):
+        second = yield from _part_attempt_steps(first, known)
+        if second is not first:
+            return second
+    if first.candidates[0].certainty < CERTAINTY.unlikely:
+        return (yield from _more_steps(first, known, options.initial_map))
+    return first
 
 
 def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
@@ -270,6 +289,24 @@ def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
     return part
 
 
+def _more_steps(attempt: Attempt, known: Constraints, initial_map: SurfaceMap | ArrayLike | None) -> Steps[Attempt]:
+    """An attempt with the candidates of more guesses beside its own."""
+    pair = attempt.pair
+    shapes = pair.source_shape, pair.target_shape
+    evidence = _evidence(pair, known, None if initial_map is None else given_hypothesis(pair, initial_map))
+    disagreement = evidence.disagreement(pair)
+    guessing = for_each(lambda guess: guess(*shapes, disagreement), MORE_GUESSES)
+    guesses = yield from spread(guessing, 0.0, 0.3, "Guessing again")
+    hypotheses = _held(list(chain.from_iterable(guesses)), evidence.anchors(pair))
+    found = yield from spread(rank_steps(hypotheses, *shapes, disagreement), 0.3, 1.0, "Comparing candidates")
+    return replace(attempt, candidates=with_others(attempt.candidates, found, *shapes))
+
+
+def _evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
+    """All that is known of the map of a pair."""
+    return replace(known, earlier=_images(pair, earlier), standing=_standing(pair))
+
+
 def _candidates_steps(
     pair: Pair, initial: Initial, evidence: Constraints, initial_map: SurfaceMap | ArrayLike | None
 ) -> Steps[list[Candidate]]:
@@ -277,7 +314,7 @@ def _candidates_steps(
     yield Progress(0.0, "Guessing")
     earlier = None if initial_map is None else given_hypothesis(pair, initial_map)
     if initial == "auto":
-        evidence = replace(evidence, earlier=_images(pair, earlier), standing=_standing(pair))
+        evidence = _evidence(pair, evidence, earlier)
     disagreement = evidence.disagreement(pair)
     guessing = _hypotheses_steps(pair, initial, evidence, disagreement, earlier)
     ahead_of_carrying = in_background(lambda: _prepare_carrying(pair))
@@ -473,9 +510,13 @@ def _hypotheses_steps(
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
         anchors = by_landmarks.anchors.scaled(CONSTRAINTS.landmarks_over_guesses).and_those(anchors)
+    return _held(hypotheses, anchors)
+
+
+def _held(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypothesis]:
+    """Hypotheses that places which are known hold there to the end, whatever they begin with."""
     if anchors is None:
         return hypotheses
-    # Whatever a guess begins with, places that are known hold it there, to the end.
     held = [anchors.and_those(guess.anchors) for guess in hypotheses]
     return [replace(guess, anchors=both, final_anchors=both) for guess, both in zip(hypotheses, held, strict=True)]
 

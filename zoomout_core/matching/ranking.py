@@ -84,6 +84,7 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
         largest_lead: lead beyond which they fall no more.
         misfit: logarithm of the odds against a map whose mean distance in space is 1.
         misfit_rate: rate at which that rises with the logarithm of the distance.
+        unlikely: certainty below which the right map of whole shapes may not have been found, and more is tried.
     """
 
     another_map: float = tuned(0.1, "at unit area", 0, 2)
@@ -91,6 +92,7 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     largest_lead: float = tuned(20.0, "1", 0, 100)
     misfit: float = tuned(27.73, "1", -100, 100)
     misfit_rate: float = tuned(8.25, "1", 0, 100)
+    unlikely: float = tuned(0.5, "probability", 0, 1)
 
 
 CERTAINTY = CertaintyTuning()
@@ -204,6 +206,16 @@ def in_order(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAn
         )
         for candidate in ranked
     ]
+
+
+def with_others(
+    candidates: Sequence[Candidate], others: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis
+) -> list[Candidate]:
+    """Candidates, and of others those that are no map of theirs, the most likely first, with their certainty."""
+    places = [source.coordinates[candidate.sample_map] for candidate in (*candidates, *others)]
+    known = alike(places, HYPOTHESES.same_map)[len(candidates) :, : len(candidates)].any(axis=1)
+    new = [other for other, is_known in zip(others, known, strict=True) if not is_known]
+    return in_order([*candidates, *new], source, target)
 
 
 def _certainty(candidate: Candidate, candidates: list[Candidate], source: ShapeAnalysis) -> float:

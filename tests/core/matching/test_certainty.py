@@ -16,7 +16,7 @@ from shapes import sheet
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank_steps
+from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank_steps, with_others
 from zoomout_core.matching.scores import EVIDENCE, IN_SPACE
 from zoomout_core.runtime.stepping import drain
 
@@ -219,3 +219,12 @@ def test_candidates_are_as_large_as_both_bases_allow(creatures) -> None:
     for shapes in ((few, many), (many, few)):
         (found,) = drain(rank_steps([Hypothesis("identity", np.eye(4))], *shapes))
         assert found.functional_map.shape == found.reverse_functional_map.shape == (20, 20)
+
+
+def test_others_join_candidates_where_they_are_other_maps() -> None:
+    first = in_order([candidate(0.0), candidate(0.2, 0.6)], line(), line())
+    same, new = candidate(-5.0, 0.001), candidate(-1.0, 0.3)
+    joined = with_others(first, [same, new], line(), line())
+    assert [one.origin for one in joined] == [new.origin, *(one.origin for one in first)]
+    assert joined[0].certainty > 0.9 > 0.5 > joined[1].certainty
+    assert first[0].certainty > 0.5

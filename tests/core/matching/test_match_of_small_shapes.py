@@ -334,3 +334,28 @@ def test_a_landmark_that_a_later_body_lacks_leaves_the_earlier_one(result: zo.Ma
     assert tried(result, monkeypatch, 0.5, None) == (2, 0.5)
     with pytest.raises(LandmarkError, match="is elsewhere"):
         tried(result, monkeypatch, None)
+
+
+# --- where nothing is likely --------------------------------------------------------------------------------
+
+
+def test_more_guesses_are_tried_where_no_map_is_likely_and_only_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def further(*_: Any) -> list[Hypothesis]:
+        asked.append("further")
+        return [Hypothesis("the right one", np.eye(8))]
+
+    monkeypatch.setattr(match, "GUESSES", (lambda *_: [Hypothesis("wrong", np.diag([1.0, -1, -1, 1, 1, 1]))],))
+    monkeypatch.setattr(match, "MORE_GUESSES", (further,))
+    monkeypatch.setattr(match, "rotation_hypotheses", lambda *_: [])
+    bent = creature(240, seed=1, bend=0.7)
+    result = zo.match(SOURCE.surface, bent.surface, k_final=30)
+    assert asked
+    assert {one.origin for one in result.candidates} == {"wrong", "the right one"}
+    assert result.candidates[0].origin == "the right one"
+    asked.clear()
+    monkeypatch.setattr(match, "GUESSES", (lambda *_: [Hypothesis("right", np.eye(8))],))
+    assert [one.origin for one in zo.match(SOURCE.surface, SOURCE.surface, k_final=30).candidates] == ["right"]
+    zo.match(SOURCE.surface, bent.surface, k_final=30, initial="given", initial_map=true_vertex(SOURCE, bent))
+    assert not asked

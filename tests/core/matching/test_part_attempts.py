@@ -114,3 +114,38 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
         result = zo.match(source, target, k_final=20, samples=100, **options)
     assert len(seen) == tried
     assert (result.candidates[0].certainty == 0.125) == tried
+
+
+@pytest.mark.parametrize(
+    ("certainty", "has_cuts", "partial", "part_is_taken", "gone_on_with"),
+    [
+        (0.3, True, "auto", True, "part"),
+        (0.3, True, "auto", False, "more"),
+        (0.3, True, "off", True, "more"),
+        (0.3, False, "auto", True, "more"),
+        (0.7, False, "auto", True, "first"),
+        (0.7, True, "auto", False, "first"),
+    ],
+)
+def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
+    monkeypatch: pytest.MonkeyPatch,
+    certainty: float,
+    has_cuts: bool,
+    partial: str,
+    part_is_taken: bool,
+    gone_on_with: str,
+) -> None:
+    def saying(text: str | None) -> Any:
+        def steps(first: object, *_: object) -> Generator[float, None, Any]:
+            yield from ()
+            return first if text is None else text
+
+        return steps
+
+    monkeypatch.setattr(match, "_part_attempt_steps", saying("part" if part_is_taken else None))
+    monkeypatch.setattr(match, "_more_steps", saying("more"))
+    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty)])
+    options: Any = SimpleNamespace(partial=partial, initial_map=None)
+    found = drain(match._second_steps(first, None, options))
+    assert found is first if gone_on_with == "first" else found == gone_on_with

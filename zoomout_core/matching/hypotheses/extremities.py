@@ -46,6 +46,9 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
         levels: of persistence at which the leading extremities are paired on their own, too.
         kept_consistent: pairings that are refined because they keep the distances best.
         kept: pairings that are refined in all, the others because their first maps score best.
+        lesser_persistence: of tips that are paired, too, where no map is likely: ears, and what is hardly a limb,
+        more_consistent: and pairings that are refined then because they keep the distances best,
+        more: and in all.
         coarse_size: of the functional maps of these first maps.
         beam: entries of the table of extensions that the search for pairings keeps. With up to seven extremities on
             either side no pairing is lost.
@@ -60,6 +63,9 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
     levels: int = tuned(2, "levels", 0, 30)
     kept_consistent: int = tuned(8, "pairings", 0, 1000)
     kept: int = tuned(16, "pairings", 1, 1000)
+    lesser_persistence: float = tuned(0.05, "at unit area", 0, 2)
+    more_consistent: int = tuned(20, "pairings", 0, 1000)
+    more: int = tuned(40, "pairings", 1, 1000)
     coarse_size: int = tuned(20, "eigenfunctions", 2, 1000)
     beam: int = tuned(1 << 18, "entries", 1 << 12, 1 << 30)
 
@@ -117,14 +123,49 @@ def extremity_hypotheses(
             and where sides are not known the others too.
         wanted: which pairings are tried, by the numbers of tips in each shape, in parallel.
     """
-    tips_source, tips_target = extremities(source), extremities(target)
-    if min(len(tips_source.vertices), len(tips_target.vertices)) < EXTREMITIES.fewest:
-        return []
-    if sides is None:
-        sides = (1,) if sides_are_known(source, target) else (1, -1)
-    found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
-    tips = tips_source, tips_target
-    return [guess for side in sides for guess in _best_maps(source, target, *tips, found, side, disagreement)]
+    sides = _sides(source, target) if sides is None else sides
+    quotas = EXTREMITIES.kept_consistent, EXTREMITIES.kept
+    return _guesses(source, target, extremities, quotas, disagreement, sides, wanted)
+
+
+def more_extremity_hypotheses(
+    source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement = nothing_known
+) -> list[Hypothesis]:
+    """Further maps, for where no map is likely: of more pairings, and of those of lesser tips.
+
+    Other species have limbs, ears and snouts of other lengths: the right pairing is not among those that keep distances
+    best, or one of its tips is none. Args as for `extremity_hypotheses`.
+    """
+    sides = _sides(source, target)
+    usual = EXTREMITIES.kept_consistent, EXTREMITIES.kept
+    more = EXTREMITIES.more_consistent, EXTREMITIES.more
+    return [
+        *_guesses(source, target, extremities, more, disagreement, sides),
+        *_guesses(source, target, _lesser_extremities, usual, disagreement, sides),
+    ]
+
+
+def _guesses(
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    tips_of: Callable[[ShapeAnalysis], Extremities],
+    quotas: tuple[int, int],
+    disagreement: Disagreement,
+    sides: tuple[int, ...],
+    wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
+) -> list[Hypothesis]:
+    of_source, of_target = tips_of(source), tips_of(target)
+    found = [pairing for pairing in _all_pairings(of_target, of_source) if wanted(*pairing)]
+    return [
+        guess
+        for side in sides
+        for guess in _best_maps(source, target, of_source, of_target, found, side, disagreement, quotas)
+    ]
+
+
+def _sides(source: ShapeAnalysis, target: ShapeAnalysis) -> tuple[int, ...]:
+    """1 for maps that keep the orientation, and -1 for those that reverse it where sides are not known."""
+    return (1,) if sides_are_known(source, target) else (1, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +191,11 @@ def _best_maps(
     found: list[tuple[Integers, Integers]],
     side: int,
     disagreement: Disagreement,
+    quotas: tuple[int, int],
 ) -> list[Hypothesis]:
-    """The distinct maps of pairings that keep best what an isometry keeps."""
+    """The distinct maps of pairings that keep best what an isometry keeps; of quotas, by distances, and in all."""
+    if not found:
+        return []
     at_source = tips_source.places.at(source.search.samples)
     at_target = tips_target.places.at(target.search.samples)
     size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
@@ -166,7 +210,7 @@ def _best_maps(
     by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
     same = alike([one.place for one in tried], HYPOTHESES.same_map)
     kept: list[int] = []
-    for quota, by_merit in ((EXTREMITIES.kept_consistent, range(len(tried))), (EXTREMITIES.kept, by_score)):
+    for quota, by_merit in zip(quotas, (range(len(tried)), by_score), strict=True):
         for i in by_merit:
             if len(kept) < quota and not same[i, kept].any():
                 # Of like maps always the same one, in whatever order they come: that which most pairs hold in place.
@@ -185,9 +229,18 @@ def _best_maps(
 @once_per_argument
 def extremities(shape: ShapeAnalysis) -> Extremities:
     """Persistent maxima of the average geodesic distance, within the limits of `ExtremityTuning`."""
+    return _extremities(shape, EXTREMITIES.persistence)
+
+
+@once_per_argument
+def _lesser_extremities(shape: ShapeAnalysis) -> Extremities:
+    return _extremities(shape, EXTREMITIES.lesser_persistence)
+
+
+def _extremities(shape: ShapeAnalysis, least: float) -> Extremities:
     average = _average_distance(shape)
     vertices, persistence = _maxima(shape)
-    count = int(np.clip((persistence > EXTREMITIES.persistence).sum(), EXTREMITIES.fewest, EXTREMITIES.most))
+    count = int(np.clip((persistence > least).sum(), EXTREMITIES.fewest, EXTREMITIES.most))
     vertices, persistence = vertices[:count], persistence[:count]
     return Extremities(landmark_features(shape, vertices), average[vertices], persistence)
 
@@ -212,7 +265,12 @@ def _average_distance(shape: ShapeAnalysis) -> Floats:
 
 
 def _all_pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, Integers]]:
-    """Pairings of all extremities, and of the leading ones alone, those first that keep distances best."""
+    """Pairings of all extremities, and of the leading ones alone, those first that keep distances best.
+
+    None where a shape has too few of them.
+    """
+    if min(len(first.vertices), len(second.vertices)) < EXTREMITIES.fewest:
+        return []
     counts = _levels(first.persistence, second.persistence)
     found = [pairings(first, second), *(pairings(first.leading(count), second.leading(count)) for count in counts)]
     # In turns, so that the most consistent ones of each come first.

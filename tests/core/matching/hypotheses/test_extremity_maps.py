@@ -12,6 +12,7 @@ from shapes import sheet
 
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.extremities import (
+    EXTREMITIES,
     Extremities,
     _all_pairings,
     _average_distance,
@@ -19,12 +20,15 @@ from zoomout_core.matching.hypotheses.extremities import (
     cheapest_pairings,
     extremities,
     extremity_hypotheses,
+    more_extremity_hypotheses,
     pairings,
 )
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 SOURCE, TARGET = creature(350), creature(320, seed=1)
 
@@ -161,3 +165,24 @@ def test_what_is_known_decides_which_pairings_are_kept(shapes) -> None:
     assert len(calls) > len(usual)
     assert usual != other
     assert usual[0] == other[0]  # those that keep distances best are kept in any case
+
+
+def paired(guesses: list[Hypothesis]) -> set[str]:
+    """The pairs of tips that some guess begins with."""
+    return {pair for guess in guesses for pair in guess.origin.removeprefix("extremities ").split()}
+
+
+def test_more_pairings_are_tried_where_no_map_is_likely(shapes) -> None:
+    with retuned(EXTREMITIES, kept=2, kept_consistent=1, more=9, more_consistent=4, lesser_persistence=0.5):
+        usual, more = extremity_hypotheses(*shapes), more_extremity_hypotheses(*shapes)
+    assert len(usual) == 2
+    assert 5 < len(more) <= 9 + 2
+
+
+def test_lesser_tips_are_paired_where_no_map_is_likely() -> None:
+    # The head, the last of six tips, is none where so much persistence is asked for.
+    with retuned(EXTREMITIES, persistence=0.115, lesser_persistence=0.05, more=1, more_consistent=1):
+        shapes = shape_of(SOURCE.surface), shape_of(TARGET.surface)
+        assert [len(extremities(shape).vertices) for shape in shapes] == [5, 5]
+        assert "5-5" not in paired(extremity_hypotheses(*shapes))
+        assert "5-5" in paired(more_extremity_hypotheses(*shapes))
