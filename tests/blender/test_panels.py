@@ -108,7 +108,10 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     for name in ("Match Again", "Transfer", "Confidence", "Places", "UV Checker", "Swap Sides", "Next", "100%"):
         assert shown[name], name
     assert "Matched with 'Source', 0% in doubt" in texts()
-    assert "Without a partner: 0% of the target, 0% of the source" in texts()
+    assert "Without a partner" not in texts()
+    kept = stored_match.description(target.data)
+    target.data[stored_match.PROPERTY] = json.dumps(kept | {"without_partner": [0.0, 0.58]})
+    assert "Without a partner: 0% of the target, 58% of the source" in texts()
     bpy.ops.zoomout.preview(kind="PLACES")
     assert "Same color, same place" in texts()
     target.data.vertices[3].co.x += 0.1

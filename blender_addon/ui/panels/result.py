@@ -15,6 +15,8 @@ from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_fin
 
 # Share of vertices of low confidence from which on a match has no check mark.
 DOUBTFUL = 0.25
+# Part of either surface's area without a partner from which on it is told.
+TOLD = 0.005
 # Number of thumbnails in a row.
 COLUMNS = 3
 
@@ -46,8 +48,8 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
             text = f"Matched with {names}, {doubtful:.0%} in doubt"
             sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
-            if stored.get("without_partner"):
-                of_target, of_source = stored["without_partner"]
+            of_target, of_source = stored.get("without_partner") or (0, 0)
+            if max(of_target, of_source) >= TOLD:
                 text = f"Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source"
                 sentences(context, layout, [text], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
