@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import Creature, creature
+from loose_parts import ball, shape_of
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
@@ -59,6 +60,19 @@ def test_maps_that_reverse_the_orientation_are_aligned_mirrored(shape: ShapeAnal
 def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:
     result = zo.match(resting.surface, bent.surface)
     assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.03
+
+
+def test_each_end_of_a_bent_rod_turns_as_it_does_and_not_as_the_other() -> None:
+    rod = shape_of(ball(0.1, radii=(5, 1, 0.6), count=350), functions=80)
+    vertices, normals = rod.mesh.vertices, rod.mesh.vertex_normals
+    along, turn = vertices[:, 0] / vertices[:, 0].max(), Rotation.from_rotvec([0, 0.3, 0.9])
+    images = np.where(along[:, None] > 0, turn.apply(vertices), vertices)
+    found = align(rod.basis.coefficients(images), rod, WIDTH, False).normals
+    expected = np.where(along[:, None] > 0, turn.apply(normals), normals)
+    off = np.degrees(np.arccos(np.clip(np.einsum("nx,nx->n", found, expected), -1, 1)))
+    # The joint is blended over about the width of the rod.
+    for far, most in ((0.4, 3.0), (0.6, 1.5)):
+        assert np.median(off[np.abs(along) > far]) < most
 
 
 def test_a_limb_that_is_a_line_takes_the_turn_about_it_from_the_body() -> None:
