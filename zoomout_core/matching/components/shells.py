@@ -308,7 +308,7 @@ def _partners(
         )
     )
     rough = apart / SHELLS.most_move + unlike / np.log(SHELLS.most_unlike)
-    # On 14 pairs of characters these two limits changed no figure: they save up to half of the registrations.
+    # On 13 pairs of characters these two limits changed no figure: they save up to half of the registrations.
     rough[(unlike > np.log(SHELLS.most_unlike)) | (apart > SHELLS.most_move + size[:, None] / 2) | strangers] = np.inf
     rivals = np.argsort(rough, axis=1, kind="stable")[:, : SHELLS.rivals]
     i, j = np.repeat(np.arange(len(ours)), rivals.shape[1]), rivals.ravel()
