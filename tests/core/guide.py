@@ -37,10 +37,13 @@ def follow(section: str, folder: Path) -> None:
             assert not (folder / place).exists(), f"{place} is there already"
             (folder / place).write_text(code, encoding="utf-8")
         else:
-            line = anchor.removeprefix("after: ") + "\n"
-            present = (folder / place).read_text(encoding="utf-8")
+            line = anchor.removeprefix("after: ")
+            present = (folder / place).read_text(encoding="utf-8").split("\n")
             assert present.count(line) == 1, f"{place} has not one line {line!r}"
-            (folder / place).write_text(present.replace(line, line + code), encoding="utf-8")
+            at = present.index(line) + 1
+            (folder / place).write_text(
+                "\n".join([*present[:at], *code.split("\n")[:-1], *present[at:]]), encoding="utf-8"
+            )
     head, script = blocks[-1].split("\n", 1)
     assert head == TRY
     environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "ZOOMOUT_CACHE": "off"}
