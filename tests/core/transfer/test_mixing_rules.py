@@ -23,6 +23,7 @@ from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import NORMALS, turn_directions, turn_normals
+from zoomout_core.transfer.potts import tally
 from zoomout_core.transfer.weights import limit_weights, sum_to_one
 
 MESH = plate(20, 20, jitter=0.1)
@@ -255,6 +256,20 @@ def test_a_button_that_is_not_trusted_has_the_weights_and_the_sum_of_what_it_is_
     found = transfer(point(Kind.WEIGHT, weights), match, surface, surface, fill_below=0.5)
     np.testing.assert_allclose(found.values.toarray(), np.tile([0.3, 0.2], (len(part), 1)), atol=1e-6)
     assert "move as what is nearest" in found.notes[0]
+
+
+def test_a_part_is_filled_in_from_a_single_vertex_that_is_trusted() -> None:
+    surface, part = side_by_side((plate(6, 6), (0, 0, 0), 1.0), (plate(4, 4), (2, 0, 0), 1.0))
+    known = (part == 0) | (np.cumsum(part == 1) == 8)
+    found = filling(surface, known).fill(np.where(known, 3.0 + part, 99.0)[:, None])
+    np.testing.assert_allclose(found[:, 0], 3 + part, atol=1e-6)
+
+
+def test_votes_are_shares_of_a_faces_own() -> None:
+    owner, code = np.array([0, 2, 0, 1, 0, 2]), np.array([5, 3, 4, 4, 5, 3])
+    candidates, of = tally(owner, code, np.array([1.0, 2, 6, 5, 2, 8]))
+    assert [*zip(candidates.face.tolist(), of.tolist(), strict=True)] == [(0, 4), (0, 5), (1, 4), (2, 3)]
+    np.testing.assert_allclose(candidates.share, [6 / 9, 3 / 9, 1, 1])
 
 
 # --- growth and trust of frames -----------------------------------------------------------------------------
