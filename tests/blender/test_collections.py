@@ -155,12 +155,12 @@ def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
         found, barycentric = closest_points(target.vertices, source.vertices, source.triangles[triangles])
         yield zo.Progress(1.0, "Matching")
         surface_map = zo.SurfaceMap(triangles[found], barycentric, source.triangles)
-        masks = np.ones(len(found), dtype=bool), np.ones(len(source.vertices), dtype=bool)
+        masks = (surface.vertices[:, 0] < 0.1 for surface in (target, source))
         return SimpleNamespace(
             surface_map=surface_map,
             confidence=np.ones(len(found)),
-            has_partner=masks[0],
-            source_has_partner=masks[1],
+            has_partner=next(masks),
+            source_has_partner=next(masks),
             notes=(),
         )
 
@@ -173,3 +173,8 @@ def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
     height = positions(scan.objects["Casual_Boots"].data)[:, 2]
     assert on_boots[height <= 0.4].all()
     assert not on_boots[height == height.max()].any()
+    # Each target has its own part of what has no partner, and that of the sources that it lies on, in their order.
+    np.testing.assert_array_equal(match.has_partner, positions(scan.objects["Casual_Boots"].data)[:, 0] < 0.1)
+    sources = [positions(hero.objects[name].data)[:, 0] < 0.1 for name in ("King_Boots", "King_Legs")]
+    np.testing.assert_array_equal(match.source_has_partner, np.concatenate(sources))
+    assert 0.1 < min(match.without_partner) <= max(match.without_partner) < 0.4

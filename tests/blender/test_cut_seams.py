@@ -1,5 +1,7 @@
 """Cutting a mesh along the seams of its source, in Blender: exact islands, and all that the mesh had is still there."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -74,6 +76,24 @@ def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target)
     kept = stored_match.read(target.data, pair)
     images = kept.surface_map.interpolate(pair.source.vertices)
     assert np.linalg.norm(images - pair.target.vertices, axis=1).max() < 0.05
+
+
+def test_a_new_vertex_has_a_partner_where_all_around_it_have(source, target):
+    pair = read_pair(bpy.context, "Source", "Target")
+    right = pair.target.vertices[:, 0] > 0
+    of_source = pair.source.vertices[:, 0] > 0
+    kept = stored_match.read(target.data, pair)
+    known = replace(kept, has_partner=right, source_has_partner=of_source, without_partner=(0.5, 0.5))
+    stored_match.write(target.data, known, pair, {})
+    before = len(target.data.vertices)
+    cut_seams(bpy.context, source, target)
+    now = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    np.testing.assert_array_equal(now.has_partner[:before], right)
+    new, x = now.has_partner[before:], positions(target.data)[before:, 0]
+    assert new[x > 0.1].all()
+    assert not new[x < 0].any()
+    np.testing.assert_array_equal(now.source_has_partner, of_source)
+    assert tuple(now.without_partner) == (0.5, 0.5)
 
 
 def plane(name, count):

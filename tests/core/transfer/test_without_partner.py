@@ -149,6 +149,19 @@ def test_the_map_goes_on_from_the_nearest_place_and_stays_where_nothing_is_near(
         assert continued(doubled, surface, everywhere) is doubled
 
 
+def test_numbers_and_keys_go_on_smoothly_from_there(mesh: Sheet, match: Masked) -> None:
+    slope = np.sin(2 * np.pi * mesh.parameters[:, 0])
+    number = Attribute("it", Domain.POINT, Kind.SCALAR, slope)
+    alone = ~match.has_partner
+    smooth = transfer(number, match, mesh.surface, mesh.surface).values
+    nearest = continued(match.surface_map, mesh.surface, match.has_partner).interpolate(slope)
+    off = [np.abs(values - slope)[alone].mean() for values in (smooth, nearest)]
+    assert off[0] < 0.5 * off[1]
+    # Whatever goes by confidence has none there.
+    mapped = map_target(match, mesh.surface, mesh.surface)
+    np.testing.assert_array_equal(mapped.confidence, match.has_partner)
+
+
 def test_a_mask_of_other_vertices_is_refused(mesh: Sheet, match: Masked) -> None:
     with pytest.raises(MeshError, match="match these two surfaces again"):
         map_target(Masked(match.surface_map, match.confidence, np.ones(3, bool)), mesh.surface, mesh.surface)
