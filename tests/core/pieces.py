@@ -45,9 +45,9 @@ class PartAndWhole:
     part: IncompleteShape
     whole: IncompleteShape
 
-    def true_samples(self) -> Integers:
-        """(s,) for each search sample of the part the number of the nearest sample of the whole to its place."""
-        part, whole = self.part.shape.search.samples, self.whole.shape.search.samples
+    def true_places(self) -> Integers:
+        """(d,) for each place of the part the number of the place of the whole that is nearest to its image."""
+        part, whole = (each.shape.search.samples[: len(each.between)] for each in (self.part, self.whole))
         apart = self.made_part.directions[part] @ self.made_whole.directions[whole].T
         return np.asarray(np.argmax(apart, axis=1))
 

@@ -116,8 +116,9 @@ class Candidate:
             as it does.
         scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with what
             is known, and their total, of which the smallest is the most likely map.
-        part_match: (s,) where one shape is taken for a part of the other, for each search sample of the part the number
-            of a sample of the other: the map is then found by bending the part. None for maps of all of both.
+        part_match: (d,) where one shape is taken for a part of the other, for each of the part's first samples, those
+            that distances are known from, the number of such a sample of the other: the map is then found by bending
+            the part. None for maps of all of both.
     """
 
     origin: str

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from zoomout_core.arrays import Booleans, Floats, SingleFloats, segment_sum
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.mesh.triangles import area_normals, border_edges, edge_graph, unit_vectors
+from zoomout_core.mesh.triangles import border_edges, edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
 
@@ -102,35 +102,14 @@ class IncompleteShape:
         return np.asarray(np.log(np.maximum(np.cumsum(rings, axis=1), 1e-9)))
 
     @cached_property
-    def turning(self) -> SingleFloats:
-        """(d, d, d) at a place x, for places i and j, n . (grad d_i x grad d_j): the sine of the angle between them.
+    def nearest_place(self) -> Integers:
+        """(n,) the place that is nearest to each vertex."""
+        return np.asarray(np.argmin(self.shape.distances, axis=0))
 
-        d_i is the distance to i and n the outward normal, all averaged over the geodesic Voronoi cell of x.
-        """
-        mesh, distances = self.shape.mesh, self.shape.distances
-        triangles = mesh.oriented_triangles
-        normals = area_normals(mesh.vertices, triangles)
-        doubled = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
-        cell = np.argmin(distances, axis=0)[triangles[:, 0]]
-        size = np.maximum(segment_sum(doubled, cell, len(distances)), 1e-300)
-        opposite = mesh.vertices[np.roll(triangles, 1, axis=1)] - mesh.vertices[np.roll(triangles, -1, axis=1)]
-        # Of a function f, the sum of f at each corner times this is twice the area of the triangle times grad f.
-        at_corner = np.cross(unit_vectors(normals)[:, None], opposite)
-        gradients = np.stack(
-            [
-                csr_array(
-                    (at_corner[..., axis].ravel(), (np.repeat(cell, 3), triangles.ravel())),
-                    shape=(len(distances), distances.shape[1]),
-                )
-                @ distances.T
-                for axis in range(3)
-            ],
-            axis=-1,
-        )
-        gradients = (gradients / size[:, None, None]).astype(np.float32)
-        normal = unit_vectors(segment_sum(normals, cell, len(distances))).astype(np.float32)
-        # n . (a x b) = (n x a) . b
-        return np.asarray(np.cross(normal[:, None], gradients) @ gradients.transpose(0, 2, 1))
+    @cached_property
+    def areas(self) -> Floats:
+        """(d,) the area that is nearest to each place."""
+        return segment_sum(self.shape.basis.areas, self.nearest_place, len(self.between))
 
 
 def unlikeness(of_target: IncompleteShape, of_source: IncompleteShape) -> Floats:

@@ -1,8 +1,8 @@
 """Where a few landmarks of one shape lie on another one that may lack pieces: a beam search.
 
 Of a part, the landmarks are far from its cuts and from each other. They are placed one after the other, on any of many
-places of the other shape, so that the distances between them, the areas around them and the sense in which they turn
-about each other stay; the best assignments are kept at each step.
+places of the other shape, so that the distances between them and the areas around them stay; the best assignments are
+kept at each step. Mirrored ones are among these, which the fit of normals tells from the others later.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, SingleFloats
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.tuning import Tuning, tuned
 
@@ -25,6 +25,7 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
             is chosen: it is a tip.
         near_cut: distance to a cut, relative to the square root of the shape's area, that is enough.
         least_weight: of a place on a cut, when the others are chosen.
+        region: share of the places of a shape that landmarks around one of them are among.
         places: of the source, that landmarks may be placed on.
         width: of the beam.
         cells: of the source: of assignments that agree in the cells of all landmarks the best one is kept.
@@ -32,7 +33,6 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
         relative_tolerance: of a difference of distances, for each unit of the distance.
         doubt: weight of a difference that a cut may explain.
         distances: weight of the differences of distances, beside the unlikeness of places.
-        least_turning: sine of the angle below which three landmarks tell no sense.
         kept: assignments that differ.
         apart: mean distance between the places of assignments that differ.
     """
@@ -40,14 +40,14 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
     mean_distance: float = tuned(0.3, "1", 0, 10)
     near_cut: float = tuned(0.1, "1", 1e-6, 10)
     least_weight: float = tuned(0.3, "1", 0, 1)
+    region: float = tuned(0.45, "1", 0.01, 1)
     places: int = tuned(200, "places", 10, 10_000)
-    width: int = tuned(4000, "assignments", 1, 100_000)
+    width: int = tuned(1000, "assignments", 1, 100_000)
     cells: int = tuned(80, "cells", 1, 1000)
     tolerance: float = tuned(0.06, "length", 1e-6, 10)
     relative_tolerance: float = tuned(0.15, "1", 0, 10)
     doubt: float = tuned(0.6, "1", 0, 1)
     distances: float = tuned(2.0, "1", 0, 100)
-    least_turning: float = tuned(0.1, "1", 0, 2)
     kept: int = tuned(16, "assignments", 1, 1000)
     apart: float = tuned(0.1, "length", 0, 10)
 
@@ -55,72 +55,68 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
 SEARCH = LandmarkSearchTuning()
 
 
-def landmarks_of(target: IncompleteShape, count: int) -> Integers:
-    """(m,) places of a shape, `count` at most: a tip far from cuts, and farthest places, those near cuts later."""
+def landmarks_of(target: IncompleteShape, count: int, around: int | None = None) -> Integers:
+    """(m,) places of a shape, `count` at most: a tip far from cuts, and farthest places, those near cuts later.
+
+    Args:
+        target: the shape.
+        count: of landmarks.
+        around: a place that is the first landmark; the others are among those near it. By default they are anywhere.
+    """
     between, cut_distance = target.between, target.cut_distance
-    remote = np.where(np.isfinite(cut_distance), cut_distance, 0)
     scale = SEARCH.near_cut * np.sqrt(target.shape.basis.areas.sum())
     weight = np.clip(cut_distance / scale, SEARCH.least_weight, 1)
-    chosen = [int(np.argmax(remote + SEARCH.mean_distance * between.mean(axis=1)))]
-    while len(chosen) < min(count, len(between)):
+    if around is None:
+        remote = np.where(np.isfinite(cut_distance), cut_distance, 0)
+        chosen = [int(np.argmax(remote + SEARCH.mean_distance * between.mean(axis=1)))]
+    else:
+        chosen = [around]
+        weight = np.where(between[around] <= np.quantile(between[around], SEARCH.region), weight, 0)
+    while len(chosen) < min(count, np.count_nonzero(weight)):
         chosen.append(int(np.argmax(between[chosen].min(axis=0) * weight)))
     return np.array(chosen)
 
 
-def assignments(
-    landmarks: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape, turning_weight: float
-) -> Integers:
-    """(a, m) the best assignments of landmarks to places of the source that keep the orientation, by rising cost.
+def assignments(landmarks: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape) -> Integers:
+    """(a, m) the best assignments of landmarks to places of the source, by rising cost.
 
     Args:
         landmarks: (m,) places of the target.
         unlike: (d_t, d_s) `unlikeness` of the two shapes.
         target: the shape that landmarks are on.
         source: the shape that they are placed on.
-        turning_weight: of the sense in which landmarks turn about each other.
     """
     count = min(SEARCH.places, len(source.between))
-    among = source.between[:count, :count]
-    cell = np.argmin(among[: SEARCH.cells], axis=0)
-    turning = np.ascontiguousarray(source.turning[:count, :count, :count].reshape(count, -1).T)
+    cell = np.argmin(source.between[: SEARCH.cells, :count], axis=0)
+    unlike = unlike[:, :count].astype(np.float32)
     placed = np.empty((1, 0), dtype=np.int64)
-    single, mutual, turned, most_turned = np.zeros(1), np.zeros(1), np.zeros(1), 0.0
+    single, mutual = np.zeros((2, 1), dtype=np.float32)
     for step, landmark in enumerate(landmarks):
-        singles = single[:, None] + unlike[landmark, :count]
-        mutuals, turns = np.tile(mutual[:, None], count), np.tile(turned[:, None], count)
+        singles, mutuals = single[:, None] + unlike[landmark], np.tile(mutual[:, None], count)
         for earlier in range(step):
-            pair = _cost_of_pair(landmark, landmarks[earlier], target, source, among)
-            mutuals += pair[placed[:, earlier]]
-            for other in range(earlier):
-                sine = target.turning[landmark, landmarks[earlier], landmarks[other]]
-                if abs(sine) >= SEARCH.least_turning:
-                    turns += sine * turning[placed[:, earlier] * count + placed[:, other]]
-                    most_turned += float(sine) ** 2
+            mutuals += _cost_of_pair(landmark, landmarks[earlier], target, source, count)[placed[:, earlier]]
         pairs = max(step * (step + 1) // 2, 1)
-        total = singles / (step + 1) + SEARCH.distances * mutuals / pairs
-        total -= turning_weight * turns / max(most_turned, 1.0)
+        total = singles / np.float32(step + 1) + np.float32(SEARCH.distances / pairs) * mutuals
         entry, place = _best(total, placed, cell)
         placed = np.column_stack([placed[entry], place])
-        single, mutual, turned = singles[entry, place], mutuals[entry, place], turns[entry, place]
+        single, mutual = singles[entry, place], mutuals[entry, place]
     return placed
 
 
 def distinct(placed: Integers, source: IncompleteShape) -> list[int]:
     """The numbers of the first assignments (a, m) that differ from those before them."""
     kept: list[int] = []
-    for number, places in enumerate(placed):
-        if all(source.between[places, placed[other]].mean() > SEARCH.apart for other in kept):
-            kept.append(number)
-            if len(kept) == SEARCH.kept:
-                break
+    differs = np.ones(len(placed), dtype=bool)
+    while differs.any() and len(kept) < SEARCH.kept:
+        kept.append(int(np.argmax(differs)))
+        differs &= source.between[placed, placed[kept[-1]]].mean(axis=1) > SEARCH.apart
     return kept
 
 
-def _cost_of_pair(one: int, other: int, target: IncompleteShape, source: IncompleteShape, among: Floats) -> Floats:
-    """(p, p) what it costs to place the second landmark and the first on each two places, in [0, 1]."""
-    distance = target.between[one, other]
+def _cost_of_pair(one: int, other: int, target: IncompleteShape, source: IncompleteShape, count: int) -> SingleFloats:
+    """(p, p) what it costs to place the second landmark and the first on each two of some places, in [0, 1]."""
+    distance, among = target.between[one, other], source.between[:count, :count]
     difference = np.abs(among - distance)
-    count = len(among)
     # A cut makes ways longer, never shorter.
     in_doubt = np.where(among < distance, not target.unaffected[one, other], ~source.unaffected[:count, :count])
     difference[in_doubt] *= SEARCH.doubt

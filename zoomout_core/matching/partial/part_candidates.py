@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, unlikeness
+from zoomout_core.matching.partial.landmark_maps import extended
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
-from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
-from zoomout_core.matching.partial.slanted_maps import extended, slanted_map
-from zoomout_core.matching.scores import fit_in_space, orientation_agreement
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
 from zoomout_core.runtime.stepping import drain, scaled
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
@@ -23,28 +24,38 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     """Which maps of a part are compared, and by what; lengths are those of the larger shape at unit area.
 
     Attributes:
-        searches: for landmarks: their number, and the weight of the sense in which they turn.
+        landmarks: spread over the part.
+        regions: of the part, which are searched for on their own,
+        landmarks_in_region: by so many each.
         same_map: maps whose images are nearer than this on average are the same.
-        registered: maps that the part is bent by, those that promise most.
+        registered: maps that the part is bent by roughly, those that promise most.
+        compared: of these, maps that it is bent by further.
+        surroundings: Gaussian width of those that are turned together.
+        near_cut: what goes nearer to a cut of the whole may have no partner.
         facing: weight of the logarithm of the mean deviation of normals in what a map promises,
-        place: of the mean distance from the whole,
+        bend: of the mean distance from turned surroundings,
         distance: of the mean change of geodesic distances,
         unlikeness: of the mean unlikeness of places,
-        orientation: and of the share of triangles that keep their orientation.
-        strain: weight of the logarithm of the strain in the score, beside that of normals.
+        within: and of the share that goes to no cut.
+        strain: weight of the logarithm of the strain in the score, beside that of normals,
+        beyond: and of the share of the part that is not beyond a cut.
     """
 
-    searches: tuple[tuple[int, float], ...] = tuned(
-        ((9, 0.6), (6, 0.6), (14, 0.6), (9, 0.0)), "landmarks, and 1", 0, 100
-    )
+    landmarks: int = tuned(9, "landmarks", 3, 100)
+    regions: int = tuned(4, "regions", 0, 100)
+    landmarks_in_region: int = tuned(6, "landmarks", 3, 100)
     same_map: float = tuned(0.05, "length", 0, 10)
-    registered: int = tuned(10, "maps", 1, 1000)
+    registered: int = tuned(12, "maps", 1, 1000)
+    compared: int = tuned(4, "maps", 1, 1000)
+    surroundings: float = tuned(0.2, "length", 1e-3, 10)
+    near_cut: float = tuned(0.02, "length", 0, 10)
     facing: float = tuned(1.0, "1", 0, 100)
-    place: float = tuned(0.3, "1", 0, 100)
-    distance: float = tuned(0.15, "1", 0, 100)
-    unlikeness: float = tuned(0.15, "1", 0, 100)
-    orientation: float = tuned(0.25, "1", 0, 100)
-    strain: float = tuned(0.5, "1", 0, 100)
+    bend: float = tuned(0.5, "1", 0, 100)
+    distance: float = tuned(0.2, "1", 0, 100)
+    unlikeness: float = tuned(0.5, "1", 0, 100)
+    within: float = tuned(0.7, "1", 0, 100)
+    strain: float = tuned(0.75, "1", 0, 100)
+    beyond: float = tuned(1.0, "1", 0, 100)
 
 
 PART_CANDIDATES = PartCandidateTuning()
@@ -55,74 +66,118 @@ class PartCandidate:
     """A map of a part to a whole.
 
     Attributes:
-        match: (s,) for each search sample of the part the number of a sample of the whole.
+        places: (d_p,) for each place of the part that of the whole.
         registered: the part, bent by it.
         scores: what it promised, those of the registered part, and the fit by these: the smallest is the most likely.
     """
 
-    match: Integers
+    places: Integers
     registered: RegisteredPart
     scores: dict[str, float]
 
 
 def part_candidates_steps(part: IncompleteShape, whole: IncompleteShape) -> Generator[float, None, list[PartCandidate]]:
-    """Maps of a part to a whole that keep the orientation, the most likely first; yields the fraction done."""
+    """Maps of a part to a whole, the most likely first; yields the fraction done."""
     unlike = unlikeness(part, whole)
-    _ = part.turning, whole.turning  # before several threads ask for it
-    searching = for_each(lambda how: _searched(unlike, part, whole, *how), PART_CANDIDATES.searches)
-    found = yield from scaled(searching, 0.0, 0.4)
-    matches = [match for each in found for match in each]
-    promises = yield from scaled(for_each(lambda match: _promise(match, unlike, part, whole), matches), 0.4, 0.5)
-    best = np.argsort(promises, kind="stable")
+    _ = whole.unaffected  # before several threads ask for it
+    searching = for_each(lambda chosen: _searched(chosen, unlike, part, whole), landmark_sets(part))
+    searched = yield from scaled(searching, 0.0, 0.3)
+    found = sorted((_promise(places, unlike, part, whole), i, places) for i, places in enumerate(chain(*searched)))
+    ahead = _differing([places for _, _, places in found], PART_CANDIDATES.registered, whole)
+    yield 0.4
+    sifted = yield from scaled(for_each(lambda i: _sifted(found[i][0], found[i][2], part, whole), ahead), 0.4, 0.8)
+    sifted.sort(key=lambda candidate: candidate.scores["fit"])
+    # Some have come to lie on the same places.
+    ahead = _differing([one.places for one in sifted], PART_CANDIDATES.compared, whole)
+    compared = yield from scaled(for_each(lambda i: _compared(sifted[i], part, whole), ahead), 0.8, 1.0)
+    return sorted(compared, key=lambda candidate: candidate.scores["fit"])
+
+
+def _differing(maps: Sequence[Integers], most: int, whole: IncompleteShape) -> list[int]:
+    """The numbers of the first maps (d_p,) of places that differ from those before them."""
     kept: list[int] = []
-    for number in best:
-        if all(images_apart(matches[number], matches[k], whole) > PART_CANDIDATES.same_map for k in kept):
-            kept.append(int(number))
-    kept = kept[: PART_CANDIDATES.registered]
-    registering = for_each(lambda number: _registered(matches[number], promises[number], part, whole), kept)
-    candidates = yield from scaled(registering, 0.5, 1.0)
-    return sorted(candidates, key=lambda candidate: candidate.scores["fit"])
+    for number, places in enumerate(maps):
+        if len(kept) < most and all(
+            images_apart(places, maps[other], whole) > PART_CANDIDATES.same_map for other in kept
+        ):
+            kept.append(number)
+    return kept
 
 
-def _searched(
-    unlike: Floats, part: IncompleteShape, whole: IncompleteShape, landmarks: int, turning: float
-) -> list[Integers]:
-    """Maps (s,) of samples that landmarks on different places lead to."""
-    chosen = landmarks_of(part, landmarks)
-    placed = assignments(chosen, unlike, part, whole, turning)
-    return [
-        slanted_map(extended(chosen, placed[number], unlike, part, whole), part, whole)
-        for number in distinct(placed, whole)
-    ]
+def landmark_sets(part: IncompleteShape) -> list[Integers]:
+    """Places of a part (m,) to search for: spread over all of it, and over regions of it.
+
+    Some region is on the whole, should this lack pieces, too, and is like it, should the shapes differ.
+    """
+    in_region, regions = PART_CANDIDATES.landmarks_in_region, landmarks_of(part, PART_CANDIDATES.regions)
+    return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in regions)]
 
 
-def images_apart(match: Integers, other: Integers, whole: IncompleteShape) -> float:
-    """Mean distance along the whole between the images of two maps (s,) of samples."""
-    place = whole.shape.nearest_distance_sample
-    return float(whole.between[place[match], place[other]].mean())
+def _searched(landmarks: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape) -> list[Integers]:
+    """(d_p,) the place of the whole for each place of the part, by landmarks on each of several places."""
+    placed = assignments(landmarks, unlike, part, whole)
+    return [extended(landmarks, placed[number], unlike, part, whole) for number in distinct(placed, whole)]
 
 
-def _promise(match: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape) -> float:
-    """How little a map promises before the part is bent by it: the least is the best."""
-    area = part.shape.basis.areas.sum()
-    fit = fit_in_space(match, None, False, whole.shape, part.shape)
-    weights = part.shape.weights / area
-    place = whole.shape.nearest_distance_sample[match]
-    first = place[: len(part.between)]
-    difference = np.abs(part.between - whole.between[np.ix_(first, first)])
-    in_doubt = ~part.unaffected & (part.between > whole.between[np.ix_(first, first)])
-    difference[in_doubt] *= SEARCH.doubt
-    return float(
-        PART_CANDIDATES.facing * np.log(fit["facing"] / area + 0.01)
-        + PART_CANDIDATES.place * np.log(fit["place"] / area / np.sqrt(area) + 1e-9)
-        + PART_CANDIDATES.distance * np.log(difference.mean() + 1e-9)
-        + PART_CANDIDATES.unlikeness * np.log(weights @ unlike[part.shape.nearest_distance_sample, place] + 0.003)
-        - PART_CANDIDATES.orientation * orientation_agreement(match, whole.shape, part.shape)
-    )
+def images_apart(places: Integers, other: Integers, whole: IncompleteShape) -> float:
+    """Mean distance along the whole between the images of two maps (d_p,) of places."""
+    return float(whole.between[places, other].mean())
 
 
-def _registered(match: Integers, promise: float, part: IncompleteShape, whole: IncompleteShape) -> PartCandidate:
-    registered = drain(registered_steps(match, part, whole))
-    scores = registered.scores(part.shape.basis.areas)
+def _promise(places: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape) -> float:
+    """How little a map of places promises before the part is bent by it: the least is the best.
+
+    The surroundings of each place are turned onto their images by a rotation, which fits that of a mirrored map ill.
+    What goes next to a cut of the whole may have no partner, and counts for nothing.
+    """
+    here, there = part.shape, whole.shape
+    at, images = (shape.search.samples for shape in (here, there))
+    at, images = at[: len(places)], images[places]
+    points, goals = here.mesh.vertices[at], there.mesh.vertices[images]
+    is_within = whole.cut_distance[places] > PART_CANDIDATES.near_cut
+    around = np.exp(-((part.between / PART_CANDIDATES.surroundings) ** 2)) * is_within
+    around /= np.maximum(around.sum(axis=1, keepdims=True), 1e-9)
+    rotations = Moments.of_products(around @ products(points, goals)).rotations()
+    normals = np.einsum("nij,nj->ni", rotations, here.mesh.vertex_normals[at])
+    facing = 1 - np.einsum("ni,ni->n", normals, there.mesh.vertex_normals[images])
+    bent = np.einsum("nij,nj->ni", rotations, points - around @ points) - (goals - around @ goals)
+    weights = part.areas / part.areas.sum() * is_within
+    share = max(float(weights.sum()), 1e-3)
+    among = whole.between[np.ix_(places, places)]
+    change = np.abs(part.between - among)
+    change[~part.unaffected & (part.between > among)] *= SEARCH.doubt
+    means = {
+        "facing": (weights @ facing / share, 0.01),
+        "bend": (weights @ np.linalg.norm(bent, axis=1) / share, 0.003),
+        "distance": (weights @ change @ weights / share**2, 0.003),
+        "unlikeness": (weights @ unlike[np.arange(len(places)), places] / share, 0.01),
+    }
+    total = sum(getattr(PART_CANDIDATES, name) * np.log(mean + floor) for name, (mean, floor) in means.items())
+    return float(total - PART_CANDIDATES.within * np.log(share))
+
+
+def _sifted(promise: float, places: Integers, part: IncompleteShape, whole: IncompleteShape) -> PartCandidate:
+    registered = drain(registered_steps(places, part, whole, PART_REGISTRATION.coarse))
+    return PartCandidate(_images(registered, part, whole), registered, {"promise": promise} | _fit(registered, part))
+
+
+def _compared(one: PartCandidate, part: IncompleteShape, whole: IncompleteShape) -> PartCandidate:
+    registered = drain(registered_steps(one.places, part, whole, PART_REGISTRATION.fine, one.registered))
+    return PartCandidate(_images(registered, part, whole), registered, one.scores | _fit(registered, part))
+
+
+def _images(registered: RegisteredPart, part: IncompleteShape, whole: IncompleteShape) -> Integers:
+    """(d_p,) the place of the whole that each place of a bent part is near."""
+    return whole.nearest_place[registered.closest.vertex[part.shape.search.samples[: len(part.between)]]]
+
+
+def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
+    """The scores of a registered part, and what they tell: the smallest fit is the most likely.
+
+    With the area that lies on the whole, on which this rests.
+    """
+    areas = part.shape.basis.areas
+    scores = registered.scores(areas)
     fit = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
-    return PartCandidate(match, registered, scores | {"promise": promise, "fit": float(fit)})
+    fit -= PART_CANDIDATES.beyond * np.log(max(1 - scores["beyond"], 1e-3))
+    return scores | {"fit": float(fit), "extent": float(areas.sum() * (1 - scores["beyond"]))}

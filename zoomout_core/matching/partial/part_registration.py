@@ -29,16 +29,13 @@ class PartRegistrationTuning(Tuning, set_by="partial"):
 
     Attributes:
         image_functions: eigenfunctions of the part that the images of its samples are smoothed by.
-        levels: the schedule by which candidates are compared.
+        coarse: the schedule by which candidates are sifted.
+        fine: the schedule that follows, by which those that are left are compared.
     """
 
     image_functions: int = tuned(60, "eigenfunctions", 4, 1000)
-    levels: tuple[Level, ...] = tuned(
-        (Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 5), Level(100, 1.0, 0.3, 1), Level(100, 0.02, 0.3, 4)),
-        "nodes, 1, 1, rounds",
-        0,
-        1000,
-    )
+    coarse: tuple[Level, ...] = tuned((Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 5)), "nodes, 1, 1, rounds", 0, 1000)
+    fine: tuple[Level, ...] = tuned((Level(100, 1.0, 0.3, 1), Level(100, 0.02, 0.3, 4)), "nodes, 1, 1, rounds", 0, 1000)
 
 
 PART_REGISTRATION = PartRegistrationTuning()
@@ -56,7 +53,9 @@ class RegisteredPart:
         residual: (n,) distance to these.
         agreement: (n,) cosine between the normals.
         is_near: (n,) whether they are near the image of the nearest place, along the whole.
-        strain: mean distance, relative to their own, between where neighbouring nodes put each other.
+        on_cut: (n,) whether the closest point is on a cut of the whole: what is beyond that has no partner.
+        strain: mean distance, relative to their own, between where neighbouring nodes put each other, where these are
+            not on a cut.
     """
 
     positions: Floats
@@ -66,52 +65,60 @@ class RegisteredPart:
     residual: Floats
     agreement: Floats
     is_near: Booleans
+    on_cut: Booleans
     strain: float
 
     def scores(self, areas: Floats) -> dict[str, float]:
         """What tells a right map from a wrong one, by the areas (n,) of the vertices: 0 for a perfect fit.
 
         Returns:
-            normals: mean of one minus the cosine;
-            strain: see above.
+            normals: mean of one minus the cosine, where the closest point is not on a cut;
+            strain: see above;
+            beyond: part of the area where it is.
         """
-        weights = areas / areas.sum()
+        weights = np.where(self.on_cut, 0, areas) / areas.sum()
         return {
-            "normals": float(weights @ (1 - self.agreement)),
+            "normals": float(weights @ (1 - self.agreement) / max(weights.sum(), 1e-9)),
             "strain": self.strain,
+            "beyond": float(1 - weights.sum()),
         }
 
 
 def registered_steps(
-    match: Integers,
+    places: Integers,
     part: IncompleteShape,
     whole: IncompleteShape,
-    levels: Sequence[Level] | None = None,
+    levels: Sequence[Level],
+    begun: RegisteredPart | None = None,
 ) -> Generator[float, None, RegisteredPart]:
     """Bend a part onto a whole, yielding the fraction done.
 
     Args:
-        match: (s,) for each search sample of the part the number of a sample of the whole.
+        places: (d_p,) for each place of the part that of the whole.
         part: the shape that is bent.
         whole: the shape that it is bent onto.
-        levels: the schedule; that of `PartRegistrationTuning` when not given.
+        levels: the schedule.
+        begun: the part, bent by this map with fewer nodes, which it is bent on from.
     """
-    levels = PART_REGISTRATION.levels if levels is None else levels
     here, there = part.shape, whole.shape
-    vertex = there.search.samples[match]
+    vertex = there.search.samples[places]
     rest, normals = here.mesh.vertices, here.mesh.vertex_normals
-    count = min(PART_REGISTRATION.image_functions, here.search.rows.shape[1])
-    images = here.search.fit(there.mesh.vertices[vertex], count)
-    aligned = align(images, here, NONRIGID.alignment_width, mirrored=False)
-    place = np.argmin(here.distances, axis=0)
-    around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there)
-    graph = yield from bent_steps(rest, normals, aligned.positions, around, limit, here, levels, is_part=True)
+    if begun is None:
+        count = min(PART_REGISTRATION.image_functions, here.search.rows.shape[1])
+        images = here.search.fit(there.mesh.vertices[vertex[here.nearest_distance_sample]], count)
+        start = align(images, here, NONRIGID.alignment_width, mirrored=False).positions
+    else:
+        start = begun.positions
+    place, is_cut = part.nearest_place, whole.cut_distance_of_vertices == 0
+    around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there, is_cut)
+    graph = yield from bent_steps(rest, normals, start, around, limit, here, levels, is_part=True)
     positions, turned, blends = graph.moved()
     turned = unit_vectors(turned)
     closest = around.closest(positions, turned)
     # The rough map may have been off by more; what has gone to a limb that touches, its neighbours have not.
     nearby = GeodesicLimit(closest.vertex[here.search.samples[place]], there)
     residual = np.linalg.norm(closest.interpolate(there.mesh.vertices) - positions, axis=1)
+    on_cut = is_cut[closest.vertex]
     facing = unit_vectors(closest.interpolate(there.mesh.vertex_normals))
     return RegisteredPart(
         positions,
@@ -121,12 +128,17 @@ def registered_steps(
         residual,
         np.einsum("nx,nx->n", turned, facing),
         ~nearby.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex),
-        _strain(graph),
+        on_cut,
+        _strain(graph, ~on_cut),
     )
 
 
-def _strain(graph: DeformationGraph) -> float:
-    first, second = graph.nodes.first, graph.nodes.second
+def _strain(graph: DeformationGraph, counts: Booleans) -> float:
+    """See `RegisteredPart`; between nodes at vertices that count (n,)."""
+    counted = counts[graph.nodes.vertex[graph.nodes.first]] & counts[graph.nodes.vertex[graph.nodes.second]]
+    if not counted.any():
+        return 1.0
+    first, second = graph.nodes.first[counted], graph.nodes.second[counted]
     places = graph.rest[graph.nodes.vertex]
     away = places[second] - places[first]
     put = graph.images[first] + np.einsum("eij,ej->ei", graph.rotations[first], away)

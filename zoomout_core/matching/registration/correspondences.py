@@ -99,16 +99,23 @@ class Surroundings:
 
 
 class GeodesicLimit:
-    """Which correspondences are too far from the first map's images, by geodesic distances on the source."""
+    """Which correspondences are too far from the first map's images, by geodesic distances on the source.
 
-    def __init__(self, first: Integers, source: ShapeAnalysis) -> None:
-        self._first = first
+    Args:
+        first: (n_t,) the source vertex of each vertex of the target by the first map.
+        source: the shape that it lands on.
+        is_cut: (n_s,) vertices of the source beyond which something is missing: what they are closest to may be that.
+    """
+
+    def __init__(self, first: Integers, source: ShapeAnalysis, is_cut: Booleans | None = None) -> None:
+        self._first, self._is_cut = first, is_cut
         self._marks = source.distances[: CORRESPONDENCES.limit_samples].T.astype(np.float32)
 
     def exceeds_geodesic_limit(self, vertex: Integers, partner: Integers) -> Booleans:
         """(q,) for pairs of a vertex of the target and one of the source."""
         apart = np.abs(self._marks[partner] - self._marks[self._first[vertex]]).max(axis=1)
-        return np.asarray(apart > CORRESPONDENCES.geodesic_limit)
+        beyond = np.asarray(apart > CORRESPONDENCES.geodesic_limit)
+        return beyond if self._is_cut is None else beyond | self._is_cut[partner]
 
 
 def residuals(

@@ -30,19 +30,23 @@ def test_a_shape_without_cuts_has_its_landmarks_at_tips() -> None:
     assert len(landmarks_of(whole, 10_000)) == len(whole.between)
 
 
-def places_of_truth(pair: PartAndWhole) -> np.ndarray:
-    """(d,) the place of the whole for each place of the part."""
-    return pair.whole.shape.nearest_distance_sample[pair.true_samples()[: len(pair.part.between)]]
+def test_landmarks_around_a_place_are_in_the_region_around_it(lower: PartAndWhole) -> None:
+    part, around = lower.part, landmarks_of(lower.part, 2)[1]
+    chosen = landmarks_of(part, 6, around)
+    assert chosen[0] == around
+    assert len(set(chosen)) == 6
+    assert np.mean(part.between[around] < part.between[around, chosen].max()) <= SEARCH.region
+    with retuned(SEARCH, region=1.0):
+        assert part.between[around, landmarks_of(part, 6, around)].max() > part.between[around, chosen].max()
 
 
 def test_landmarks_of_a_part_are_placed_on_the_whole(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
-    with retuned(SEARCH, width=1000):
-        placed = assignments(chosen, unlike, part, whole, 0.6)
+    placed = assignments(chosen, unlike, part, whole)
     assert placed.shape[1] == 7
     assert placed.max() < SEARCH.places
-    off = whole.between[placed[:50], places_of_truth(lower)[chosen]].mean(axis=1)
+    off = whole.between[placed[:50], lower.true_places()[chosen]].mean(axis=1)
     assert off.min() < 0.15
     # What differs is told apart, and the first is kept.
     numbers = distinct(placed, whole)
@@ -52,45 +56,22 @@ def test_landmarks_of_a_part_are_placed_on_the_whole(lower: PartAndWhole) -> Non
     assert min(apart) > SEARCH.apart
 
 
-def test_the_sense_of_turning_decides_what_distances_leave_open() -> None:
-    # Nothing but the sense tells left from right here.
-    shape = IncompleteShape(analysed(creature(700)))
-    chosen, unlike = landmarks_of(shape, 7), unlikeness(shape, shape)
-    with retuned(SEARCH, places=len(shape.between), width=400):
-        by_sense = assignments(chosen, unlike, shape, shape, 0.6)
-        against = assignments(chosen, unlike, shape, shape, -0.6)
-    np.testing.assert_array_equal(by_sense[0], chosen)
-    sines, images = (shape.turning[np.ix_(places, places, places)] for places in (chosen, against[0]))
-    assert (sines * images).sum() < 0.1 * (sines**2).sum()
-
-
-def test_landmarks_that_lie_in_line_tell_no_sense(lower: PartAndWhole) -> None:
-    part, whole = lower.part, lower.whole
-    chosen, unlike = landmarks_of(part, 5), unlikeness(part, whole)
-    with retuned(SEARCH, least_turning=2.0, width=100):
-        in_line = assignments(chosen, unlike, part, whole, 0.6)
-        np.testing.assert_array_equal(in_line, assignments(chosen, unlike, part, whole, 0.0))
-    with retuned(SEARCH, width=100):
-        assert not np.array_equal(in_line, assignments(chosen, unlike, part, whole, 0.6))
-
-
 def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
-    with retuned(SEARCH, width=400):
-        found = assignments(chosen, unlike, part, whole, 0.6)
-    with retuned(SEARCH, width=400, doubt=1.0):
-        stubborn = assignments(chosen, unlike, part, whole, 0.6)
+    found = assignments(chosen, unlike, part, whole)
+    with retuned(SEARCH, doubt=1.0):
+        stubborn = assignments(chosen, unlike, part, whole)
     assert not np.array_equal(found[:20], stubborn[:20])
 
 
 def test_of_assignments_that_agree_in_all_cells_one_is_kept(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 5), unlikeness(part, whole)
-    placed = assignments(chosen, unlike, part, whole, 0.6)
+    placed = assignments(chosen, unlike, part, whole)
     count = min(SEARCH.places, len(whole.between))
     cells = np.argmin(whole.between[: SEARCH.cells, :count], axis=0)[placed]
     assert len(np.unique(cells, axis=0)) == len(placed)
     assert len(placed) <= SEARCH.width
     with retuned(SEARCH, width=20):
-        assert len(assignments(chosen, unlike, part, whole, 0.6)) <= 20
+        assert len(assignments(chosen, unlike, part, whole)) <= 20

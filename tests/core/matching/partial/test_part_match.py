@@ -37,7 +37,7 @@ def matched(source: Surface, target: Surface) -> zo.MatchResult:
     with (
         retuned(ATTEMPTS, same_share=1.0),
         retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4),
+        retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400)
 

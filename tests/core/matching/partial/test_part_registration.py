@@ -5,18 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from creatures import true_vertex
-from pieces import PartAndWhole
+from pieces import PartAndWhole, analysed, piece_of
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
+from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Level
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+LEVELS = (*PART_REGISTRATION.coarse, *PART_REGISTRATION.fine)
 
 
 @pytest.fixture(scope="module")
 def fitted(lower: PartAndWhole) -> RegisteredPart:
-    return drain(registered_steps(lower.true_samples(), lower.part, lower.whole))
+    return drain(registered_steps(lower.true_places(), lower.part, lower.whole, LEVELS))
 
 
 def test_a_part_lies_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPart) -> None:
@@ -31,10 +35,10 @@ def test_a_part_lies_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPar
 
 
 def test_a_wrong_place_costs_strain_and_normals(lower: PartAndWhole, fitted: RegisteredPart) -> None:
-    points = lower.whole.shape.mesh.vertices[lower.whole.shape.search.samples]
-    elsewhere = points[lower.true_samples()] * [-1, 1, -1]  # legs go to the arms
+    points = lower.whole.shape.mesh.vertices[lower.whole.shape.search.samples[: len(lower.whole.between)]]
+    elsewhere = points[lower.true_places()] * [-1, 1, -1]  # legs go to the arms
     match = np.argmin(np.linalg.norm(points - elsewhere[:, None], axis=2), axis=1)
-    wrong = drain(registered_steps(match, lower.part, lower.whole))
+    wrong = drain(registered_steps(match, lower.part, lower.whole, LEVELS))
     areas = lower.part.shape.basis.areas
     right, astray = fitted.scores(areas), wrong.scores(areas)
     assert astray["strain"] > 1.5 * right["strain"]
@@ -52,7 +56,7 @@ def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
     The softer the part, and the more it is drawn along the surface, the farther: by 0.07 of these levels.
     """
     soft = Level(100, 1.0, 0.3, 1), Level(100, 1.1, 0.003, 8)
-    fitted = drain(registered_steps(lower.true_samples(), lower.part, lower.whole, soft))
+    fitted = drain(registered_steps(lower.true_places(), lower.part, lower.whole, soft))
     true = lower.whole.shape.mesh.vertices[true_vertex(lower.made_whole, lower.made_part)]
     off = np.linalg.norm(fitted.positions - true, axis=1)
     assert off[lower.part.cut_distance_of_vertices < 0.05].mean() < 0.02
@@ -75,7 +79,50 @@ def test_what_lies_on_another_limb_than_its_surroundings_is_not_near(
         return SurfaceMap(triangle, found.barycentric, found.source_triangles)
 
     monkeypatch.setattr(Surroundings, "closest", confused)
-    is_near = drain(registered_steps(lower.true_samples(), lower.part, lower.whole)).is_near
+    is_near = drain(registered_steps(lower.true_places(), lower.part, lower.whole, LEVELS)).is_near
     assert len(astray) > 10
     assert not is_near[astray].any()
     assert np.delete(is_near, astray).mean() > 0.95
+
+
+@pytest.fixture(scope="module")
+def both_cut(lower: PartAndWhole) -> PartAndWhole:
+    """The part, and a whole that lacks the feet that the part has."""
+    made = piece_of(lower.made_whole, lower.made_whole.directions[:, 2] > -0.8)
+    whole = analysed(made)
+    unit = whole.proxy.full.scale / lower.whole.shape.proxy.full.scale
+    return PartAndWhole(lower.made_part, made, lower.part, IncompleteShape(at_scale(whole, unit)))
+
+
+def test_what_is_beyond_a_cut_of_the_whole_counts_for_nothing(both_cut: PartAndWhole) -> None:
+    areas, feet = both_cut.part.shape.basis.areas, both_cut.made_part.directions[:, 2] < -0.85
+    fitted, unaware = (
+        drain(registered_steps(both_cut.true_places(), both_cut.part, whole, LEVELS))
+        for whole in (both_cut.whole, ignorant(both_cut.whole))
+    )
+    assert 0.02 < feet.mean() < 0.3
+    assert fitted.on_cut[feet].mean() > 0.9
+    assert fitted.on_cut[~feet].mean() < 0.2
+    assert not unaware.on_cut.any()
+    scores, all_of_it = fitted.scores(areas), unaware.scores(areas)
+    assert scores["beyond"] == pytest.approx(areas[fitted.on_cut].sum() / areas.sum())
+    assert scores["normals"] < 0.8 * all_of_it["normals"]
+    assert scores["strain"] < 0.9 * all_of_it["strain"]
+
+
+def test_what_is_beyond_a_cut_of_the_whole_is_not_drawn_to_it(both_cut: PartAndWhole) -> None:
+    soft = Level(100, 1.0, 0.3, 1), Level(100, 1.1, 0.003, 8)
+    feet = both_cut.made_part.directions[:, 2] < -0.85
+    height = [
+        np.median(drain(registered_steps(both_cut.true_places(), both_cut.part, whole, soft)).positions[feet, 2])
+        for whole in (both_cut.whole, ignorant(both_cut.whole))
+    ]
+    assert height[0] < height[1] - 0.01
+
+
+def ignorant(shape: IncompleteShape) -> IncompleteShape:
+    """The same shape, of which nothing seems to be missing."""
+    with retuned(INCOMPLETE, loop=10.0):
+        unaware = IncompleteShape(shape.shape)
+        assert np.isinf(unaware.cut_distance_of_vertices).all()
+    return unaware

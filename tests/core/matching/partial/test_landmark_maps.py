@@ -1,0 +1,37 @@
+"""Maps of places from landmarks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pieces import PartAndWhole
+
+from zoomout_core.matching.partial.incomplete_shape import unlikeness
+from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extended
+from zoomout_core.matching.partial.landmark_search import landmarks_of
+from zoomout_core.tuning import retuned
+
+
+def test_true_landmarks_are_extended_to_all_places(lower: PartAndWhole) -> None:
+    part, whole = lower.part, lower.whole
+    unlike = unlikeness(part, whole)
+    chosen, truth = landmarks_of(part, 7), lower.true_places()
+    place = extended(chosen, truth[chosen], unlike, part, whole)
+    samples, vertices = whole.shape.search.samples, part.shape.search.samples
+    rough = lower.errors(samples[place], vertices[: len(place)])
+    assert np.mean(rough) < 0.2
+    with retuned(LANDMARK_MAPS, rounds=0):
+        once = extended(chosen, truth[chosen], unlike, part, whole)
+    assert not np.array_equal(once, place)
+
+
+@pytest.mark.parametrize(("rounds", "weight"), [(0, "unlikeness"), (1, "later_unlikeness")])
+def test_places_go_to_their_like_as_well_as_by_distances(lower: PartAndWhole, rounds: int, weight: str) -> None:
+    shape = lower.whole
+    every = np.arange(len(shape.between))
+    chosen = landmarks_of(shape, 6)
+    likes_next = 1 - np.roll(np.eye(len(every)), 1, axis=1)
+    none = {"unlikeness": 0.0, "later_unlikeness": 0.0}
+    for weights, expected in ((none, every), (none | {weight: 10.0}, np.roll(every, -1))):
+        with retuned(LANDMARK_MAPS, rounds=rounds, **weights):
+            np.testing.assert_array_equal(extended(chosen, chosen, likes_next, shape, shape), expected)

@@ -1,0 +1,75 @@
+"""From landmarks on a shape that may lack pieces to a map of places, by distances, which cuts hardly change.
+
+Eigenfunctions are left out: what those of a part and of a whole have in common is little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class LandmarkMapTuning(Tuning, set_by="partial"):
+    """How landmarks become maps; lengths are those of the larger shape at unit area.
+
+    Attributes:
+        tolerance: of a difference of distances to a landmark.
+        relative_tolerance: of that, for each unit of the distance.
+        most: cost of a difference, in tolerances.
+        unlikeness: weight of the unlikeness of places beside the mean cost of differences, by the first landmarks,
+        later_unlikeness: and by those of the rounds that follow.
+        rounds: in which places that are mapped are landmarks of the others.
+        landmarks: of these rounds.
+    """
+
+    tolerance: float = tuned(0.05, "length", 1e-6, 10)
+    relative_tolerance: float = tuned(0.3, "1", 0, 10)
+    most: float = tuned(1.5, "tolerances", 0.1, 100)
+    unlikeness: float = tuned(0.3, "1", 0, 10)
+    later_unlikeness: float = tuned(0.15, "1", 0, 10)
+    rounds: int = tuned(3, "rounds", 0, 100)
+    landmarks: int = tuned(40, "places", 3, 1000)
+
+
+LANDMARK_MAPS = LandmarkMapTuning()
+
+
+def extended(
+    landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
+) -> Integers:
+    """(d_t,) the place of the source for each place of the target, by distances to landmarks.
+
+    Args:
+        landmarks: (m,) places of the target.
+        placed: (m,) places of the source that they correspond to.
+        unlike: (d_t, d_s) `unlikeness` of the two shapes.
+        target: the shape that the map starts from.
+        source: the shape that it lands on.
+    """
+    place = _by_landmarks(landmarks, placed, LANDMARK_MAPS.unlikeness * unlike, target, source)
+    few = np.arange(min(LANDMARK_MAPS.landmarks, len(place)))
+    for _ in range(LANDMARK_MAPS.rounds):
+        place = _by_landmarks(few, place[few], LANDMARK_MAPS.later_unlikeness * unlike, target, source)
+    return place
+
+
+def _by_landmarks(
+    landmarks: Integers, placed: Integers, unlike: Floats, target: IncompleteShape, source: IncompleteShape
+) -> Integers:
+    here, there = target.between[landmarks].astype(np.float32), source.between[placed].astype(np.float32)
+    weight = 1 / (len(landmarks) * (LANDMARK_MAPS.tolerance + LANDMARK_MAPS.relative_tolerance * here))
+    most = np.float32(LANDMARK_MAPS.most / len(landmarks))
+    cost = unlike.astype(np.float32)
+    difference = np.empty_like(cost)
+    for from_here, from_there, weighed in zip(here, there, weight, strict=True):
+        np.subtract(from_here[:, None], from_there, out=difference)
+        np.abs(difference, out=difference)
+        difference *= weighed[:, None]
+        cost += np.minimum(difference, most, out=difference)
+    return np.asarray(np.argmin(cost, axis=1))
