@@ -21,6 +21,7 @@ from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair,
 from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
+    _fit,
     _promise,
     _sifted,
     images_apart,
@@ -350,3 +351,14 @@ def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWho
     (_, unaware, _), (_, aware, without_share) = promises
     assert aware < unaware - 0.5
     assert without_share < aware - 0.1
+
+
+def test_a_fit_counts_for_less_the_more_of_the_part_is_beyond_a_cut(
+    lower: PartAndWhole, fitted: RegisteredPart
+) -> None:
+    areas = lower.part.shape.basis.areas
+    half = np.cumsum(areas) > 0.5 * areas.sum()
+    even = replace(fitted, agreement=np.full(len(half), 0.9))
+    whole, beyond = (_fit(replace(even, on_cut=each), lower.part) for each in (np.zeros_like(half), half))
+    assert beyond["fit"] - whole["fit"] == pytest.approx(PART_CANDIDATES.beyond * np.log(2), abs=0.02)
+    assert beyond["extent"] == pytest.approx(whole["extent"] / 2, rel=0.02)
