@@ -150,7 +150,8 @@ def test_how_far_a_pinned_landmark_takes_its_surroundings_along_falls_as_a_gauss
     images = pinned(identity, Pair(flat, flat, shape, shape, 20, 5), ([partner], [inner])).interpolate(places)
     moved = np.linalg.norm(images - places, axis=1)
     assert moved[inner] == pytest.approx(np.linalg.norm(places[partner] - places[inner]))
-    near = (distance > 0.02) & (distance < 0.15) & (moved > 0)  # what leaves the sheet is brought back to its border
+    # What leaves the sheet is brought back to its border, but for rounding.
+    near = (distance > 0.02) & (distance < 0.15) & (moved > 1e-9 * moved[inner])
     rates = np.log(moved[near] / moved[inner]) / distance[near] ** 2
     assert near.sum() > 5
     np.testing.assert_allclose(rates, rates[0], rtol=1e-3)
