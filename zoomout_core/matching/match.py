@@ -259,7 +259,7 @@ def _surfaces_steps(
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
     best = best_of(attempts)
-    if options.initial == "auto" and best.candidates[0].certainty < PART_MATCH.unsure:
+    if options.initial in ("auto", "landmarks") and best.candidates[0].certainty < PART_MATCH.unsure:
         best = yield from within(_second_steps(best, known, options), *PARTS_OF_PROGRESS[-2:])
     return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
 
@@ -270,7 +270,7 @@ def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> 
         second = yield from _part_attempt_steps(first, known)
         if second is not first:
             return second
-    if first.candidates[0].certainty < CERTAINTY.unlikely:
+    if options.initial == "auto" and first.candidates[0].certainty < CERTAINTY.unlikely:
         return (yield from _more_steps(first, known, options.initial_map))
     return first
 
@@ -445,7 +445,10 @@ def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refi
     """The map of a part and a whole, either way, by bending the part; yields the fraction done."""
     source, target = pair.source_shape, pair.target_shape
     found = yield from part_fit_steps(pair, candidate)
-    there = found.fit.surface_map
+    fit = found.fit
+    if pair.exact_landmarks is not None:
+        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    there = fit.surface_map
     k_target, k_source = candidate.functional_map.shape
     images = there.interpolate(source.basis.eigenvectors[:, :k_source])
     functional_map = target.basis.coefficients(images)[:k_target]
@@ -453,7 +456,7 @@ def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refi
     confidence, over = confidence_of(there, found.back, functional_map, source, target, False, known)
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
-    return Refined(found.fit, found.partners, functional_map, confidence, over)
+    return Refined(fit, found.partners, functional_map, confidence, over)
 
 
 def fitted_steps(

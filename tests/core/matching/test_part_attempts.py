@@ -93,7 +93,8 @@ def test_of_shapes_of_nearly_one_area_the_map_as_wholes_is_kept_where_both_agree
         (0.0, {}, True, False),
         (1.0, {}, False, False),
         (1.0, {"partial": "off"}, True, False),
-        (1.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, True, False),
+        (1.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, True, True),
+        (1.0, {"initial": "proximity"}, True, False),
     ],
 )
 def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missing(
@@ -117,18 +118,21 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 
 
 @pytest.mark.parametrize(
-    ("certainty", "has_cuts", "partial", "part_is_taken", "gone_on_with"),
+    ("initial", "certainty", "has_cuts", "partial", "part_is_taken", "gone_on_with"),
     [
-        (0.3, True, "auto", True, "part"),
-        (0.3, True, "auto", False, "more"),
-        (0.3, True, "off", True, "more"),
-        (0.3, False, "auto", True, "more"),
-        (0.7, False, "auto", True, "first"),
-        (0.7, True, "auto", False, "first"),
+        ("auto", 0.3, True, "auto", True, "part"),
+        ("auto", 0.3, True, "auto", False, "more"),
+        ("auto", 0.3, True, "off", True, "more"),
+        ("auto", 0.3, False, "auto", True, "more"),
+        ("auto", 0.7, False, "auto", True, "first"),
+        ("auto", 0.7, True, "auto", False, "first"),
+        ("landmarks", 0.3, True, "auto", True, "part"),
+        ("landmarks", 0.3, True, "auto", False, "first"),
     ],
 )
 def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch: pytest.MonkeyPatch,
+    initial: str,
     certainty: float,
     has_cuts: bool,
     partial: str,
@@ -146,6 +150,6 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch.setattr(match, "_more_steps", saying("more"))
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty)])
-    options: Any = SimpleNamespace(partial=partial, initial_map=None)
+    options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
     found = drain(match._second_steps(first, None, options))
     assert found is first if gone_on_with == "first" else found == gone_on_with

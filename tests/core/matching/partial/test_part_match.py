@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def made() -> tuple[Creature, Creature]:
     return lower_half(1500)
 
 
-def matched(source: Surface, target: Surface) -> zo.MatchResult:
+def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
     """With doubt about the whole map in any case, no doubt about the part, and as few searches as do."""
     zo.forget_shapes()
     with (
@@ -39,7 +40,7 @@ def matched(source: Surface, target: Surface) -> zo.MatchResult:
         retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
         retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
-        return zo.match(source, target, k_final=60, samples=400)
+        return zo.match(source, target, k_final=60, samples=400, **given)
 
 
 def off(result: zo.MatchResult, source: Creature, target: Creature, at: np.ndarray) -> np.ndarray:
@@ -101,6 +102,19 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
 @cache
 def shape_of(surface: Surface) -> ShapeAnalysis:
     return analysed(Creature(surface, surface.vertices))
+
+
+def test_a_part_goes_by_landmarks_and_keeps_exact_ones(made: tuple[Creature, Creature]) -> None:
+    part, whole = made
+    here = int(np.argmin(part.surface.vertices[:, 2]))
+    near = np.argsort(
+        np.linalg.norm(whole.surface.vertices - whole.surface.vertices[true_vertex(whole, part)[here]], axis=1)
+    )
+    there = int(near[12])
+    given = {"initial": "landmarks", "landmarks": ([there], [here]), "exact_landmarks": True}
+    result = matched(whole.surface, part.surface, **given)
+    assert result.candidates[0].part_match is not None
+    assert result.surface_map.vertex[here] == there
 
 
 def pair_of(source: Surface, target: Surface) -> Pair:
