@@ -43,6 +43,7 @@ from zoomout_core.matching.partial.part_match import (
     may_be_part,
     part_fit_steps,
     part_match_steps,
+    units_differ,
 )
 from zoomout_core.matching.proxy import PROXY
 from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank_steps, with_others
@@ -66,6 +67,7 @@ NOT_RECOGNISED = (
     "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or place one over the other in the "
     "same pose and start from proximity."
 )
+OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
 # The fractions of the progress at which each body is begun, at which a part is placed, and at which this is done; and
 # the fraction of each body that analysing the shapes takes.
 PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.6, 0.68, 0.75), 0.8
@@ -267,9 +269,12 @@ def _surfaces_steps(
 def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> Steps[Attempt]:
     """What is gone on with where the first attempt is unsure: the map of a part, or one of more guesses."""
     if options.partial == "auto" and may_be_part(first.pair):
-        second = yield from _part_attempt_steps(first, known)
-        if second is not first:
-            return second
+        if units_differ(first.pair):
+            first = replace(first, pair=replace(first.pair, notes=(*first.pair.notes, OTHER_UNITS)))
+        else:
+            second = yield from _part_attempt_steps(first, known)
+            if second is not first:
+                return second
     if options.initial == "auto" and first.candidates[0].certainty < CERTAINTY.unlikely:
         return (yield from _more_steps(first, known, options.initial_map))
     return first

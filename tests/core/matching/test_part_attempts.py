@@ -149,7 +149,39 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch.setattr(match, "_part_attempt_steps", saying("part" if part_is_taken else None))
     monkeypatch.setattr(match, "_more_steps", saying("more"))
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(match, "units_differ", lambda _: False)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty)])
     options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
     found = drain(match._second_steps(first, None, options))
     assert found is first if gone_on_with == "first" else found == gone_on_with
+
+
+@pytest.mark.parametrize(
+    ("factor", "has_cuts", "partial", "told"),
+    [
+        (1000, True, "auto", True),
+        (0.001, True, "auto", True),
+        (1, True, "auto", False),
+        (1000, False, "auto", False),
+        (1000, True, "off", False),
+    ],
+)
+def test_shapes_of_very_different_size_are_tried_as_no_part_and_a_note_says_so(
+    monkeypatch: pytest.MonkeyPatch, factor: float, has_cuts: bool, partial: Any, told: bool
+) -> None:
+    tried = []
+
+    def watched(whole: Attempt, _known: object) -> Generator[float, None, Attempt]:
+        tried.append(whole)
+        yield from ()
+        return whole
+
+    monkeypatch.setattr(match, "_part_attempt_steps", watched)
+    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(match, "GUESSES", ())
+    source, target = creature(200).surface, creature(180, seed=1).surface
+    with retuned(PART_MATCH, unsure=1.0):
+        other_unit = target.with_vertices(target.vertices * factor)
+        result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
+    assert (match.OTHER_UNITS in result.notes) == told
+    assert len(tried) == (factor == 1)

@@ -71,14 +71,17 @@ PART_MATCH = PartMatchTuning()
 
 
 def may_be_part(pair: Pair) -> bool:
-    """Whether pieces may be missing on either shape of a pair, in units that are the same, and it can be bent."""
+    """Whether pieces may be missing on either shape of a pair, of which both can be bent."""
     shapes = pair.source_shape, pair.target_shape
     if any(shape.proxy.full.is_skin for shape in shapes) or not fine_enough(*shapes):
         return False
-    scales = [shape.proxy.full.scale for shape in shapes]
-    if max(scales) > PART_MATCH.largest_ratio * min(scales):
-        return False
     return any(np.isfinite(IncompleteShape(shape).cut_distance).any() for shape in shapes)
+
+
+def units_differ(pair: Pair) -> bool:
+    """Whether the shapes of a pair are of such different size that their units cannot be the same."""
+    scales = [shape.proxy.full.scale for shape in (pair.source_shape, pair.target_shape)]
+    return max(scales) > PART_MATCH.largest_ratio * min(scales)
 
 
 def in_one_unit(pair: Pair) -> Pair:
