@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from creatures import creature
 from pieces import PartAndWhole, analysed
 
@@ -36,6 +37,9 @@ def test_landmarks_around_a_place_are_in_the_region_around_it(lower: PartAndWhol
     assert chosen[0] == around
     assert len(set(chosen)) == 6
     assert np.mean(part.between[around] < part.between[around, chosen].max()) <= SEARCH.region
+    every = landmarks_of(part, 10_000, around)
+    assert np.mean(part.between[around] <= part.between[around, every].max()) == pytest.approx(SEARCH.region, abs=0.01)
+    assert len(every) == pytest.approx(SEARCH.region * len(part.between), abs=1)
     with retuned(SEARCH, region=1.0):
         assert part.between[around, landmarks_of(part, 6, around)].max() > part.between[around, chosen].max()
 

@@ -111,6 +111,19 @@ def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartA
     assert lead[1] > lead[0] + 0.1
 
 
+@pytest.mark.parametrize(
+    ("term", "floor"), [("facing", 0.01), ("bend", 0.003), ("distance", 0.003), ("unlikeness", 0.01)]
+)
+def test_where_nothing_is_off_a_term_is_the_logarithm_of_its_floor(
+    lower: PartAndWhole, term: str, floor: float
+) -> None:
+    every = np.arange(len(lower.whole.between))
+    none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
+    with retuned(PART_CANDIDATES, **none | {term: 1.0}):
+        promise = _promise(every, 1 - np.eye(len(every)), lower.whole, lower.whole)
+    assert promise == pytest.approx(np.log(floor), abs=1e-3)
+
+
 def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lower: PartAndWhole) -> None:
     part, unlike = lower.part, unlikeness(lower.part, lower.whole)
 
@@ -362,3 +375,14 @@ def test_a_fit_counts_for_less_the_more_of_the_part_is_beyond_a_cut(
     whole, beyond = (_fit(replace(even, on_cut=each), lower.part) for each in (np.zeros_like(half), half))
     assert beyond["fit"] - whole["fit"] == pytest.approx(PART_CANDIDATES.beyond * np.log(2), abs=0.02)
     assert beyond["extent"] == pytest.approx(whole["extent"] / 2, rel=0.02)
+
+
+def test_a_part_of_which_all_is_beyond_a_cut_fits_ill_and_has_no_extent(
+    lower: PartAndWhole, fitted: RegisteredPart
+) -> None:
+    beyond, within = (
+        _fit(replace(fitted, on_cut=np.full(len(fitted.on_cut), on_cut)), lower.part) for on_cut in (True, False)
+    )
+    assert beyond["extent"] == pytest.approx(0, abs=1e-12)
+    assert np.isfinite(beyond["fit"])
+    assert beyond["fit"] > within["fit"]
