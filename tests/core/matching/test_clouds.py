@@ -15,7 +15,7 @@ def test_a_cloud_is_matched_with_a_mesh_without_a_hint(role: str, resting: Creat
     truth = true_vertex(resting, bent)
     cloud = zo.PointCloud((resting if role == "source" else bent).surface.vertices)
     source, target = (cloud, bent.surface) if role == "source" else (resting.surface, cloud)
-    result = zo.match(source, target)
+    result = zo.match(source, target, k_final=60, samples=400)
     apart = np.linalg.norm(
         result.surface_map.interpolate(resting.surface.vertices) - resting.surface.vertices[truth], axis=1
     )

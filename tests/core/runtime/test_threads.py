@@ -12,6 +12,7 @@ from mannequins import STEP, mannequin
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
+from zoomout_core.matching.components.skins import SKINS
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import (
     for_each,
@@ -21,6 +22,7 @@ from zoomout_core.runtime.threads import (
     side_by_side,
     threads,
 )
+from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(autouse=True)
@@ -176,14 +178,15 @@ def test_numbers_of_threads_that_make_no_sense_are_refused(count: object) -> Non
 @pytest.mark.parametrize(("pair", "counts"), [("skins", (1, 2, 5, 8)), ("shells", (1, 8))])
 def test_maps_do_not_depend_on_the_number_of_threads(pair: str, counts: tuple[int, ...]) -> None:
     if pair == "skins":
-        source, target = creature(600, 0, 0.0).surface, creature(500, 1, 0.9).surface
+        source, target = creature(400, 0, 0.0).surface, creature(350, 1, 0.9).surface
     else:
-        source, target = mannequin(None, 60, 1).surface, mannequin(STEP, 50, 2).surface
+        source, target = mannequin(None, 40, 1).surface, mannequin(STEP, 35, 2).surface
     found = []
     for count in counts:
         zo.set_threads(count)
         zo.forget_shapes()
-        found.append(zo.match(source, target, k_final=60))
+        with retuned(SKINS, resolution=48):
+            found.append(zo.match(source, target, k_final=30, samples=200))
     first, *others = found
     for other in others:
         assert (other.surface_map.triangle == first.surface_map.triangle).all()

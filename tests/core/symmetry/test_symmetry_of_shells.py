@@ -9,8 +9,10 @@ import pytest
 import trimesh
 
 import zoomout_core as zo
+from zoomout_core.matching.components.skins import SKINS
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry
+from zoomout_core.tuning import retuned
 
 # Ellipsoids: centre and radii. The figure faces -y; its left is +x. Those of the left side stand for both.
 MIDDLE = {
@@ -90,7 +92,7 @@ def posed(points: np.ndarray, side: int, name: str, moves: tuple[Move, ...]) -> 
 def heap() -> zo.Surface:
     """Ellipsoids thrown together, with no symmetry."""
     random = np.random.default_rng(1)
-    ball = trimesh.creation.icosphere(subdivisions=2)
+    ball = trimesh.creation.icosphere(subdivisions=1)
     places = [ball.vertices * random.uniform(0.15, 0.6, 3) + random.uniform(-1, 1, 3) for _ in range(14)]
     faces = np.concatenate([ball.faces + len(ball.vertices) * i for i in range(len(places))])
     return zo.Surface(np.concatenate(places), faces)
@@ -152,4 +154,5 @@ def test_a_dent_in_a_shell_shows_on_both_sides(found: zo.Symmetry, walking: Doll
 
 
 def test_of_a_lopsided_heap_no_symmetry_is_sure() -> None:
-    assert zo.detect_symmetry(heap())[0].certainty < 0.5
+    with retuned(SKINS, resolution=64):
+        assert zo.detect_symmetry(heap(), samples=400)[0].certainty < 0.5

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.components.bodies import BODIES, bodies_steps
-from zoomout_core.matching.components.skins import covered_by_main_part, skin_of, turned_outwards
+from zoomout_core.matching.components.skins import SKINS, covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.runtime.stepping import drain
@@ -96,7 +96,8 @@ def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
 def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
     heap = [0.3 * directions(40, i) * [1, 0.5, 0.2 + 0.1 * i] + 4 * directions(12, 5)[i] for i in range(12)]
     faces = [ConvexHull(points).simplices + 40 * i for i, points in enumerate(heap)]
-    result = zo.match(mannequin().surface, Surface(np.vstack(heap), np.vstack(faces)))
+    with retuned(SKINS, resolution=64, tight_resolution=80):
+        result = zo.match(mannequin(None, 50).surface, Surface(np.vstack(heap), np.vstack(faces)), samples=400)
     assert result.certainty < 0.1
     assert "not recognised" in result.notes[0]
     assert "landmarks" in result.notes[0]
@@ -217,12 +218,12 @@ def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
     assert not others
 
 
-def test_limbs_that_touch_are_parted_by_a_tight_skin_where_the_first_is_unsure(at_rest: Mannequin) -> None:
-    # Knees together: the skin joins the legs.
+def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tried() -> None:
+    # Knees together.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
-    target = mannequin(knees, 150, 2, (0.8, 1.0, 1.0))
-    with retuned(ATTEMPTS, sure=1.0):
-        result = zo.match(at_rest.surface, target.surface)
+    at_rest, target = mannequin(None, 70, 1), mannequin(knees, 70, 2, (0.8, 1.0, 1.0))
+    with retuned(ATTEMPTS, sure=1.0), retuned(SKINS, resolution=80, tight_resolution=120):
+        result = zo.match(at_rest.surface, target.surface, k_final=60, samples=400)
     assert right_parts(result, at_rest, target) > 0.9
 
 
