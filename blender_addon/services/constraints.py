@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,14 @@ def matching_steps(
             "The map contradicts most of the names that both objects have: check whether names or sides are swapped."
         )
     return replace(result, notes=(*notes, *result.notes))
+
+
+def check_options(options: Collection[str]) -> None:
+    """See that each is an option of `matching_steps`, which a match that is stored already would not be made with."""
+    functions = matching_steps, zo.match_by_proximity
+    known = {field.name for field in fields(zo.MatchOptions)}.union(*(signature(each).parameters for each in functions))
+    if unknown := set(options).difference(known):
+        raise TypeError(f"A match has no option called {', '.join(sorted(unknown))}.")
 
 
 def settings_to_store(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:

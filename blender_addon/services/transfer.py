@@ -37,7 +37,7 @@ from ..scene.pair import (
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match, stored_report
 from .candidates import store_match
-from .constraints import matching_steps, settings_to_store
+from .constraints import check_options, matching_steps, settings_to_store
 from .targets import Write
 
 # Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
@@ -67,6 +67,7 @@ def transfer_objects(
 
     Raises:
         MeshError: something cannot be transferred; nothing was written.
+        TypeError: a match has no option of a name.
     """
     return drain(transfer_steps(context, source.name, target.name, data, settings, **match_options))
 
@@ -93,6 +94,7 @@ def prepare_transfer_steps(
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
     """`transfer_steps` without the writing: returns a function that writes the data to the target."""
+    check_options(match_options)
     pair = yield from stored_pair_steps(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     adapters, remarks, blend = yield from _collected_steps(context, pair, data, settings)

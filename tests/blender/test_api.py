@@ -38,6 +38,15 @@ def test_a_vertex_that_is_none_is_one_sentence(objects):
             api.set_landmark(bpy.context, objects[0], 1, vertex)
 
 
+def test_an_option_that_no_match_has_is_none_of_a_stored_match_either(objects):
+    api.match_objects(bpy.context, *objects, initial="same_order")
+    with pytest.raises(TypeError, match="no option called without_partner"):
+        api.transfer_objects(bpy.context, *objects, data=["uv_maps"], without_partner="keep")
+    assert not objects[1].data.uv_layers
+    report = api.transfer_objects(bpy.context, *objects, data=["uv_maps"], names=False, k_final=40, most_distance=0.1)
+    assert report["written"]["uv_maps"] == ["UVMap"]
+
+
 def test_every_name_is_explained():
     for name in api.__all__:
         assert getattr(api, name).__doc__ or name.isupper()
