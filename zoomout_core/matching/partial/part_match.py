@@ -46,7 +46,8 @@ class PartMatchTuning(Tuning, set_by="partial"):
         nearly_whole: ratio of the areas from which the map of whole shapes is kept where both find the same: it is the
             more exact one then (a body in a fight, 21 against 28), and the less exact one where much is missing (two
             people, both cut, 73 against 29).
-        largest_ratio: of the scales of two shapes, beyond which their units differ.
+        largest_ratio: of the scales of two shapes, beyond which their units differ: a hand is 7 times smaller than its
+            body, and a foot 5 to 6.
         residual: distance from the whole beyond which a place of the part has no partner.
         another_map: maps whose images are farther apart on average rival each other.
         rivalry: rate at which the odds of a rival fall with the lead in score.
@@ -58,7 +59,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
     unsure: float = tuned(0.8, "probability", 0, 1)
     likely: float = tuned(0.15, "probability", 0, 1)
     nearly_whole: float = tuned(0.8, "1", 0, 1)
-    largest_ratio: float = tuned(5.0, "1", 1, 1000)
+    largest_ratio: float = tuned(8.0, "1", 1, 1000)
     residual: float = tuned(0.03, "length", 0, 10)
     another_map: float = tuned(0.1, "length", 0, 2)
     rivalry: float = tuned(10.0, "1", 0, 100)
