@@ -135,7 +135,7 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
     with (
         retuned(ATTEMPTS, same_share=1.0),
         retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
-        retuned(PART_CANDIDATES, searches=((7, 0.6), (5, 0.6)), registered=4),
+        retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         result = match_objects(bpy.context, source, target, k_final=60, samples=400)
     stored = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
@@ -144,7 +144,7 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
     assert overlap.sum() > 0.85 * (stored.source_has_partner | in_lower_half(whole)).sum()
     shares = [result.share_without_partner, result.source_share_without_partner]
     assert stored_match.description(target.data)["without_partner"] == shares
-    assert shares[0] < 0.03 < 0.2 < shares[1]
+    assert shares[0] < 0.1 < 0.2 < shares[1]
     set_weights(source, "Bone", np.ones(len(source.data.vertices)))
     assert transfer(source, target, "vertex_groups")["without_partner"] == shares
 
