@@ -55,7 +55,7 @@ def test_the_score_is_of_normals_strain_and_what_is_not_beyond_a_cut(
     for candidate in found:
         scores = candidate.scores
         expected = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
-        assert scores["beyond"] == 0
+        assert scores["beyond"] == pytest.approx(0, abs=1e-12)
         assert scores["extent"] == pytest.approx(lower.part.shape.basis.areas.sum())
         assert scores["fit"] == pytest.approx(expected)
 
