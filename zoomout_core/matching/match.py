@@ -69,8 +69,8 @@ NOT_RECOGNISED = (
 )
 OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
 # The fractions of the progress at which each body is begun, at which a part is placed, and at which this is done; and
-# the fraction of each body that analysing the shapes takes.
-PARTS_OF_PROGRESS, ANALYSING = (0.04, 0.5, 0.6, 0.68, 0.75), 0.8
+# the fraction of each body that analysing the shapes takes, and that of what follows that placing a part takes.
+PARTS_OF_PROGRESS, ANALYSING, PLACING = (0.04, 0.5, 0.6, 0.68, 0.75), 0.8, 0.7
 
 
 @dataclass(frozen=True)
@@ -272,11 +272,11 @@ def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> 
         if units_differ(first.pair):
             first = replace(first, pair=replace(first.pair, notes=(*first.pair.notes, OTHER_UNITS)))
         else:
-            second = yield from _part_attempt_steps(first, known)
+            second = yield from within(_part_attempt_steps(first, known), 0.0, PLACING)
             if second is not first:
                 return second
     if options.initial == "auto" and first.candidates[0].certainty < CERTAINTY.unlikely:
-        return (yield from _more_steps(first, known, options.initial_map))
+        return (yield from within(_more_steps(first, known, options.initial_map), PLACING, 1.0))
     return first
 
 

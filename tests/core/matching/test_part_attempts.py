@@ -16,7 +16,7 @@ from zoomout_core.matching import match
 from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.stepping import Progress, Steps, drain
 from zoomout_core.tuning import retuned
 
 COUNT = 100
@@ -140,8 +140,9 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     gone_on_with: str,
 ) -> None:
     def saying(text: str | None) -> Any:
-        def steps(first: object, *_: object) -> Generator[float, None, Any]:
-            yield from ()
+        def steps(first: object, *_: object) -> Steps[Any]:
+            yield Progress(0.0, "")
+            yield Progress(1.0, "")
             return first if text is None else text
 
         return steps
@@ -152,8 +153,16 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch.setattr(match, "units_differ", lambda _: False)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty)])
     options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
-    found = drain(match._second_steps(first, None, options))
+    steps, fractions = match._second_steps(first, None, options), []
+    while True:
+        try:
+            fractions.append(next(steps).fraction)
+        except StopIteration as finished:
+            found = finished.value
+            break
     assert found is first if gone_on_with == "first" else found == gone_on_with
+    # What is tried after a part that was refused does not begin again.
+    assert fractions == sorted(fractions)
 
 
 @pytest.mark.parametrize(
