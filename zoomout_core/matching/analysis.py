@@ -137,9 +137,14 @@ class ShapeAnalysis:
         return weights / weights.sum(axis=1, keepdims=True), near | near.T
 
     @cached_property
+    def voronoi_cell(self) -> Integers:
+        """(n,) for each vertex the nearest of the samples that distances are known from, along the surface."""
+        return np.asarray(np.argmin(self.distances, axis=0))
+
+    @cached_property
     def cell_coefficients(self) -> Floats:
         """(k, d) coefficients of the indicators of the geodesic Voronoi cells that distances are known from."""
-        cell = np.argmin(self.distances, axis=0)
+        cell = self.voronoi_cell
         weighted = self.basis.areas[:, None] * self.basis.eigenvectors
         indicator = csc_array(
             (np.ones(len(cell)), (cell, np.arange(len(cell)))), shape=(len(self.distances), len(cell))

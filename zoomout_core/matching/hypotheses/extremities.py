@@ -259,8 +259,7 @@ def _maxima(shape: ShapeAnalysis) -> tuple[Integers, Floats]:
 @once_per_argument
 def _average_distance(shape: ShapeAnalysis) -> Floats:
     """(n,) geodesic distance to all of the surface."""
-    owner = np.argmin(shape.distances, axis=0)
-    mass = np.bincount(owner, shape.basis.areas, minlength=len(shape.distances))
+    mass = np.bincount(shape.voronoi_cell, shape.basis.areas, minlength=len(shape.distances))
     return np.asarray(mass @ shape.distances)
 
 

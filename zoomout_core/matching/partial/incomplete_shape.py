@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
+from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, edge_graph
@@ -102,14 +102,9 @@ class IncompleteShape:
         return np.asarray(np.log(np.maximum(np.cumsum(rings, axis=1), 1e-9)))
 
     @cached_property
-    def nearest_place(self) -> Integers:
-        """(n,) the place that is nearest to each vertex."""
-        return np.asarray(np.argmin(self.shape.distances, axis=0))
-
-    @cached_property
     def areas(self) -> Floats:
         """(d,) the area that is nearest to each place."""
-        return segment_sum(self.shape.basis.areas, self.nearest_place, len(self.between))
+        return segment_sum(self.shape.basis.areas, self.shape.voronoi_cell, len(self.between))
 
 
 def unlikeness(of_target: IncompleteShape, of_source: IncompleteShape) -> Floats:

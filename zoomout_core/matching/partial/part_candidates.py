@@ -168,7 +168,7 @@ def _compared(one: PartCandidate, part: IncompleteShape, whole: IncompleteShape)
 
 def _images(registered: RegisteredPart, part: IncompleteShape, whole: IncompleteShape) -> Integers:
     """(d_p,) the place of the whole that each place of a bent part is near."""
-    return whole.nearest_place[registered.closest.vertex[part.shape.search.samples[: len(part.between)]]]
+    return whole.shape.voronoi_cell[registered.closest.vertex[part.shape.search.samples[: len(part.between)]]]
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:

@@ -109,7 +109,7 @@ def registered_steps(
         start = align(images, here, NONRIGID.alignment_width, mirrored=False).positions
     else:
         start = begun.positions
-    place, is_cut = part.nearest_place, whole.cut_distance_of_vertices == 0
+    place, is_cut = here.voronoi_cell, whole.cut_distance_of_vertices == 0
     around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there, is_cut)
     graph = yield from bent_steps(rest, normals, start, around, limit, here, levels, is_part=True)
     positions, turned, blends = graph.moved()
