@@ -33,7 +33,7 @@ from benchmarks.pictures import Picture, draw
 from benchmarks.tables import Record
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.match import NOTES, share_of_area
+from zoomout_core.matching.match import NOTES
 from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"
@@ -84,10 +84,10 @@ def run(data: Path, pairs: int | None, ablate: bool, picture_folder: Path | None
     are right, and how many have left and right exchanged.
 
     `parts`, for each kind of missing pieces of the sets of parts: success, mean and median error on what has a partner,
-    mean certainty; the mean share of the intersection in the union of the true and the
-    stated region that has a partner, of the source and of the target, on all pairs and on those that succeeded; how far
-    the stated share of the source's area without a partner is from the true one, on average; and the published mean
-    errors of PFM and of trained methods on SHREC'16. These pairs are in `calibration`, too.
+    mean certainty; the mean area of the intersection of the true and the stated region that has a partner over that of
+    their union, of the source (on all pairs and on those that succeeded) and of the target; how far the stated share of
+    the source's area without a partner is from the true one, on average; and the published mean errors of PFM and of
+    trained methods on SHREC'16. These pairs are in `calibration`, too.
 
     `ablation`: `rows` with a stage left out each, measured as `benchmarks.ablation` says.
 
@@ -212,7 +212,7 @@ def _records_of_parts(folder: Path, pairs: int | None, picture_folder: Path | No
 
 def _regions(pair: PairOfParts, result: zo.MatchResult) -> Record:
     """How well a result knows what has a partner."""
-    missing = 100 * share_of_area(pair.source, ~pair.region)
+    missing = 100 * pair.source.share_of_area(~pair.region)
     stated = 100 * result.source_share_without_partner
     return {
         "overlap on source": _overlap(pair.source, result.source_has_partner, pair.region),
@@ -225,7 +225,7 @@ def _regions(pair: PairOfParts, result: zo.MatchResult) -> Record:
 
 def _overlap(surface: Surface, one: Booleans, other: Booleans) -> float:
     """The area of the intersection of two selections (n,) over that of their union."""
-    return share_of_area(surface, one & other) / max(share_of_area(surface, one | other), 1e-300)
+    return surface.share_of_area(one & other) / max(surface.share_of_area(one | other), 1e-300)
 
 
 def _trust(confidence: Floats, error: Floats) -> Record:

@@ -16,7 +16,6 @@ from bpy.types import Collection, Context, Depsgraph, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.match import share_of_area
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
@@ -258,7 +257,7 @@ def _match_of_target(
         others=pair.source_names[1:],
         has_partner=has_partner,
         source_has_partner=of_sources,
-        without_partner=(share_of_area(pair.target, ~has_partner), share_of_area(pair.source, ~of_sources)),
+        without_partner=(pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_sources)),
     )
 
 

@@ -17,7 +17,6 @@ from benchmarks.__main__ import main
 from benchmarks.ablation import NEUTRAL
 from benchmarks.correspondence import OURS, Map, _calibration, _records, _rows
 from benchmarks.datasets import TEMPLATE, PairOfParts, load_pair, pair_names, sets_in
-from zoomout_core.matching.match import share_of_area
 from zoomout_core.matching.scores import total_score
 
 Tables = dict[str, list[dict]]
@@ -103,7 +102,7 @@ def guessed(method: str, pair: PairOfParts) -> tuple[Any, Map]:
     result = SimpleNamespace(
         has_partner=masks[0],
         source_has_partner=masks[1],
-        source_share_without_partner=share_of_area(pair.source, ~masks[1]),
+        source_share_without_partner=pair.source.share_of_area(~masks[1]),
     )
     vertex = np.zeros_like(pair.truth) if lost else np.maximum(pair.truth, 0)
     return result, Map(method, vertex, {"seconds": 2.0, "certainty": 0.1 if lost else 0.95})

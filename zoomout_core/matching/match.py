@@ -51,7 +51,6 @@ from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
 from zoomout_core.matching.scores import Disagreement
 from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
-from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
@@ -153,12 +152,12 @@ class MatchResult:
     @property
     def share_without_partner(self) -> float:
         """The part of the target's area, in [0, 1], to which nothing on the source corresponds."""
-        return share_of_area(self.pair.target, ~self.has_partner)
+        return self.pair.target.share_of_area(~self.has_partner)
 
     @property
     def source_share_without_partner(self) -> float:
         """The part of the source's area, in [0, 1], to which nothing on the target corresponds."""
-        return share_of_area(self.pair.source, ~self.source_has_partner)
+        return self.pair.source.share_of_area(~self.source_has_partner)
 
     def outline(self, candidate: int) -> tuple[Integers, Integers]:
         """Where a candidate leads, roughly, before its full map is worked out.
@@ -478,19 +477,13 @@ def fitted_steps(
     return fit, target.basis.coefficients(images)[:k_target]
 
 
-def share_of_area(surface: Surface, chosen: Booleans) -> float:
-    """The part of a surface's area, in [0, 1], that some of its vertices (n,) stand for."""
-    areas = vertex_areas(surface.vertices, surface.triangles)
-    return float(areas[chosen].sum() / areas.sum())
-
-
 def _notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
     """What is said about parts that only one of the two surfaces has."""
     notes = (
         (pair.target, partners.target, "target seems to have no partner on the source: confidence is low there."),
         (pair.source, partners.source, "source seems to have no partner on the target: nothing was matched to it."),
     )
-    shares = ((share_of_area(surface, ~has_partner), text) for surface, has_partner, text in notes)
+    shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
     return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > NOTES.without_partner)
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.reconstruction import triangulated_points
-from zoomout_core.mesh.triangles import triangle_areas, unit_vectors
+from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
 
@@ -156,6 +156,11 @@ class Surface:
     def area(self) -> float:
         """Total area, in squared units of the vertices."""
         return float(triangle_areas(self.vertices, self.triangles).sum())
+
+    def share_of_area(self, chosen: Booleans) -> float:
+        """The part of the area, in [0, 1], that some of the vertices (n,) stand for."""
+        areas = vertex_areas(self.vertices, self.triangles)
+        return float(areas[chosen].sum() / areas.sum())
 
     @property
     def working(self) -> WorkingMesh:

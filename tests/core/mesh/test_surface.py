@@ -120,6 +120,13 @@ def test_borders_split_by_an_exporter_are_welded_and_nothing_else(resting: Creat
     assert twice.components.max() == 1
 
 
+def test_a_vertex_stands_for_a_third_of_its_triangles_in_the_share_of_area() -> None:
+    surface = Surface(SQUARE, [[0, 1, 2, 3]])
+    shares = [surface.share_of_area(np.arange(len(SQUARE)) == vertex) for vertex in range(4)]
+    assert sorted(shares) == pytest.approx([1 / 6, 1 / 6, 1 / 3, 1 / 3])
+    assert surface.share_of_area(np.ones(len(SQUARE), dtype=bool)) == pytest.approx(1)
+
+
 def test_the_working_copy_has_unit_area_wherever_the_surface_lies(resting: Creature) -> None:
     moved = Surface(resting.surface.vertices * 1000 + [5e4, 0, -7], resting.surface.triangles)
     working = moved.working

@@ -14,7 +14,6 @@ from pieces import analysed, in_lower_half, lower_half
 import zoomout_core as zo
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS
-from zoomout_core.matching.match import share_of_area
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import (
@@ -64,7 +63,7 @@ def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None
     # Both surfaces have a mask, and the notes speak of the same share.
     assert result.has_partner.mean() > 0.95
     assert overlap_of(result.source_has_partner, in_lower_half(whole)) > 0.85
-    missing = share_of_area(whole.surface, ~in_lower_half(whole))
+    missing = whole.surface.share_of_area(~in_lower_half(whole))
     assert result.source_share_without_partner == pytest.approx(missing, abs=0.1)
     share = f"About {result.source_share_without_partner:.0%} of the source seems to have no partner"
     assert any(note.startswith(share) for note in result.notes)
