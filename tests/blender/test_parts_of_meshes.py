@@ -38,11 +38,6 @@ from zoomout_core.tuning import retuned
 
 
 @pytest.fixture
-def source():
-    return ellipsoid("Source", 4)
-
-
-@pytest.fixture
 def target(source):
     """The same mesh again; one end has no partner, and is mapped to the other end by a map that is sure of itself."""
     obj = ellipsoid("Target", 4)

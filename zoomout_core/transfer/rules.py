@@ -173,9 +173,8 @@ def map_target(
         _check_map(result, source, target)
         return MappedTarget(source, target, result, np.ones(len(target.vertices)), fill_below)
     surface_map, confidence, has_partner = result.surface_map, np.asarray(result.confidence), result.has_partner
-    _check_map(surface_map, source, target, confidence)
+    _check_map(surface_map, source, target, confidence, *([] if has_partner is None else [has_partner]))
     if has_partner is not None:
-        _check_map(surface_map, source, target, has_partner)
         surface_map = continued(surface_map, target, has_partner)
         confidence = np.where(has_partner, confidence, 0)
     return MappedTarget(source, target, surface_map, confidence, fill_below, has_partner)

@@ -1,4 +1,4 @@
-"""What of a cut shape is as it was: lengths in one unit, distances and areas up to the cut, the sense of turning."""
+"""What of a cut shape is as it was: lengths in one unit, distances and areas up to the cut."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Landmarks keep away from cuts, and are found again by distances, surroundings and the sense of turning."""
+"""Landmarks keep away from cuts, and are found again by distances and surroundings."""
 
 from __future__ import annotations
 
