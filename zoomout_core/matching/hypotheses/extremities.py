@@ -210,7 +210,7 @@ def _best_maps(
     by_pairs = sorted(by_score, key=lambda i: -len(tried[i].of_target))
     same = alike([one.place for one in tried], HYPOTHESES.same_map)
     kept: list[int] = []
-    for quota, by_merit in zip(quotas, (range(len(tried)), by_score), strict=True):
+    for quota, by_merit in zip(quotas, (np.arange(len(tried)), by_score), strict=True):
         for i in by_merit:
             if len(kept) < quota and not same[i, kept].any():
                 # Of like maps always the same one, in whatever order they come: that which most pairs hold in place.
