@@ -214,7 +214,7 @@ def shipped_map(folder: Path, method: str, target_name: str, source_name: str) -
 
 def _is_complete(maps: Mapping[str, Integers], target: str, source: str) -> bool:
     name = f"{target}__{source}"
-    return name in maps and maps[name].min() >= 0
+    return name in maps and bool(maps[name].min() >= 0)
 
 
 def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:

@@ -56,7 +56,9 @@ def gtm(source: Surface, target: Surface) -> Integers:
         for surface, samples in ((target, on_target), (source, on_source))
     ]
     candidates = cKDTree(described[1]).query(described[0], min(CANDIDATES, len(on_source)))[1]
-    pairs = np.column_stack([np.repeat(np.arange(len(on_target)), candidates.shape[1]), candidates.ravel()])
+    pairs = np.column_stack(
+        [np.repeat(np.arange(len(on_target)), candidates.size // len(on_target)), candidates.ravel()]
+    )
     from_target, from_source = (
         dijkstra(edge_graph(surface.vertices, surface.triangles), indices=samples) / unit
         for surface, samples in ((target, on_target), (source, on_source))

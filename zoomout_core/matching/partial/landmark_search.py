@@ -72,7 +72,7 @@ def landmarks_of(target: IncompleteShape, count: int, around: int | None = None)
     else:
         chosen = [around]
         weight = np.where(between[around] <= np.quantile(between[around], SEARCH.region), weight, 0)
-    while len(chosen) < min(count, np.count_nonzero(weight)):
+    while len(chosen) < min(count, int(np.count_nonzero(weight))):
         chosen.append(int(np.argmax(between[chosen].min(axis=0) * weight)))
     return np.array(chosen)
 
