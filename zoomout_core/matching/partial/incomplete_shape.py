@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from zoomout_core.arrays import Booleans, Floats, segment_sum
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, edge_graph
@@ -28,10 +28,13 @@ class IncompleteShapeTuning(Tuning, set_by="partial"):
 
     Attributes:
         loop: length of a border beyond which something may be missing there; eyes and nostrils of scans are shorter.
+        fragment: length of all of these borders, relative to the square root of the shape's area, beyond which a large
+            piece may be missing (of the table: cats' eyes and mouths 0.16 at most, cuts 0.85 at least).
         radii: of the balls whose areas are compared.
     """
 
     loop: float = tuned(0.05, "length", 0, 10)
+    fragment: float = tuned(0.4, "1", 0, 100)
     radii: tuple[float, ...] = tuned(tuple(np.geomspace(0.04, 0.8, 20).round(4).tolist()), "length", 1e-3, 10)
 
 
@@ -71,23 +74,34 @@ class IncompleteShape:
         return (distances + distances.T) / 2
 
     @cached_property
-    def cut_distance_of_vertices(self) -> Floats:
-        """(n,) geodesic distance to the nearest border that something may be missing at; infinite without one."""
+    def _cuts(self) -> tuple[Integers, float]:
+        """The vertices of the borders that something may be missing at, and how long these are."""
         mesh = self.shape.mesh
         border = border_edges(mesh.triangles)
         n = len(mesh.vertices)
         graph = coo_array((np.ones(len(border), dtype=bool), border.T), shape=(n, n))
         loop = connected_components(graph, directed=False)[1][border[:, 0]]
         length = np.linalg.norm(mesh.vertices[border[:, 0]] - mesh.vertices[border[:, 1]], axis=1)
-        cuts = np.unique(border[segment_sum(length, loop, n)[loop] > INCOMPLETE.loop])
+        is_cut = segment_sum(length, loop, n)[loop] > INCOMPLETE.loop
+        return np.unique(border[is_cut]), float(length[is_cut].sum())
+
+    @cached_property
+    def cut_distance_of_vertices(self) -> Floats:
+        """(n,) geodesic distance to the nearest border that something may be missing at; infinite without one."""
+        mesh, cuts = self.shape.mesh, self._cuts[0]
         if not len(cuts):
-            return np.full(n, np.inf)
+            return np.full(len(mesh.vertices), np.inf)
         return np.asarray(dijkstra(edge_graph(mesh.vertices, mesh.triangles), indices=cuts, min_only=True))
 
     @cached_property
     def cut_distance(self) -> Floats:
         """(d,) the same at the places."""
         return self.cut_distance_of_vertices[self.shape.search.samples[: len(self.shape.distances)]]
+
+    @cached_property
+    def is_fragment(self) -> bool:
+        """Whether its cuts are so long that a large piece may be missing, not a hand or the eyes only."""
+        return self._cuts[1] > INCOMPLETE.fragment * np.sqrt(self.shape.basis.areas.sum())
 
     @cached_property
     def unaffected(self) -> Booleans:

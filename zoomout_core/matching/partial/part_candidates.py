@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -77,10 +77,31 @@ class PartCandidate:
 
 
 def part_candidates_steps(part: IncompleteShape, whole: IncompleteShape) -> Generator[float, None, list[PartCandidate]]:
-    """Maps of a part to a whole, the most likely first; yields the fraction done."""
+    """Maps of a part to a whole, the most likely first; yields the fraction done.
+
+    Of two fragments, each has regions that the other one lacks: landmarks of the whole are placed on the part, too, and
+    the best maps of either search are compared, for those that only one finds seldom promise most of both.
+    """
     unlike = unlikeness(part, whole)
-    _ = whole.unaffected  # before several threads ask for it
-    searching = for_each(lambda chosen: _searched(chosen, unlike, part, whole), landmark_sets(part))
+    if not (part.is_fragment and whole.is_fragment):
+        return (yield from _from_landmarks_steps(_searched, landmark_sets(part), unlike, part, whole))
+    there = _from_landmarks_steps(_searched, landmark_sets(part), unlike, part, whole)
+    back = _from_landmarks_steps(_searched_back, landmark_sets(whole), unlike, part, whole)
+    found = (yield from scaled(there, 0.0, 0.5)) + (yield from scaled(back, 0.5, 1.0))
+    found.sort(key=lambda candidate: candidate.scores["fit"])
+    return [found[number] for number in _differing([one.places for one in found], len(found), whole)]
+
+
+def _from_landmarks_steps(
+    search: Callable[[Integers, Floats, IncompleteShape, IncompleteShape], list[Integers]],
+    sets: Sequence[Integers],
+    unlike: Floats,
+    part: IncompleteShape,
+    whole: IncompleteShape,
+) -> Generator[float, None, list[PartCandidate]]:
+    """The best maps of those that a search finds by sets of landmarks; yields the fraction done."""
+    _ = part.unaffected, whole.unaffected  # before several threads ask for it
+    searching = for_each(lambda chosen: search(chosen, unlike, part, whole), sets)
     searched = yield from scaled(searching, 0.0, 0.3)
     found = sorted((_promise(places, unlike, part, whole), i, places) for i, places in enumerate(chain(*searched)))
     ahead = _differing([places for _, _, places in found], PART_CANDIDATES.registered, whole)
@@ -117,6 +138,14 @@ def _searched(landmarks: Integers, unlike: Floats, part: IncompleteShape, whole:
     """(d_p,) the place of the whole for each place of the part, by landmarks on each of several places."""
     placed = assignments(landmarks, unlike, part, whole)
     return [extended(landmarks, placed[number], unlike, part, whole) for number in distinct(placed, whole)]
+
+
+def _searched_back(
+    landmarks: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape
+) -> list[Integers]:
+    """The same by landmarks of the whole on each of several places of the part."""
+    placed = assignments(landmarks, unlike.T, whole, part)
+    return [extended(placed[number], landmarks, unlike, part, whole) for number in distinct(placed, part)]
 
 
 def images_apart(places: Integers, other: Integers, whole: IncompleteShape) -> float:

@@ -62,6 +62,20 @@ def test_cuts_are_borders_that_are_long_enough() -> None:
     assert np.isinf(IncompleteShape(analysed(creature(400))).cut_distance).all()
 
 
+def test_a_fragment_has_cuts_through_its_body_not_only_eyes() -> None:
+    made = creature(800)
+    assert not IncompleteShape(analysed(made)).is_fragment
+    pierced = IncompleteShape(analysed(piece_of(made, np.arange(len(made.directions)) != 0)))
+    assert np.isfinite(pierced.cut_distance).all()
+    assert not pierced.is_fragment
+    half = IncompleteShape(analysed(piece_of(made, made.directions[:, 2] < 0)))
+    assert half.is_fragment
+    # The share is of the shape's own area, in whatever unit it is.
+    assert IncompleteShape(at_scale(half.shape, 0.2)).is_fragment
+    with retuned(INCOMPLETE, fragment=0.0):
+        assert IncompleteShape(pierced.shape).is_fragment
+
+
 def test_a_distance_is_the_wholes_where_the_way_past_a_cut_is_longer() -> None:
     made = creature(800)
     kept = made.directions[:, 2] < 0.4
