@@ -1,0 +1,33 @@
+"""The options of a match, and those that a preset stands for."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.proxy import PROXY
+
+SIZES = {"k_final": 4, "step": 1, "samples": 1, "proxy_vertices": 500}
+
+
+@pytest.mark.parametrize(("name", "least"), SIZES.items())
+def test_sizes_are_whole_numbers_from_the_smallest_that_makes_sense(name: str, least: int) -> None:
+    for value in (least, np.int64(least), 10**6):
+        assert getattr(MatchOptions(**{name: value}), name) == value
+    for value in (least - 1, -1, least + 0.5, float(least + 1), str(least + 1), True):
+        with pytest.raises(ValueError, match=f"{name} is {value!r}: give a whole number of {least} or more"):
+            MatchOptions(**{name: value})
+
+
+def test_each_preset_is_finer_than_the_one_before_it() -> None:
+    assert list(DETAIL) == ["fast", "balanced", "fine", "full"]
+    assert all(set(preset) <= {field.name for field in fields(MatchOptions)} for preset in DETAIL.values())
+    fast, balanced, fine, full = (MatchOptions(**preset) for preset in DETAIL.values())  # type: ignore[arg-type]
+    assert fast.k_final < balanced.k_final < fine.k_final <= full.k_final
+    assert fast.samples < balanced.samples < fine.samples < full.samples
+    assert fast.proxy_vertices < PROXY.fewest < PROXY.most < fine.proxy_vertices  # type: ignore[operator]
+    assert (balanced.proxy_vertices, full.proxy_vertices) == ("auto", None)
