@@ -239,34 +239,33 @@ def test_shells_that_have_their_like_are_onto_partner_it_and_trusted() -> None:
     assert found.confidence.min() > 0.8
 
 
-def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_distance() -> None:
+@pytest.mark.parametrize("away", [0.0, 1.0])
+def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_distance(away: float) -> None:
     source = Surface.joined([TRUNK, HORN])
-    for away, alone in ((0.0, 0.0), (1.0, 1.0)):
-        loose = KNOB.with_vertices(KNOB.vertices + np.array([-away, 0, 0]))
-        target = turned(Surface.joined([TRUNK, HORN, loose]))
-        found = map_of(source, target)
-        assert found.paired == 2
-        on_knob = target.working.component == 2
-        assert 0 <= found.confidence.min() < found.confidence.max() <= 1
-        share = loose.area / target.area
-        if alone:
-            assert found.alone == pytest.approx(share, rel=0.1)
-            assert found.confidence[on_knob].max() < 0.05
-        else:
-            assert found.alone < share
-            assert 0.1 < found.confidence[on_knob].mean() < 0.8
+    loose = KNOB.with_vertices(KNOB.vertices + np.array([-away, 0, 0]))
+    target = turned(Surface.joined([TRUNK, HORN, loose]))
+    found = map_of(source, target)
+    assert found.paired == 2
+    on_knob = target.working.component == 2
+    assert 0 <= found.confidence.min() < found.confidence.max() <= 1
+    share = loose.area / target.area
+    if away:
+        assert found.alone == pytest.approx(share, rel=0.1)
+        assert found.confidence[on_knob].max() < 0.05
+    else:
+        assert found.alone < share
+        assert 0.1 < found.confidence[on_knob].mean() < 0.8
 
 
-def test_a_shell_far_from_the_other_surface_has_no_partner_on_it() -> None:
+@pytest.mark.parametrize("on_target", [False, True])
+def test_a_shell_far_from_the_other_surface_has_no_partner_on_it(on_target: bool) -> None:
     far = KNOB.with_vertices(KNOB.vertices - np.array([1.0, 0, 0]))
     longer, shorter = Surface.joined([TRUNK, HORN, far]), Surface.joined([TRUNK, HORN])
-    expected = longer.working.component < 2
-    found = map_of(shorter, turned(longer)).partners
-    np.testing.assert_array_equal(found.target, turned(longer).working.component < 2)
-    assert found.source.all()
-    found = map_of(longer, turned(shorter)).partners
-    np.testing.assert_array_equal(found.source, expected)
-    assert found.target.all()
+    source, target = (shorter, turned(longer)) if on_target else (longer, turned(shorter))
+    found = map_of(source, target).partners
+    # All shells but the third.
+    np.testing.assert_array_equal(found.target, target.working.component < 2)
+    np.testing.assert_array_equal(found.source, source.working.component < 2)
 
 
 def test_what_the_skin_has_no_partner_for_only_registered_shells_have() -> None:
@@ -276,7 +275,10 @@ def test_what_the_skin_has_no_partner_for_only_registered_shells_have() -> None:
     assert found.paired == 2
     np.testing.assert_array_equal(found.partners.target, target.working.component != 1)
     assert found.partners.source.all()
-    # Those that stay where they are owe nothing to the skins' map.
+
+
+def test_shells_that_stay_where_they_are_owe_their_partners_to_no_skin() -> None:
+    source = Surface.joined([TRUNK, KNOB])
     in_place = map_of(source, Surface.joined([TRUNK, KNOB, ball(0.01, (0, 0.21, 0), count=20)]), on_skin=False)
     assert in_place.in_place
     assert in_place.paired == 2
@@ -303,12 +305,11 @@ def test_trust_is_that_in_the_body_and_falls_with_the_square_of_the_distance(tru
         np.testing.assert_array_equal(found_trust, 0)
 
 
-def test_what_lies_over_each_other_stays() -> None:
+@pytest.mark.parametrize("itself", [False, True])
+def test_what_lies_over_each_other_stays_but_for_a_surface_on_itself(itself: bool) -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])
-    finer = Surface.joined([TRUNK, HORN, KNOB])
-    found = map_of(source, finer)
-    assert found.in_place
-    assert not map_of(source, source).in_place
+    target = source if itself else Surface.joined([TRUNK, HORN, KNOB])
+    assert map_of(source, target).in_place is not itself
 
 
 # --- landmarks ------------------------------------------------------------------------------------------------------

@@ -158,18 +158,7 @@ def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
     np.testing.assert_allclose(one[:, [4, 5]], other[:, [5, 4]])
 
 
-# --- signs, descriptors, turns ------------------------------------------------------------------------------
-
-
-def test_signs_are_tried_in_all_combinations(shapes) -> None:
-    hypotheses = sign_hypotheses(*shapes)
-    assert len(hypotheses) == 8 + 16 + 32
-    patterns = {tuple(np.diag(hypothesis.functional_map)) for hypothesis in hypotheses}
-    assert len(patterns) == len(hypotheses)
-    assert all(pattern[0] == 1 and set(np.abs(pattern)) == {1.0} for pattern in patterns)
-    for hypothesis in hypotheses:
-        signs = ["+" if number > 0 else "-" for number in np.diag(hypothesis.functional_map)[1:]]
-        assert hypothesis.origin == "signs of eigenfunctions " + "".join(signs)
+# --- descriptors, turns -------------------------------------------------------------------------------------
 
 
 def test_descriptors_find_the_map_of_a_shape_without_limbs(stones: tuple[Shaped, Shaped]) -> None:
