@@ -60,6 +60,19 @@ def test_parts_that_only_one_surface_has_are_alone_or_left() -> None:
     assert counts(pair_around_body(EYES, [])) == (0, 0, 0, 2, 0)
 
 
+def test_parts_after_one_that_is_alone_have_their_images_and_what_is_left_is_named() -> None:
+    def vertices_of_parts(surface: Surface, numbers: slice) -> np.ndarray:
+        component = surface.working.component
+        return np.flatnonzero(np.isin(component, np.arange(component.max() + 1)[numbers]))
+
+    pair = pair_around_body(EYES, [ROD, *EYES])
+    found = mapped(pair)
+    np.testing.assert_array_equal(np.sort(found.image.vertices), vertices_of_parts(pair.target, slice(2, None)))
+    assert len(found.left_vertices) == 0
+    pair = pair_around_body([ROD, *EYES], EYES)
+    np.testing.assert_array_equal(mapped(pair).left_vertices, vertices_of_parts(pair.source, slice(1, 2)))
+
+
 def test_pieces_of_a_whole_lie_on_it_and_it_on_them() -> None:
     assert counts(pair_around_body([ROD], thirds(ROD))) == (0, 3, 0, 0, 0)
     paired, others, alone, left, _ = counts(pair_around_body(thirds(ROD), [ROD]))
