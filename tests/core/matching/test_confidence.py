@@ -158,6 +158,17 @@ def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
     assert found.target.mean() > 0.98
 
 
+@pytest.mark.parametrize("centre", [100, 140, 250])
+def test_few_vertices_far_astray_among_others_that_return_have_partners(shape: ShapeAnalysis, centre: int) -> None:
+    distance = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[centre], axis=1)
+    vertex = np.arange(len(distance))
+    vertex[np.argsort(distance)[:3]] = np.argmax(distance)
+    there = vertex_map(vertex, shape)
+    assert partners_by_cycle(there, identity(shape), shape, shape).target.all()
+    with retuned(CONFIDENCE, pooling=0.0):
+        assert not partners_by_cycle(there, identity(shape), shape, shape).target[centre]
+
+
 def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: ShapeAnalysis) -> None:
     back = shuffled(shape, TAIL)
     error = cycle_error(identity(shape), back, 10 * shape.mesh.vertices)

@@ -10,7 +10,13 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
-from zoomout_core.matching.local_rigid_alignment import Alignment, _rotations_of_blends, align, beside_places
+from zoomout_core.matching.local_rigid_alignment import (
+    CLEAR_BLEND,
+    Alignment,
+    _rotations_of_blends,
+    align,
+    beside_places,
+)
 from zoomout_core.matching.refinement import _nearest_near_samples, _weight_factor, dense_steps
 from zoomout_core.runtime.stepping import drain
 
@@ -88,6 +94,10 @@ def test_blends_become_the_nearest_rotations_clear_or_not() -> None:
     np.testing.assert_allclose(_rotations_of_blends(blends), nearest_rotations(blends), atol=1e-5)
     clear = np.einsum("nb,nbij->nij", np.tile([0.9, 0.1, 0, 0], (100, 1)), turns)
     np.testing.assert_allclose(_rotations_of_blends(1e-3 * clear), nearest_rotations(clear), atol=1e-6)
+    # The least clear of those that are, which takes longest.
+    barely = np.diag([1, 1, 0.144])[None]
+    assert np.linalg.det(barely) > CLEAR_BLEND * np.linalg.norm(barely) ** 3 > 0.99 * np.linalg.det(barely)
+    np.testing.assert_allclose(_rotations_of_blends(barely), [np.eye(3)], atol=5e-5)
 
 
 def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_target(shape: ShapeAnalysis) -> None:
