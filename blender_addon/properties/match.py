@@ -31,8 +31,8 @@ class MatchOptions:
     """How to match."""
 
     initial: EnumProperty(
-        name="Start",
-        description="What the match starts from",
+        name="Method",
+        description="How the match is found",
         items=(
             ("AUTO", "Automatic", "The shapes alone: poses and placements may differ"),
             ("LANDMARKS", "Landmarks", "The landmarks of both objects: where the shapes alone lead astray"),

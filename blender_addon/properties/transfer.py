@@ -174,7 +174,7 @@ class BlendOptions:
     )
 
     turning: StringProperty(
-        name="Turning",
+        name="Directions",
         description=(
             "Names, between commas, of attributes that turn with the surface: "
             "directions and rotations, in the mesh's own space"

@@ -179,7 +179,7 @@ def _constraints_steps(
             arguments["initial_map"] = last
             used.append("the last match")
     if used:
-        notes.insert(0, f"Evidence used: {', '.join(used)}.")
+        notes.insert(0, f"Hints used: {', '.join(used)}.")
     return arguments, notes
 
 

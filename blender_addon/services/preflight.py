@@ -31,17 +31,25 @@ class Finding(NamedTuple):
     Attributes:
         text: what is wrong, and what to do.
         blocks: whether nothing can be done before.
+        begins: whether it says how to begin, where nothing is wrong.
     """
 
     text: str
     blocks: bool
+    begins: bool = False
+
+
+HOW_TO_BEGIN = Finding(
+    "Select the mesh that has the data, then with Shift the one that is to receive it.", True, begins=True
+)
+NO_TARGET = "Make the mesh active that is to receive the data"
 
 
 def obstacle(context: Context) -> str:
     """Why the active object cannot receive data, or nothing."""
     target = context.active_object
     if target is None or target.type != "MESH":
-        return "Make the mesh active that is to receive the data"
+        return NO_TARGET
     if context.mode != "OBJECT":
         return "Switch to Object Mode"
     if target.data.is_editmode:
@@ -67,10 +75,10 @@ def findings(context: Context, otherwise: str = "") -> list[Finding]:
         otherwise: the source if none is chosen or selected.
     """
     target = context.active_object
-    if target is None and context.scene.zoomout.source is None:  # how to begin
-        return [Finding("Select the mesh that has the data, then with Shift the one that is to receive it.", True)]
+    if not otherwise and not _is_any_chosen(context):
+        return [HOW_TO_BEGIN]
     if reason := obstacle(context):
-        return [Finding(f"{reason}.", True)]
+        return [Finding(f"{reason}.", True, begins=reason == NO_TARGET)]
     try:
         source = choose_source(context, target, otherwise=otherwise)
         check_distinct(source, target)
@@ -84,6 +92,14 @@ def findings(context: Context, otherwise: str = "") -> list[Finding]:
         *_doubtful(context, source, target),
     ]
     return blocking or [Finding(text, False) for text in doubtful]
+
+
+def _is_any_chosen(context: Context) -> bool:
+    """Whether a source is chosen, or a mesh is selected beside the active object."""
+    if context.scene.zoomout.source is not None:
+        return True
+    active = context.active_object
+    return active is not None and any(obj.type == "MESH" and obj != active for obj in context.selected_objects)
 
 
 def evaluated_data(context: Context, obj: Object) -> Mesh | None:

@@ -42,7 +42,7 @@ OF_MATCH = {
         "Blue is sure, red is a guess, violet has no partner",
     ),
     PLACES: Kind(
-        "Places",
+        "Matching Colors",
         "Each place of the source has a color, and the target shows where it found them",
         "Same color, same place",
     ),

@@ -406,7 +406,7 @@ def test_a_single_pair_tells_which_way_round_a_match_goes(alike, initial, signs)
     image = result.surface_map.interpolate(positions(source.data))
     assert np.linalg.norm(image - truth, axis=1).mean() < 0.1
     if initial == "auto":
-        assert result.notes[0] == "Evidence used: 1 landmark."
+        assert result.notes[0] == "Hints used: 1 landmark."
 
 
 def test_landmarks_can_be_hit_exactly(source, target):

@@ -63,7 +63,7 @@ def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
     assert buttons()["Match and Transfer"]
     names = [text for kind, text, _ in drawn() if kind == "panel"]
     below = "Blending", "Groups and Attributes", "Topology"
-    of_match = "Landmarks", "Evidence", "Collections", "Advanced"
+    of_match = "Landmarks", "Hints", "Collections", "Advanced"
     assert names == ["Match", *of_match, "Transfer", *below, "Symmetry"]
 
 
@@ -83,6 +83,16 @@ def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(t
     assert counts["shape_keys"] == counts["color_attributes"] == counts["custom_normals"] == "0"
     grey = {name for kind, name, usable in everything if kind == "prop" and not usable}
     assert grey == {"shape_keys", "color_attributes", "custom_normals"}
+
+
+def test_no_button_moves_whatever_is_shown(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    heights = {len([1 for kind, *_ in drawn() if kind == "label"])}
+    for kind in preview.OF_MATCH:
+        bpy.ops.zoomout.preview(kind=kind)
+        assert preview.OF_MATCH[kind].legend.split()[0] in texts()
+        heights.add(len([1 for kind, *_ in drawn() if kind == "label"]))
+    assert len(heights) == 1
 
 
 def test_all_check_marks_are_set_or_cleared_at_once(target):
@@ -105,7 +115,16 @@ def test_what_stands_in_the_way_greys_the_button_and_says_what_to_do(target):
 def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     shown = buttons()
-    for name in ("Match Again", "Transfer", "Confidence", "Places", "UV Checker", "Swap Sides", "Next", "100%"):
+    for name in (
+        "Match Again",
+        "Transfer",
+        "Confidence",
+        "Matching Colors",
+        "UV Checker",
+        "Swap Sides",
+        "Next",
+        "100%",
+    ):
         assert shown[name], name
     assert "Matched with 'Source', 0% in doubt" in texts()
     assert "Without a partner" not in texts()
@@ -188,7 +207,7 @@ def test_colours_can_be_taken_away_from_what_is_out_of_date(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     bpy.ops.zoomout.preview(kind="PLACES")
     target.data.vertices.add(1)
-    assert (buttons()["Places"], buttons()[""]) == (False, True)
+    assert (buttons()["Matching Colors"], buttons()[""]) == (False, True)
 
 
 def test_a_mesh_of_few_vertices_is_warned_of_before_its_symmetry_is_sought(target):

@@ -18,7 +18,7 @@ def found():
     preflight.findings(bpy.context)
     mesh_facts.inspect_now()
     everything = preflight.findings(bpy.context)
-    return [text for text, blocks in everything if blocks], [text for text, blocks in everything if not blocks]
+    return [one.text for one in everything if one.blocks], [one.text for one in everything if not one.blocks]
 
 
 def test_nothing_is_said_where_nothing_is_wrong(target):
@@ -31,7 +31,7 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
         ("no target", "Select the mesh that has the data, then with Shift the one that is to receive it."),
         ("no target of a source", "Make the mesh active that is to receive the data."),
         ("edit mode", "Switch to Object Mode."),
-        ("no source", "There is no source: choose it in the sidebar, or select it and then, last, the target."),
+        ("no source", "Select the mesh that has the data, then with Shift the one that is to receive it."),
         ("many", "2 meshes are selected besides the active one: select the source alone, or choose it in the sidebar."),
         ("itself", "'Target' cannot be its own source: choose another source, or make another mesh active."),
         ("one mesh", "'Source' and 'Target' share one mesh: make the target single-user, or choose another source."),
@@ -70,13 +70,15 @@ def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
         if defect == "half":
             target.modifiers.new("Mirror", "MIRROR")
     assert found() == ([sentence], [])
+    begins = [finding.begins for finding in preflight.findings(bpy.context)]
+    assert begins == [defect in ("no target", "no target of a source", "no source")]
 
 
 def test_a_source_that_is_disabled_since_it_was_matched_is_to_be_enabled(source, target):
     source.hide_viewport = True
     bpy.context.view_layer.update()
     sentence = "'Source' or its collection is disabled in the viewport: enable it."
-    assert preflight.findings(bpy.context, otherwise="Source") == [(sentence, True)]
+    assert preflight.findings(bpy.context, otherwise="Source") == [preflight.Finding(sentence, True)]
 
 
 def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):

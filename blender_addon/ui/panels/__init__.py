@@ -4,7 +4,7 @@ from . import symmetry
 from .collections import ZOOMOUT_PT_collections
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .match import ZOOMOUT_PT_match
-from .match_options import ZOOMOUT_PT_evidence, ZOOMOUT_PT_match_advanced
+from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
 from .result import ZOOMOUT_PT_result
 from .transfer import ZOOMOUT_PT_report, ZOOMOUT_PT_transfer
 from .transfer_options import ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT_topology
@@ -15,7 +15,7 @@ CLASSES = (
     ZOOMOUT_PT_match,
     ZOOMOUT_PT_result,
     ZOOMOUT_PT_landmarks,
-    ZOOMOUT_PT_evidence,
+    ZOOMOUT_PT_hints,
     ZOOMOUT_PT_collections,
     ZOOMOUT_PT_match_advanced,
     ZOOMOUT_PT_transfer,

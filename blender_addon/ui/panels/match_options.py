@@ -1,4 +1,4 @@
-"""Subpanels of the match: evidence beside the shapes, and advanced options."""
+"""Subpanels of the match: hints beside the shapes, and advanced options."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, split_properties
 
 
-class ZOOMOUT_PT_evidence(SidebarPanel, Panel):
-    bl_label = "Evidence"
+class ZOOMOUT_PT_hints(SidebarPanel, Panel):
+    bl_label = "Hints"
     bl_parent_id = ZOOMOUT_PT_match.__name__
     bl_options = {"DEFAULT_CLOSED"}
     bl_order = 20

@@ -21,6 +21,9 @@ from .. import manual
 LETTER, BORDER = 6.5, 60
 # The button of a panel is taller than what it depends on.
 BUTTON = 1.5
+# Letters of a label that fits beside two others; lines that the longest legend takes.
+NARROW, LEGEND = 12, 2
+NOTHING_SHOWN = "Nothing is shown in the viewport"
 # Size of the thumbnails of candidates, in icons.
 PICTURE = 3.2
 
@@ -34,19 +37,23 @@ class SidebarPanel:
     bl_translation_context = CONTEXT
 
 
-def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE") -> None:
-    """Text, broken into lines that fit the panel; each sentence may begin with an icon."""
+def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE", lines: int = 0) -> None:
+    """Text, broken into lines that fit the panel; each sentence may begin with an icon, and has some lines at least."""
     scale = context.preferences.system.ui_scale
     letters = max(20, int((context.region.width / scale - BORDER) / LETTER))
     for text in texts:
         column = layout.column(align=True)
-        for number, line in enumerate(textwrap.wrap(text, letters)):
+        broken = textwrap.wrap(text, letters)
+        for number, line in enumerate(broken + [""] * (lines - len(broken))):
             column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
     """Obstacles and doubts, above the button that they concern."""
     for finding in found:
+        if finding.begins:
+            sentences(context, layout, [finding.text], "INFO")
+            continue
         box = layout.box()
         box.alert = finding.blocks
         sentences(context, box, [finding.text], "ERROR" if finding.blocks else "INFO")
@@ -55,35 +62,38 @@ def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) 
 def preview_buttons(
     context: Context, layout: UILayout, kinds: Mapping[str, preview.Kind], enabled: bool = True
 ) -> None:
-    """What can be shown of the active object in the viewport, below what the colours that are shown mean.
+    """What can be shown of the active object in the viewport, above what the colours that are shown mean.
 
-    Whatever is enabled, colours can be taken away.
+    Whatever is enabled, colours can be taken away. The height stays, whatever is shown: no button moves away.
     """
     shown = preview.shown(context.active_object)
     if shown is not None and shown.kind not in kinds:
         shown = None
-    legend = preview.legend(shown) if shown else "Show in the viewport:"
-    sentences(context, layout, [legend])
-    whole = layout.row(align=True)
-    row = whole.row(align=True)
-    row.enabled = enabled
+    column = layout.column(align=True)
+    wide = column.column(align=True)
+    whole = column.row(align=True)
+    narrow = whole.row(align=True)
+    wide.enabled = narrow.enabled = enabled
     for name, kind in kinds.items():
+        row = wide if len(kind.label) > NARROW else narrow
         pressed = shown is not None and shown.kind == name
         if name == preview.ASYMMETRY:
             row.operator(ZOOMOUT_OT_check_symmetry.bl_idname, text=kind.label, depress=pressed)
         else:
             row.operator(ZOOMOUT_OT_preview.bl_idname, text=kind.label, depress=pressed).kind = name
     whole.operator(ZOOMOUT_OT_clear_preview.bl_idname, text="", icon="X")
+    sentences(context, layout, [preview.legend(shown) if shown else NOTHING_SHOWN], lines=LEGEND)
 
 
 def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: bool) -> None:
     """The main button of a panel; while an operator is running, its progress."""
-    if activity.running is not None:
-        layout.progress(text=activity.running.stage, factor=activity.running.fraction)
-        layout.label(text="ESC cancels", icon="X")
-        return
     row = layout.row()
     row.scale_y = BUTTON
+    if activity.running is not None:
+        split = row.split(factor=0.8)
+        split.progress(text=activity.running.stage, factor=activity.running.fraction)
+        split.label(text="ESC", icon="CANCEL")
+        return
     row.enabled = enabled
     row.operator(operator, text=text, icon=icon)
 
