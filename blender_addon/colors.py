@@ -20,6 +20,9 @@ DARK, LIGHT = 0.08, 0.98
 PALENESS = 0.45
 # Number of nearest samples whose colours are blended, weighted by the inverse squared distance.
 BLENDED = 4
+# What red stands for in an asymmetry unless another value is chosen: a length over the square root of the area, and a
+# share of weights. It stays from one check to the next, so that what is mended is seen to get better.
+RED_LENGTH, RED_WEIGHT = 0.01, 0.1
 
 
 def confidence_colors(confidence: Floats, has_partner: Booleans | None = None) -> Floats:

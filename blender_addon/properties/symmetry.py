@@ -8,6 +8,7 @@ from bpy.types import PropertyGroup
 
 from zoomout_core.symmetry.offsets import BLEND
 
+from ..colors import RED_LENGTH, RED_WEIGHT
 from .once import ONCE
 
 # Directions in the object's own space, by the names that they have in the interface.
@@ -167,6 +168,27 @@ class CheckOptions:
             ("KEY", "Active Shape Key", "How far it moves vertices otherwise than its partner, or itself, over there"),
         ),
         default="SHAPE",
+        options=ONCE,
+    )
+    red_length: FloatProperty(
+        name="Red At",
+        description=(
+            "The distance between the sides that red stands for, over the square root of the surface's area; it stays "
+            "from one check to the next"
+        ),
+        default=RED_LENGTH,
+        min=1e-5,
+        soft_max=0.2,
+        precision=3,
+        options=ONCE,
+    )
+    red_weight: FloatProperty(
+        name="Red At",
+        description="The part of a vertex's weights that red stands for; it stays from one check to the next",
+        default=RED_WEIGHT,
+        min=1e-3,
+        max=1,
+        subtype="FACTOR",
         options=ONCE,
     )
 

@@ -10,16 +10,17 @@ from scenes import set_weights, snapshot
 from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
 
 import zoomout_core as zo
-from blender_addon.colors import PALENESS, pair_colors, place_colors
+from blender_addon.colors import PALENESS, asymmetry_colors, pair_colors, place_colors
 from blender_addon.colors import SIDES as SIDE_COLORS
 from blender_addon.scene import mesh_facts
 from blender_addon.services.preflight import is_reshaped
-from blender_addon.services.symmetry.check import check_symmetry
+from blender_addon.services.symmetry.check import asymmetry_steps, check_symmetry
 from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry
 from blender_addon.services.symmetry.weights import symmetrise_weights
 from blender_addon.storage import stored_symmetry
 from blender_addon.ui import thumbnails
 from blender_addon.viewport import overlay, preview
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.self_map import SelfMap
 
 # An arbitrary vertex for each.
@@ -52,6 +53,29 @@ def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
     assert all(len(length.replace(".", "").strip("0")) <= 2 for length in lengths)  # digits that tell something
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
     assert (snapshot(body), overlay.shown()) == (before, ())
+
+
+def test_red_stands_for_the_same_from_one_check_to_the_next(body):
+    for slope in (0.1, 0.4):
+        set_weights(body, "Arm.L", 0.5 + slope * X)
+        assert check_symmetry(bpy.context, body, "weights", red_weight=0.8).endswith("red is 80% and more")
+        values = drain(asymmetry_steps(bpy.context, body.name, "weights"))
+        np.testing.assert_allclose(colors(), asymmetry_colors(values, 0.8), atol=1e-6)
+
+
+def test_lengths_are_told_in_the_units_of_the_scene(body):
+    red = check_symmetry(bpy.context, body, "shape", red_length=0.1).split("red is ")[1]
+    assert re.fullmatch(r"[\d.]+ cm and more", red)
+    assert check_symmetry(bpy.context, body, "shape", red_length=0.2).split("red is ")[1] != red
+    bpy.context.scene.unit_settings.scale_length = 0.001
+    assert (
+        check_symmetry(bpy.context, body, "shape", red_length=0.1).split("red is ")[1]
+        == f"{float(red.split()[0]) / 100} mm and more"
+    )
+    body.scale = (2, 2, 2)
+    bpy.context.view_layer.update()
+    twice = check_symmetry(bpy.context, body, "shape", red_length=0.1).split("red is ")[1]
+    assert float(twice.split()[0]) == pytest.approx(2 * float(red.split()[0]), rel=0.1)
 
 
 def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body, found):
@@ -122,7 +146,7 @@ def test_without_vertex_groups_there_are_no_weights_to_look_at(body):
 
 def test_asymmetry_is_shown_and_told(body):
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
-    assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS") == {"FINISHED"}
+    assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS", red_weight=0.4) == {"FINISHED"}
     red, blue = colors()[:, 0], colors()[:, 2]
     assert (red > blue)[np.abs(X) > 0.8].mean() > 0.9
     assert (red < blue)[np.abs(X) < 0.1].mean() > 0.9
@@ -136,6 +160,7 @@ def test_asymmetry_is_shown_and_told(body):
     assert (red < blue).mean() > 0.9
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
     add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
+    bpy.context.scene.unit_settings.system = "NONE"
     like = check_symmetry(bpy.context, body, "key", "Smile.L")
     add_key(body, "Frown.L", bumps(np.clip(X, 0, 1)))
     unlike = check_symmetry(bpy.context, body, "key", "Frown.L")

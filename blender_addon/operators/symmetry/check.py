@@ -25,4 +25,8 @@ class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
         take_settings(self, context.scene.zoomout.symmetry)
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
-        return (yield from check_symmetry_steps(context, obj.name, self.check.lower(), key))
+        return (
+            yield from check_symmetry_steps(
+                context, obj.name, self.check.lower(), key, self.red_length, self.red_weight
+            )
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Literal, TypeAlias
 
+import bpy
 import numpy as np
 from bpy.types import Context, Object
 
@@ -18,6 +19,7 @@ from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
+from ...colors import RED_LENGTH, RED_WEIGHT
 from ...storage import stored_symmetry
 from ...viewport import preview
 from .. import previews
@@ -25,12 +27,16 @@ from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
 from .shape_keys import read_key
 
 Checked: TypeAlias = Literal["shape", "weights", "key"]
-# Red stands for the percentile 100 - FEW of the values, and for no less than these: lengths over the square root of the
-# area, and shares of weights.
-FEW, LEAST_LENGTH, LEAST_WEIGHT = 0.2, 2e-3, 0.05
 
 
-def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key: str = "") -> str:
+def check_symmetry(
+    context: Context,
+    obj: Object,
+    check: Checked = "shape",
+    key: str = "",
+    red_length: float = RED_LENGTH,
+    red_weight: float = RED_WEIGHT,
+) -> str:
     """Show by colours how asymmetric an object's mesh is, along the symmetry stored on it.
 
     Args:
@@ -38,6 +44,8 @@ def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key:
         obj: a mesh object.
         check: what is compared with its other side: the "shape", "weights", or a "key".
         key: the name of the key.
+        red_length: the difference that red stands for, over the square root of the area.
+        red_weight: the same of weights, in [0, 1].
 
     Returns:
         A sentence for the user, with the mean and the largest value.
@@ -45,18 +53,24 @@ def check_symmetry(context: Context, obj: Object, check: Checked = "shape", key:
     Raises:
         MeshError: there is no symmetry, or no such key; nothing was written.
     """
-    return drain(check_symmetry_steps(context, obj.name, check, key))
+    return drain(check_symmetry_steps(context, obj.name, check, key, red_length, red_weight))
 
 
-def check_symmetry_steps(context: Context, name: str, check: Checked, key: str) -> Steps[str]:
+def check_symmetry_steps(
+    context: Context,
+    name: str,
+    check: Checked,
+    key: str,
+    red_length: float = RED_LENGTH,
+    red_weight: float = RED_WEIGHT,
+) -> Steps[str]:
     """`check_symmetry` as a generator, which holds no Blender data while it is suspended."""
     values = yield from asymmetry_steps(context, name, check, key)
     obj = writable_mesh(context, name)
-    least = LEAST_WEIGHT if check == "weights" else LEAST_LENGTH * np.sqrt(stored_symmetry.read(obj).surface.area)
-    most = max(float(np.percentile(values, 100 - FEW)), least)
-    what = _described(check, key, values, most)
+    red = red_weight if check == "weights" else red_length * np.sqrt(stored_symmetry.read(obj).surface.area)
+    what = _described(context, obj, check, key, values, red)
     context.view_layer.update()  # so that what was changed before is not taken for changed since
-    preview.show(previews.of_asymmetry(obj, values, most, what))
+    preview.show(previews.of_asymmetry(obj, values, red, what))
     return what
 
 
@@ -93,14 +107,16 @@ def _key_asymmetry(offsets: Floats, partner: Floats, symmetry: SelfMap) -> Float
     return np.asarray(np.linalg.norm(mirrored_offsets(partner, symmetry) - offsets, axis=1))
 
 
-def _described(check: Checked, key: str, values: Floats, most: float) -> str:
+def _described(context: Context, obj: Object, check: Checked, key: str, values: Floats, red: float) -> str:
     """The values in words, and the value that red stands for."""
     head = {"shape": "Shape", "weights": "Weights", "key": f"Shape key {key!r}"}[check]
-    show = "{:.0%}".format if check == "weights" else _length
-    mean, largest, hottest = (show(value) for value in (values.mean(), values.max(initial=0), most))
+    show = "{:.0%}".format if check == "weights" else partial(_length, context, obj)
+    mean, largest, hottest = (show(value) for value in (values.mean(), values.max(initial=0), red))
     return f"{head}: the sides differ by {mean} on average, at most {largest}; red is {hottest} and more"
 
 
-def _length(value: float) -> str:
-    """A length to two significant digits."""
-    return np.format_float_positional(value, precision=2, fractional=False, trim="-")
+def _length(context: Context, obj: Object, value: float) -> str:
+    """A length in a mesh's own units, to two significant digits, in the scene's units."""
+    units = context.scene.unit_settings
+    length = float(f"{value * obj.matrix_world.median_scale * units.scale_length:.2g}")
+    return bpy.utils.units.to_string(units.system, "LENGTH", length, precision=6).strip()

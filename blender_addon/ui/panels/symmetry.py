@@ -60,6 +60,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         _draw_candidates(context, layout, stored)
         preview_buttons(context, layout, preview.OF_SYMMETRY)
         layout.prop(settings, "check", text="Asymmetry Of")
+        layout.prop(settings, "red_weight" if settings.check == "WEIGHTS" else "red_length")
         layout.prop(settings, "direction")
 
 
