@@ -20,6 +20,7 @@ from ..mesh_data import ObjectPair
 from ..mesh_data.arrays import hash_of
 from ..storage import stored_candidates, stored_match
 from ..storage.stored_candidates import CandidateList, ListedCandidate
+from .candidate_names import differences
 
 # Largest number of listed candidates that preserve orientation, and of those that reverse it, which rank behind them.
 MOST_DIRECT, MOST_MIRRORED = 6, 2
@@ -60,6 +61,8 @@ def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
     box = np.array([np.nanmin(around, axis=0), np.nanmax(around, axis=0)])
     colors = [np.rint(255 * place_colors(around[images], box)).astype(np.uint8) for _, images in outlines]
     numbers = sorted({*_selectable(result.candidates, colors), result.chosen})
+    mirrored = [result.candidates[number].reverses_orientation for number in numbers]
+    named = differences([around[outlines[number][1]] for number in numbers], mirrored)
     return CandidateList(
         hash_of("", vertices, *(colors[number] for number in numbers)),
         numbers.index(result.chosen),
@@ -70,10 +73,11 @@ def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
             ListedCandidate(
                 number,
                 result.candidates[number].certainty * result.placed,
-                result.candidates[number].reverses_orientation,
+                reverses,
                 colors[number],
+                difference,
             )
-            for number in numbers
+            for number, reverses, difference in zip(numbers, mirrored, named, strict=True)
         ),
     )
 

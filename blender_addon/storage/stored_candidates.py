@@ -29,12 +29,14 @@ class ListedCandidate:
         certainty: probability that it is correct, in [0, 1].
         mirrored: whether it reverses orientation.
         colors: (s, 3) position colours of the source points that the sampled vertices map to, 0 to 255.
+        difference: what tells it from the most likely one, see `services.candidate_names`; empty in older files.
     """
 
     number: int
     certainty: float
     mirrored: bool
     colors: Bytes
+    difference: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from blender_addon.scene import mesh_facts
 from blender_addon.services.match import match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.services.use_candidate import use_candidate
-from blender_addon.storage import stored_match, stored_symmetry
+from blender_addon.storage import stored_candidates, stored_match, stored_symmetry
 from blender_addon.ui import panels
 from blender_addon.viewport import preview
 from zoomout_core.runtime.stepping import Progress
@@ -83,6 +83,23 @@ def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(t
     assert counts["shape_keys"] == counts["color_attributes"] == counts["custom_normals"] == "0"
     grey = {name for kind, name, usable in everything if kind == "prop" and not usable}
     assert grey == {"shape_keys", "color_attributes", "custom_normals"}
+
+
+def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, target):
+    match_objects(bpy.context, source, target, k_final=30)
+    shown = texts()
+    assert "Most Likely" in shown
+    assert "Mirror Image" in shown
+
+    def mark():
+        everything = drawn()
+        (place,) = (i for i, (_, text, _) in enumerate(everything) if str(text).startswith("Matched with"))
+        return everything[place + 1][1]
+
+    assert mark() == "CHECKMARK"
+    listing = stored_candidates.read(target.data)
+    use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
+    assert mark() == "MOD_MIRROR"
 
 
 def test_no_button_moves_whatever_is_shown(source, target):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bpy.types import Context, Panel, UILayout
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ...services import candidate_names
 from ...services.preflight import Finding, outdated, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
@@ -17,8 +18,22 @@ from .sidebar import PICTURE, SidebarPanel, preview_buttons, sentences, show_fin
 DOUBTFUL = 0.25
 # Part of either surface's area without a partner from which on it is told.
 TOLD = 0.005
-# Number of thumbnails in a row.
-COLUMNS = 3
+# Number of thumbnails in a row, so that what tells candidates apart fits below them.
+COLUMNS = 2
+# What tells a candidate from the most likely one.
+DIFFERENCES = {
+    candidate_names.BEST: "Most Likely",
+    candidate_names.MIRROR: "Mirror Image",
+    candidate_names.SIDES: "Sides Swapped",
+    candidate_names.FRONT: "Front and Back",
+    candidate_names.AROUND: "Turned Around",
+    candidate_names.UPSIDE_DOWN: "Upside Down",
+    candidate_names.ARMS: "Arms Swapped",
+    candidate_names.LEGS: "Legs Swapped",
+    candidate_names.LIMBS: "Limbs Swapped",
+    candidate_names.TOP: "Top Differs",
+    candidate_names.BOTTOM: "Bottom Differs",
+}
 
 
 class ZOOMOUT_PT_result(SidebarPanel, Panel):
@@ -37,7 +52,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         stored = stored_match.description(target.data)
         if stored is None:
             return
-        reason = stale(context, target)
+        reason, listing = stale(context, target), stored_candidates.read(target.data)
         if reason:
             box = layout.box()
             box.alert = True
@@ -47,19 +62,27 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             others = (source["name"] for source in stored_match.others(stored))
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
             text = f"Matched with {names}, {doubtful:.0%} in doubt"
-            sentences(context, layout, [text], "CHECKMARK" if doubtful < DOUBTFUL else "ERROR")
+            sentences(context, layout, [text], _mark(doubtful, listing))
+        preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
+        usable = layout.column()
+        usable.enabled = not reason
+        if listing is not None:
+            _draw_candidates(usable, listing)
+        # What changes with the candidate stands below the buttons, which stay where they are.
+        if not reason:
             of_target, of_source = stored.get("without_partner") or (0, 0)
             if max(of_target, of_source) >= TOLD:
                 text = f"Without a partner: {of_target:.0%} of the target, {of_source:.0%} of the source"
                 sentences(context, layout, [text], "DOT")
             show_findings(context, layout, [Finding(each, False) for each in outdated(context, target)])
-        preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
-        usable = layout.column()
-        usable.enabled = not reason
-        listing = stored_candidates.read(target.data)
-        if listing is not None:
-            _draw_candidates(usable, listing)
         sentences(context, layout, stored["notes"], "DOT")
+
+
+def _mark(doubtful: float, listing: CandidateList | None) -> str:
+    """The icon of a match: a mirror image never has the check mark of a good one."""
+    if listing is not None and listing.candidates[listing.chosen].mirrored:
+        return "MOD_MIRROR"
+    return "CHECKMARK" if doubtful < DOUBTFUL else "ERROR"
 
 
 def _draw_candidates(layout: UILayout, listing: CandidateList) -> None:
@@ -70,10 +93,12 @@ def _draw_candidates(layout: UILayout, listing: CandidateList) -> None:
     column = grid.column(align=True)
     column.template_icon(icon_of_source(listing), scale=PICTURE)
     column.label(text="Source")
+    column.label(text="")
     for place, candidate in enumerate(listing.candidates):
         column = grid.column(align=True)
         column.template_icon(icon_of_candidate(listing, place), scale=PICTURE)
-        text = "Mirrored" if candidate.mirrored else f"{candidate.certainty:.0%}"
+        column.label(text=DIFFERENCES.get(candidate.difference, ""))
+        text = "Use" if candidate.mirrored else f"{candidate.certainty:.0%}"
         chosen = place == listing.chosen
         button = column.operator(ZOOMOUT_OT_use_candidate.bl_idname, text=text, depress=chosen)
         button.candidate = place + 1
