@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import bsr_array, csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
@@ -91,7 +91,7 @@ class Frames:
     def trusted_stiffness(self) -> csc_array:
         """(n, n) the stiffness, each edge as far as its ends are trusted: blind to what is wrong elsewhere."""
         trust = diags_array(self.trust)
-        return _without_sums(trust @ self.stiffness @ trust)
+        return without_sums(trust @ self.stiffness @ trust)
 
     @cached_property
     def doubted_stiffness(self) -> csc_array:
@@ -185,7 +185,7 @@ def frames_on(mapped: MappedTarget, vertices: Booleans) -> Frames:
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     chosen = on_working_mesh(working, vertices)
     number = np.flatnonzero(chosen | (abs(stiffness) @ chosen > 0))
-    among = _without_sums(stiffness[number][:, number])
+    among = without_sums(stiffness[number][:, number])
     confidence = on_working_mesh(working, mapped.confidence)[number]
     return Frames(mapped, number, among, areas[number], on_working_mesh(working, mapped.points), confidence)
 
@@ -220,9 +220,27 @@ def on_working_mesh(working: WorkingMesh, values: np.ndarray) -> np.ndarray:
     return values[first]
 
 
-def _without_sums(stiffness: csc_array) -> csc_array:
+def without_sums(stiffness: csc_array) -> csc_array:
     """A stiffness matrix with the same edges, whose columns sum to zero."""
     return csc_array(stiffness - diags_array(stiffness.sum(axis=0)))
+
+
+def turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
+    """(3n, 3n) the divergence of turned gradients: what the stiffness makes of values that have these gradients.
+
+    For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, w_ij being the weights of the
+    edges and M the matrices; of values (n, 3), as one column.
+
+    Args:
+        stiffness: (n, n), symmetric; rows sum to zero.
+        turns: (n, 3, 3) a matrix for each vertex.
+    """
+    n = len(turns)
+    row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices
+    blocks = stiffness.data[:, None, None] * (turns[row] + turns[column]) / 2
+    sums = (stiffness @ turns.reshape(n, 9)).reshape(n, 3, 3) / 2
+    blocks[row == column] -= sums[row[row == column]]
+    return bsr_array((blocks, column, stiffness.indptr), shape=(3 * n, 3 * n))
 
 
 def _products_of_gradients(stiffness: csc_array, first: Floats, second: Floats) -> Floats:

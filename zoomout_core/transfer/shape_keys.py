@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import bsr_array, csc_array
+from scipy.sparse import bsr_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.frames import FRAMES, TRUST, Frames, frames_of, frames_on, on_working_mesh
+from zoomout_core.transfer.frames import FRAMES, TRUST, Frames, frames_of, frames_on, on_working_mesh, turned_gradients
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -78,7 +78,7 @@ def conformed(mapped: MappedTarget) -> Floats:
     target, frames = mapped.target, frames_of(mapped)
     # The gradients of the images where they are trusted, and elsewhere those of the target as the map turns it.
     own = on_working_mesh(target.working, target.vertices)
-    gradients = _turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
+    gradients = turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
     conforming = frames.smooth(
         (frames.trust * frames.areas)[:, None] * frames.points + FRAMES.smoothing_length**2 * gradients
@@ -117,22 +117,4 @@ def _loading(frames: Frames) -> bsr_array:
     """(3n, 3n) what makes the right-hand sides of `Frames.smooth` of offsets, which it turns: (n, 3), as one column."""
     own = (frames.trust * frames.areas)[:, None, None] * frames.turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
-    return bsr_array(blocks + FRAMES.smoothing_length**2 * _turned_gradients(frames.trusted_stiffness, frames.turns))
-
-
-def _turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) the divergence of turned gradients: what the stiffness makes of values that have these gradients.
-
-    For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, w_ij being the weights of the
-    edges and M the matrices; of values (n, 3), as one column.
-
-    Args:
-        stiffness: (n, n), symmetric; rows sum to zero.
-        turns: (n, 3, 3) a matrix for each vertex.
-    """
-    n = len(turns)
-    row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices
-    blocks = stiffness.data[:, None, None] * (turns[row] + turns[column]) / 2
-    sums = (stiffness @ turns.reshape(n, 9)).reshape(n, 3, 3) / 2
-    blocks[row == column] -= sums[row[row == column]]
-    return bsr_array((blocks, column, stiffness.indptr), shape=(3 * n, 3 * n))
+    return bsr_array(blocks + FRAMES.smoothing_length**2 * turned_gradients(frames.trusted_stiffness, frames.turns))

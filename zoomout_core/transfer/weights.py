@@ -72,7 +72,7 @@ def mix_weights(
     shared = _column_mask(normalised, weights.shape[1])
     if limit is not None and limit < 1:
         raise MeshError(f"A limit of {limit} weights to a vertex leaves none: give 1 or more.")
-    mixing = _mixing_matrix(mapped)
+    mixing = mixing_matrix(mapped)
     mixed = csr_array(mixing @ weights)
     own_sums = weights @ shared.astype(float)
     source_sums = own_sums if sums is None else _each(sums, len(mapped.source.vertices), "sums")
@@ -173,7 +173,7 @@ def _column_mask(columns: ArrayLike | None, count: int) -> Booleans:
     return mask
 
 
-def _mixing_matrix(mapped: MappedTarget) -> Any:
+def mixing_matrix(mapped: MappedTarget) -> Any:
     """(n_t, n_s) sparse: row i holds the barycentric weights of target vertex i."""
     surface_map = mapped.surface_map
     count = len(surface_map.triangle)

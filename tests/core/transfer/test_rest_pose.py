@@ -1,0 +1,95 @@
+"""The pose that a target stands in is found along its map to a rigged source, and made better on one body."""
+
+import numpy as np
+from bent_tube import PARENTS, bent, posed, tube, weights_of
+
+import zoomout_core as zo
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer import map_target
+from zoomout_core.transfer.rest_pose import REST, posed_target
+from zoomout_core.transfer.skinning import moved, skinning_matrices
+from zoomout_core.tuning import retuned
+
+SOFT = ((40, 0, 20), (30, 10, 0))
+
+
+class _Match:
+    """What a transfer needs of a match."""
+
+    def __init__(self, surface_map, confidence, has_partner=None):
+        self.surface_map, self.confidence, self.has_partner = surface_map, confidence, has_partner
+
+
+def _mapped(source, target, still, shift=0.0, **match):
+    """The target over the source; `still` is where its vertices are at rest, and the map is off by a shift along."""
+    points = still + np.array([0, 0, shift])
+    found = zo.SurfaceMap(*closest_points(points, source.vertices, source.triangles), source.triangles)
+    match = {"confidence": np.ones(len(still)), **match}
+    return map_target(_Match(found, **match), source, target)
+
+
+def _errors(found, source, still):
+    """How far bones take a target's vertices at rest from where they do."""
+    weights = weights_of(still)
+    truth = moved(skinning_matrices(bent(*SOFT), weights), still)
+    return np.linalg.norm(moved(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
+
+
+def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = posed(still, bent(*SOFT))
+    mapped = _mapped(source, target, still.vertices, shift=0.12)
+    found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    with retuned(REST, rounds=0):
+        first = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    assert np.median(_errors(found, source, still.vertices)) < 0.5 * np.median(_errors(first, source, still.vertices))
+    at_rest = found.mapped.points - still.vertices
+    assert np.median(np.linalg.norm(at_rest, axis=1)) < 0.07
+    assert first.mapped.surface_map is mapped.surface_map
+
+
+def test_the_source_may_stand_in_a_pose_of_its_own():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = posed(still, bent(*SOFT))
+    mapped = _mapped(source, target, still.vertices)
+    waving = posed(source, bent((0, 50, 0), (-30, 0, 0)))
+    seen = map_target(_Match(mapped.surface_map, np.ones(len(still.vertices))), waving, target)
+    found = posed_target(seen, source, weights_of(source.vertices), PARENTS)
+    assert np.median(_errors(found, source, still.vertices)) < 0.02
+    assert found.mapped.source is source
+
+
+def test_another_body_is_read_along_the_map_alone():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    stout = still.with_vertices(still.vertices * [1.5, 1.5, 1.0])
+    target = posed(stout, bent(*SOFT), weights_of(still.vertices))
+    mapped = _mapped(source, target, still.vertices)
+    found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    assert found.mapped.surface_map is mapped.surface_map
+    with retuned(REST, same_body=1.0):
+        taken = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    assert taken.mapped.surface_map is not mapped.surface_map
+
+
+def test_vertices_are_not_read_far_from_where_the_map_has_them():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = posed(still, bent(*SOFT))
+    mapped = _mapped(source, target, still.vertices)
+    wrong = still.vertices[:, 2] < 0.3
+    triangle = np.where(wrong, mapped.surface_map.triangle[~wrong][-1], mapped.surface_map.triangle)
+    match = _Match(zo.SurfaceMap(triangle, mapped.surface_map.barycentric, source.triangles), np.ones(len(wrong)))
+    found = posed_target(map_target(match, source, target), source, weights_of(source.vertices), PARENTS)
+    np.testing.assert_array_equal(found.mapped.surface_map.triangle[wrong], triangle[wrong])
+    assert found.mapped.confidence[wrong].max() < np.median(found.mapped.confidence[~wrong])
+
+
+def test_what_has_no_partner_does_not_count():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = posed(still, bent(*SOFT))
+    alone = still.vertices[:, 2] > 4.5
+    vertices = target.vertices.copy()
+    vertices[alone] += [0, 3.0, 0]  # as a hat that only the target has
+    mapped = _mapped(source, target.with_vertices(vertices), still.vertices, has_partner=~alone)
+    found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
+    assert np.median(_errors(found, source, still.vertices)[~alone]) < 0.05
+    assert not found.mapped.confidence[alone].any()

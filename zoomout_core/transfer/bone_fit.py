@@ -1,0 +1,384 @@
+"""The bone transforms that took a surface from rest to a pose, given its skin weights.
+
+A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012): a weighted Procrustes fit of
+each bone first, then Gauss-Newton steps for all bones together. All that a step needs of points and their images are
+the moments of pairs of bones. Images that are known up to sliding along a surface are fitted along its normals (point
+to plane: Chen and Medioni 1992), with the articulated bodies' steps of Pekelny and Gotsman (2008).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import Moments, Similarities, nearest_rotations, procrustes
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.transfer.skinning import matrices_of, moved, normalised, row_of, skinning_matrices
+from zoomout_core.tuning import Tuning, tuned
+
+# Guard against division by zero.
+SMALLEST = 1e-300
+# What bones and their parents share where no vertex follows both: less than any two that share vertices.
+LEAST_SHARED = 1e-15
+# Added to the diagonal of linear systems, over its mean, for bones that are fixed by nothing.
+DAMPING = 1e-9
+
+
+@dataclass(frozen=True)
+class BoneTuning(Tuning, set_by="judgement"):
+    """The fit of bone transforms; lengths are over the root mean square distance of points from their middle.
+
+    Attributes:
+        coherence: what a bone's agreement with the bone that it shares most vertices with counts for, as that part of
+            the area: bones of less area, or less trust, follow their neighbour.
+        radius: what a difference of two rotations counts for, as a difference of places at this distance.
+        rounds: of weighing vertices by how well they fit.
+        steps: Gauss-Newton steps of a round.
+        slides: such steps of a fit along normals.
+        outlying: distance from which on a vertex counts for half and less, over the median one.
+        precision: the least such distance.
+        sliding: what distances along the surface count for, where images may slide, besides those along normals.
+        same_size: a common scale nearer to one than this is taken for one.
+        same_pose: mean angle between the bones' rotations and one common rotation, up to which a surface stands in the
+            rest pose.
+    """
+
+    coherence: float = tuned(1e-5, "of the area", 0, 1)
+    radius: float = tuned(0.05, "1", 1e-6, 10)
+    rounds: int = tuned(4, "rounds", 1, 100)
+    steps: int = tuned(4, "steps", 1, 100)
+    slides: int = tuned(2, "steps", 1, 100)
+    outlying: float = tuned(3.0, "1", 0.1, 1000)
+    precision: float = tuned(0.005, "1", 1e-9, 1)
+    sliding: float = tuned(0.005, "1", 0, 1)
+    same_size: float = tuned(0.02, "1", 0, 1)
+    same_pose: float = tuned(5.0, "degrees", 0, 180)
+
+
+BONES = BoneTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where bones take a surface.
+
+    Attributes:
+        transforms: of the bones (b,), from rest to the pose, of one common scale; bones that move nothing follow the
+            next one above that does.
+        common: the single similarity, of the same scale, that comes nearest.
+        bend: mean angle between their rotations and their mean, in degrees, weighted by what the bones move.
+    """
+
+    transforms: Similarities
+    common: Similarities
+    bend: float
+
+    @property
+    def scale(self) -> float:
+        """The common one."""
+        return float(self.common.scale)
+
+    @property
+    def is_rest(self) -> bool:
+        """Whether a surface in this pose stands as it is at rest, wherever that is."""
+        return self.bend <= BONES.same_pose
+
+
+def estimated_pose(
+    points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None = None
+) -> Pose:
+    """The pose in which bones take points to their images: rigid motions of the bones, after a common scale.
+
+    Args:
+        points: (n, 3) at rest.
+        images: (n, 3) in the pose.
+        weights: (n, b) sparse skin weights, not negative.
+        trust: (n,) what each point counts for, not negative: its area, as far as its image is trusted.
+        parents: (b,) the number of each bone's parent, -1 for none; by default no bone has one.
+
+    Raises:
+        MeshError: no point that is trusted has a weight.
+    """
+    fit = _Fit(points, images, weights, trust, parents)
+    tree = _tree(fit)
+    transforms = _moved_one_by_one(fit, tree)
+    for _ in range(BONES.rounds):
+        for _ in range(BONES.steps):
+            transforms = _step(fit, tree, transforms)
+        off = moved(skinning_matrices(transforms, fit.shares), fit.points) - fit.images
+        fit.measure(fit.fitting(np.linalg.norm(off, axis=1)))
+        transforms = replace(transforms, scale=np.full(len(transforms.scale), fit.of_bones()[1]))
+    for _ in range(BONES.steps):
+        transforms = _step(fit, tree, transforms)
+    return fit.pose(transforms)
+
+
+def slid_pose(
+    start: Pose,
+    points: Floats,
+    images: Floats,
+    normals: Floats,
+    weights: csr_array,
+    trust: Floats,
+    parents: ArrayLike | None = None,
+) -> Pose:
+    """A pose, made better where images are known up to sliding along a surface; the scale stays.
+
+    Args:
+        start: the pose so far.
+        points: as in `estimated_pose`, like all that follows.
+        images: in the pose, on a surface.
+        normals: (n, 3) of that surface, of unit length.
+        weights: of the points.
+        trust: of the points.
+        parents: of the bones.
+    """
+    fit = _Fit(points, images, weights, trust, parents)
+    tree, transforms = _tree(fit), fit.inside(start.transforms[fit.moving])
+    off = moved(skinning_matrices(transforms, fit.shares), fit.points) - fit.images
+    fit.measure(fit.fitting(abs(np.einsum("nx,nx->n", off, normals))))
+    for _ in range(BONES.slides):
+        transforms = _step(fit, tree, transforms, normals)
+    return fit.pose(transforms)
+
+
+class _Fit:
+    """The least squares problem of images y of points x by bones of weights w: sum of c |y - sum of w T x|^2.
+
+    With x~ = (x, 1) and transforms T (3, 4) it is made of the moments S of pairs of bones, sums of c w w' x~ x~^T, and
+    C of single ones, sums of c w y x~^T. Points and images are centred, and in units of the points' extent. Only bones
+    that move something take part.
+    """
+
+    def __init__(
+        self, points: Floats, images: Floats, weights: csr_array, trust: Floats, parents: ArrayLike | None
+    ) -> None:
+        shares = normalised(weights)
+        trust = np.where(np.diff(shares.indptr) > 0, trust, 0)
+        mass = shares.T @ trust
+        if not mass.sum() > 0:
+            raise MeshError("No vertex that the match can be trusted at has a weight of a bone.")
+        self.moving = np.flatnonzero(mass > 0)
+        self.mass = mass[self.moving] / mass.sum()
+        self.trust = trust / trust.sum()
+        self.shares = csr_array(shares[:, self.moving])
+        self.middle, self.image = self.trust @ points, self.trust @ images
+        self.size = np.sqrt(max(self.trust @ ((points - self.middle) ** 2).sum(axis=1), SMALLEST))
+        self.points, self.images = (points - self.middle) / self.size, (images - self.image) / self.size
+        self.all_parents = np.full(len(mass), -1) if parents is None else np.asarray(parents, dtype=np.int64)
+        self.measure(np.ones(len(points)))
+
+    def measure(self, fitting: Floats) -> None:
+        """Take the moments of points that count as far as they fit (n,)."""
+        self.counts, count = self.trust * fitting, self.shares.shape[1]
+        extended = np.column_stack([self.points, np.ones(len(self.points))])
+        self.pairs = np.empty((count, count, 4, 4))
+        for i in range(4):
+            for j in range(i + 1):
+                weighted = diags_array(self.counts * extended[:, i] * extended[:, j])
+                self.pairs[:, :, i, j] = self.pairs[:, :, j, i] = (self.shares.T @ (weighted @ self.shares)).toarray()
+        mixed = (self.counts[:, None, None] * self.images[:, :, None] * extended[:, None]).reshape(-1, 12)
+        self.singles = np.asarray(self.shares.T @ mixed).reshape(count, 3, 4)
+
+    def fitting(self, off: Floats) -> Floats:
+        """(n,) what points count for that are so far off (Cauchy's weights)."""
+        order = np.argsort(off)
+        below = np.cumsum(self.trust[order])
+        median = off[order[np.searchsorted(below, below[-1] / 2)]]
+        return np.asarray(1 / (1 + (off / max(BONES.outlying * median, BONES.precision)) ** 2))
+
+    def of_bones(self) -> tuple[Moments, float]:
+        """Moments of what each bone moves, in which vertices count by the squares of their weights, and their scale.
+
+        The common scale follows from how far points spread, which depends on no rotation (Horn 1987).
+        """
+        squared = self.shares.copy()
+        squared.data **= 2
+        counted = csr_array(squared.T @ diags_array(self.counts))
+        mass = np.maximum(counted.sum(axis=1), SMALLEST)[:, None]
+        place, image = counted @ self.points / mass, counted @ self.images / mass
+        mixed = (self.images[:, :, None] * self.points[:, None]).reshape(-1, 9)
+        cross = (counted @ mixed / mass).reshape(-1, 3, 3) - image[:, :, None] * place[:, None]
+        own, other = (
+            (counted @ (each**2) / mass - mean**2).sum(axis=1)
+            for each, mean in ((self.points, place), (self.images, image))
+        )
+        spreads = mass[:, 0] @ own, mass[:, 0] @ other
+        scale = float(np.sqrt(spreads[1] / spreads[0])) if min(spreads) > 0 else 1.0
+        return Moments(place, image, cross, own), 1.0 if abs(scale - 1) < BONES.same_size else scale
+
+    def inside(self, transforms: Similarities) -> Similarities:
+        """Transforms between points and images as they were given, between those of the problem."""
+        place = np.einsum("bxy,y->bx", transforms.linear, self.middle)
+        shift = (transforms.translation + place - self.image) / self.size
+        return Similarities(transforms.scale, transforms.rotation, shift)
+
+    def pose(self, transforms: Similarities) -> Pose:
+        """The pose of transforms of the problem."""
+        place = np.einsum("bxy,y->bx", transforms.linear, self.middle)
+        shift = self.image + self.size * transforms.translation - place
+        found = Similarities(transforms.scale, transforms.rotation, shift)
+        scale = float(transforms.scale[0])
+        own = procrustes(self.points, self.images, self.trust, scales=(scale, scale))
+        single = Similarities(own.scale[None], own.rotation[None], own.translation[None])
+        shift = self.image + self.size * single.translation[0] - single.linear[0] @ self.middle
+        common = Similarities(own.scale, own.rotation, shift)
+        above = next_above(self.all_parents, self.moving)
+        fallback = Similarities(single.scale, single.rotation, shift[None])
+        everyone = Similarities.joined([found, fallback])[above]  # -1 is the last one
+        return Pose(everyone, common, _bend(transforms.rotation, self.mass))
+
+
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """Which bones hang together.
+
+    Attributes:
+        order: (b,) bones from the one that moves most outwards, one tree after the other.
+        above: (b,) the bone that each is reached from, -1 for the first of a tree.
+        joint: (b, 3) where each meets that one.
+    """
+
+    order: Integers
+    above: Integers
+    joint: Floats
+
+
+def _tree(fit: _Fit) -> _Tree:
+    """The spanning tree of the bones that share most; where they share no vertex, of bones and their parents."""
+    shared = fit.pairs[:, :, 3, 3].copy()
+    np.fill_diagonal(shared, 0)
+    parents = next_above(fit.all_parents, fit.moving, strictly=True)[fit.moving]
+    child = np.flatnonzero(parents >= 0)
+    hanging = shared.copy()
+    hanging[child, parents[child]] += LEAST_SHARED
+    hanging = np.maximum(hanging, hanging.T)
+    costs = np.divide(1, hanging, out=np.zeros_like(hanging), where=hanging > 0)
+    edges = minimum_spanning_tree(csr_array(costs))
+    order, above = list[int](), np.full(len(fit.mass), -1)
+    for root in np.argsort(-fit.mass, kind="stable").tolist():
+        if root not in order:
+            found, before = breadth_first_order(edges, root, directed=False)
+            order += found.tolist()
+            above[found[1:]] = before[found[1:]]
+    bone = np.arange(len(above))
+    together = np.where((shared[bone, above] > 0) & (above >= 0), above, bone)  # else the middle of what it moves
+    moments = fit.pairs[bone, together]
+    joint = moments[:, :3, 3] / np.maximum(moments[:, 3, 3], SMALLEST)[:, None]
+    return _Tree(np.array(order), above, joint)
+
+
+def next_above(parents: Integers, moving: Integers, strictly: bool = False) -> Integers:
+    """(b,) for each bone the next one above it that moves something, or itself, numbered among these; -1 for none.
+
+    Args:
+        parents: (b,) the number of each bone's parent, -1 for none.
+        moving: the numbers of the bones that move something.
+        strictly: whether a bone is not above itself.
+    """
+    number = np.full(len(parents) + 1, -1)
+    number[moving] = np.arange(len(moving))
+    above = parents.copy() if strictly else np.arange(len(parents))
+    for _ in range(len(parents)):  # no chain is longer
+        skipped = (above >= 0) & (number[above] < 0)
+        if not skipped.any():
+            break
+        above[skipped] = parents[above[skipped]]
+    return number[above]
+
+
+def _moved_one_by_one(fit: _Fit, tree: _Tree) -> Similarities:
+    """Procrustes fits of the bones, from the one that moves most outwards; each leans on the one before."""
+    moments, scale = fit.of_bones()
+    rotation = np.empty((len(fit.mass), 3, 3))
+    leaning = scale * BONES.coherence * BONES.radius**2
+    for bone in tree.order:
+        near = tree.above[bone]
+        lean = leaning * rotation[near] if near >= 0 else np.zeros((3, 3))
+        rotation[bone] = nearest_rotations(fit.mass[bone] * moments.cross[bone] + lean)
+    translation = moments.image - scale * np.einsum("bxy,by->bx", rotation, moments.place)
+    return Similarities(np.full(len(rotation), scale), rotation, translation)
+
+
+def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = None) -> Similarities:
+    """One Gauss-Newton step, in which bones turn about the middles of what they move, and shift."""
+    count = len(now.scale)
+    own = fit.pairs[np.arange(count), np.arange(count)]
+    middle = own[:, :3, 3] / np.maximum(own[:, 3, 3], SMALLEST)[:, None]
+    matrices = matrices_of(now)
+    centre = moved(matrices, middle)
+    directions = _directions(matrices, centre)
+    system = np.einsum("baix,bkxy,kciy->bakc", directions, fit.pairs, directions, optimize=True)
+    residual = fit.singles - np.einsum("kix,kbxy->biy", matrices, fit.pairs, optimize=True)
+    load = np.einsum("baix,bix->ba", directions, residual)
+    if normals is not None:
+        along, pull = _along_normals(fit, now, centre, normals)
+        system, load = BONES.sliding * system + along, BONES.sliding * load + pull
+    _lean(tree, now, matrices, directions, system, load)
+    system = system.reshape(6 * count, 6 * count)
+    system += DAMPING * np.trace(system) / len(system) * np.eye(len(system))
+    change = np.linalg.solve(system, load.ravel()).reshape(count, 2, 3)
+    turn = Rotation.from_rotvec(change[:, 0]).as_matrix()
+    translation = np.einsum("bxy,by->bx", turn, now.translation - centre) + centre + change[:, 1]
+    return Similarities(now.scale, turn @ now.rotation, translation)
+
+
+def _directions(matrices: Floats, centre: Floats) -> Floats:
+    """(b, 6, 3, 4) derivatives of transforms by rotations about centres (b, 3), and by shifts."""
+    directions = np.zeros((len(matrices), 6, 3, 4))
+    about = matrices.copy()
+    about[:, :, 3] -= centre
+    for axis in range(3):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        directions[:, axis, i], directions[:, axis, j] = -about[:, j], about[:, i]
+        directions[:, 3 + axis, axis, 3] = 1
+    return directions
+
+
+def _along_normals(fit: _Fit, now: Similarities, centre: Floats, normals: Floats) -> tuple[Floats, Floats]:
+    """The system (b, 6, b, 6) and load (b, 6) of distances along normals."""
+    shares, count = fit.shares, len(centre)
+    row, bone = row_of(shares), shares.indices
+    arm = moved(matrices_of(now)[bone], fit.points[row]) - centre[bone]
+    normal = normals[row]
+    entries = shares.data[:, None] * np.concatenate([np.cross(arm, normal), normal], axis=1)
+    columns = 6 * bone[:, None].astype(np.int64) + np.arange(6)
+    jacobian = csr_array(
+        (entries.ravel(), columns.ravel(), 6 * shares.indptr.astype(np.int64)), shape=(shares.shape[0], 6 * count)
+    )
+    off = fit.images - moved(skinning_matrices(now, shares), fit.points)
+    counted = csr_array(jacobian.T @ diags_array(fit.counts))
+    load = counted @ np.einsum("nx,nx->n", off, normals)
+    return (counted @ jacobian).toarray().reshape(count, 6, count, 6), load.reshape(count, 6)
+
+
+def _lean(tree: _Tree, now: Similarities, matrices: Floats, directions: Floats, system: Floats, load: Floats) -> None:
+    """Add to a linear system that bones that hang together meet where they did, and turn alike."""
+    bone = np.flatnonzero(tree.above >= 0)
+    near = tree.above[bone]
+    joint = np.column_stack([tree.joint[bone], np.ones(len(bone))])
+    # How the distance at the joint, and the difference of rotations, change with the one bone and with the other.
+    changes = np.zeros((len(bone), 2, 6, 6))
+    for side, (sign, which) in enumerate(((1, bone), (-1, near))):
+        changes[:, side, :, :3] = sign * np.einsum("eaix,ex->eai", directions[which], joint)
+        changes[:, side, :3, 3:] = sign * BONES.radius * np.eye(3)
+    apart = np.einsum("eix,ex->ei", matrices[near] - matrices[bone], joint)
+    turn = Rotation.from_matrix(now.rotation[near] @ np.swapaxes(now.rotation[bone], 1, 2)).as_rotvec()
+    wanted = np.concatenate([apart, BONES.radius * turn], axis=1)
+    for side, which in enumerate((bone, near)):
+        np.add.at(load, which, BONES.coherence * np.einsum("eai,ei->ea", changes[:, side], wanted))
+        for other, what in enumerate((bone, near)):
+            blocks = BONES.coherence * np.einsum("eai,eci->eac", changes[:, side], changes[:, other])
+            np.add.at(system.transpose(0, 2, 1, 3), (which, what), blocks)
+
+
+def _bend(rotations: Floats, mass: Floats) -> float:
+    """Mean angle in degrees between rotations (b, 3, 3) and their mean, weighted by mass (b,)."""
+    mean = nearest_rotations(np.einsum("b,bxy->xy", mass, rotations))
+    return float(np.degrees(mass @ Rotation.from_matrix(rotations @ mean.T).magnitude()))

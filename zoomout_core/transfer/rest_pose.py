@@ -1,0 +1,132 @@
+"""The pose that a target stands in, and what it is like at rest, as the map to a rigged source tells.
+
+The map gives a first pose. Where the target, taken to rest by it, turns out to be the source's own body, its vertices
+are then read where they lie on the source at rest, and bones are fitted along normals: errors of the map along the
+surface, which shift whole limbs alike, no longer count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+
+from zoomout_core.arrays import Booleans
+from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals, vertex_areas, vertex_normals
+from zoomout_core.transfer.bone_fit import Pose, estimated_pose, slid_pose
+from zoomout_core.transfer.frames import TRUST
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.skinning import skinning_matrices
+from zoomout_core.transfer.unpose import inverse_skinning
+from zoomout_core.transfer.weights import mixing_matrix
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class RestTuning(Tuning, set_by="judgement"):
+    """Reading a target where it lies on the source at rest.
+
+    Attributes:
+        same_body: median distance from the source at rest up to which the target is the same body.
+        near: distance from the source up to which a vertex is read there.
+        along: distance up to which that place may be from where the map has it.
+        facing: least cosine between both normals.
+        beside: what the map counts for where a vertex is not read there.
+        rounds: of reading and fitting.
+    """
+
+    same_body: float = tuned(0.01, "at unit area", 0, 1)
+    near: float = tuned(0.03, "at unit area", 0, 1)
+    along: float = tuned(0.1, "at unit area", 0, 10)
+    facing: float = tuned(0.5, "1", -1, 1)
+    beside: float = tuned(0.1, "1", 0, 1)
+    rounds: int = tuned(6, "rounds", 0, 100)
+
+
+REST = RestTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class PosedTarget:
+    """A target, mapped over its source at rest, and the pose that it stands in.
+
+    Attributes:
+        mapped: the target over the source at rest, where it lies there if it is the same body.
+        pose: what bones did to take it from there.
+    """
+
+    mapped: MappedTarget
+    pose: Pose
+
+
+def posed_target(
+    mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None
+) -> PosedTarget:
+    """Find the pose that a target stands in.
+
+    Args:
+        mapped: the target over the source, in whatever pose the source is.
+        rest: the source at rest.
+        weights: (n_s, b) sparse skin weights of the source.
+        parents: (b,) the number of each bone's parent, -1 for none.
+
+    Raises:
+        MeshError: no vertex that the map can be trusted at has a weight.
+    """
+    mapped = replace(mapped, source=rest)
+    target = mapped.target
+    areas = vertex_areas(target.vertices, target.triangles)
+    confidence = mapped.confidence if mapped.has_partner is None else mapped.confidence * mapped.has_partner
+    own = csr_array(mixing_matrix(mapped) @ weights)
+    pose = estimated_pose(mapped.points, target.vertices, own, areas * confidence, parents)
+    search = SurfaceSearch(rest.vertices, rest.triangles)
+    found = replace(mapped, confidence=confidence)
+    for _ in range(REST.rounds):
+        lying, trusted = _read_at_rest(found, mapped, pose, weights, search)
+        if lying is None:
+            break
+        found = replace(mapped, surface_map=lying, confidence=np.where(trusted, TRUST.full, REST.beside * confidence))
+        normals = vertex_normals(target.vertices, target.triangles)
+        own = csr_array(mixing_matrix(found) @ weights)
+        trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
+        pose = slid_pose(pose, found.points, target.vertices, normals, own, trust, parents)
+    return PosedTarget(found, pose)
+
+
+def _read_at_rest(
+    found: MappedTarget, mapped: MappedTarget, pose: Pose, weights: csr_array, search: SurfaceSearch
+) -> tuple[SurfaceMap | None, Booleans]:
+    """Where the target lies on the source once it is taken to rest, and (n_t,) where that is to be trusted.
+
+    No map, if it is another body.
+    """
+    target, rest = mapped.target, mapped.source
+    matrices = skinning_matrices(pose.transforms, csr_array(mixing_matrix(found) @ weights))
+    at_rest, _, sound = inverse_skinning(target.vertices, matrices, pose.scale)
+    triangle, barycentric = search.closest(at_rest)
+    lying = SurfaceMap(triangle, barycentric, rest.triangles)
+    places, unit = lying.interpolate(rest.vertices), np.sqrt(rest.area)
+    off = np.linalg.norm(places - at_rest, axis=1)
+    if np.median(off) > REST.same_body * unit:
+        return None, np.zeros(len(off), dtype=bool)
+    along = np.linalg.norm(places - mapped.points, axis=1)
+    facing = np.einsum(
+        "nx,nx->n",
+        vertex_normals(at_rest, target.triangles),
+        triangle_normals(rest.vertices, rest.triangles)[triangle],
+    )
+    trusted = sound & (off < REST.near * unit) & (along < REST.along * unit) & (facing > REST.facing)
+    if mapped.has_partner is not None:
+        trusted &= mapped.has_partner
+    kept = mapped.surface_map
+    lying = SurfaceMap(
+        np.where(trusted, triangle, kept.triangle),
+        np.where(trusted[:, None], barycentric, kept.barycentric),
+        rest.triangles,
+    )
+    return lying, trusted

@@ -1,0 +1,84 @@
+"""Skinning: how bones move a surface.
+
+A vertex moves by the mean of the transforms of its bones, weighted by its skin weights: of matrices (linear blend
+skinning), or of dual quaternions, which preserve volume (Kavan et al., Geometric skinning with approximate dual
+quaternion blending, 2008).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import Similarities
+
+
+def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_volume: bool = False) -> Floats:
+    """(n, 3, 4) affine maps that take each vertex from rest to the pose; zero where a vertex has no weight.
+
+    Args:
+        transforms: of the bones (b,), from rest to the pose, of one common scale.
+        weights: (n, b) sparse skin weights, not negative; they need not sum to one.
+        preserve_volume: blend dual quaternions in place of matrices.
+    """
+    shares = normalised(weights)
+    if preserve_volume:
+        return _blended_dual_quaternions(transforms, shares)
+    return np.asarray(shares @ matrices_of(transforms).reshape(-1, 12)).reshape(-1, 3, 4)
+
+
+def matrices_of(transforms: Similarities) -> Floats:
+    """(b, 3, 4) similarities as affine maps."""
+    return np.concatenate([transforms.linear, transforms.translation[:, :, None]], axis=2)
+
+
+def moved(matrices: Floats, points: Floats) -> Floats:
+    """(n, 3) points (n, 3), each moved by its own affine map (n, 3, 4)."""
+    return np.asarray(np.einsum("nxy,ny->nx", matrices[:, :, :3], points) + matrices[:, :, 3])
+
+
+def normalised(weights: csr_array) -> csr_array:
+    """Weights that sum to one, or are zero, at each vertex, in double precision."""
+    shares = csr_array(weights.astype(np.float64))  # a copy
+    sums = np.asarray(shares.sum(axis=1)).ravel()
+    shares.data /= np.repeat(np.where(sums > 0, sums, 1), np.diff(shares.indptr))
+    return shares
+
+
+def row_of(matrix: csr_array) -> Integers:
+    """(entries,) the row of each entry of a sparse matrix."""
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+
+
+def _blended_dual_quaternions(transforms: Similarities, shares: csr_array) -> Floats:
+    """(n, 3, 4) rigid motions of blended dual quaternions, after the common scale.
+
+    Quaternions count with the sign that is nearer to that of the strongest bone.
+    """
+    real = Rotation.from_matrix(transforms.rotation).as_quat()  # x, y, z, w
+    dual = 0.5 * _product(np.column_stack([transforms.translation, np.zeros(len(real))]), real)
+    facing = np.einsum("ex,ex->e", real[shares.indices], real[_strongest(shares)[row_of(shares)]])
+    signed = csr_array((np.where(facing < 0, -1, 1) * shares.data, shares.indices, shares.indptr), shape=shares.shape)
+    weighted = np.diff(shares.indptr) > 0
+    real, dual = np.asarray(signed @ real)[weighted], np.asarray(signed @ dual)[weighted]
+    length = np.linalg.norm(real, axis=1, keepdims=True)
+    matrices = np.zeros((len(weighted), 3, 4))
+    matrices[weighted, :, :3] = transforms.scale[0] * Rotation.from_quat(real).as_matrix()
+    matrices[weighted, :, 3] = 2 * _product(dual / length, real / length * [-1, -1, -1, 1])[:, :3]
+    return matrices
+
+
+def _strongest(shares: csr_array) -> Integers:
+    """(n,) the column of the largest weight of each row; 0 where there is none."""
+    found: Integers = np.zeros(shares.shape[0], dtype=np.int64)
+    ascending = np.argsort(shares.data, kind="stable")
+    found[row_of(shares)[ascending]] = shares.indices[ascending]
+    return found
+
+
+def _product(a: Floats, b: Floats) -> Floats:
+    """(n, 4) products of quaternions x, y, z, w."""
+    vector = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
+    return np.column_stack([vector, a[:, 3] * b[:, 3] - np.einsum("nx,nx->n", a[:, :3], b[:, :3])])

@@ -1,0 +1,130 @@
+"""Taking a posed surface to rest: the inverse of skinning where it can be trusted, and elsewhere smoothly.
+
+Where weights or the map are in doubt, or where skinning has folded the surface so far that its inverse tears it, the
+surface keeps its own differential coordinates, turned with its surroundings (Lipman et al., Differential coordinates
+for interactive mesh editing, 2004; as rigid as possible: Sorkine and Alexa 2007).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.spectral.laplacian import mesh_laplacian
+from zoomout_core.transfer.frames import FRAMES, TRUST, on_working_mesh, turned_gradients, without_sums
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class UnposeTuning(Tuning, set_by="judgement"):
+    """Where the inverse of skinning is trusted.
+
+    Attributes:
+        least_extent: the least singular value of a vertex's skinning matrix, over the scale: below, the blend of bones
+            has collapsed.
+        most_strain: of an edge by the inverse, or most shrinking; beyond, weights are wrong.
+    """
+
+    least_extent: float = tuned(0.3, "1", 0, 1)
+    most_strain: float = tuned(3.0, "1", 1, 1000)
+
+
+UNPOSE = UnposeTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A surface at rest.
+
+    Attributes:
+        positions: (n, 3) of its vertices.
+        linear: (n, 3, 3) what takes differences of positions in the pose to those at rest, around each vertex.
+        smoothed: how many vertices keep their own shape, because the inverse of skinning is not trusted there.
+    """
+
+    positions: Floats
+    linear: Floats
+    smoothed: int
+
+
+def unposed(posed: Surface, matrices: Floats, scale: float, confidence: Floats) -> Rest:
+    """Take a posed surface to rest.
+
+    Args:
+        posed: the surface.
+        matrices: (n, 3, 4) that take its vertices from rest to the pose, see `skinning_matrices`.
+        scale: the common one of the bones.
+        confidence: (n,) in [0, 1] of the map that weights and pose are known by.
+    """
+    rest, inverse, sound = inverse_skinning(posed.vertices, matrices, scale)
+    trust = np.where(sound, np.clip(confidence / TRUST.full, 0, 1), 0)
+    trust[_strained(posed, rest, scale)] = 0
+    doubted = int((trust < 1).sum())
+    if not doubted:
+        return Rest(rest, inverse, 0)
+    turns = nearest_rotations(inverse) / scale
+    return _smoothed(posed, rest, inverse, turns, np.maximum(trust, TRUST.least))
+
+
+def inverse_skinning(positions: Floats, matrices: Floats, scale: float) -> tuple[Floats, Floats, Booleans]:
+    """Where vertices come from.
+
+    Args:
+        positions: (n, 3) in the pose.
+        matrices: (n, 3, 4) that take them there.
+        scale: the common one of the bones.
+
+    Returns:
+        (n, 3) positions at rest, (n, 3, 3) the linear parts of the inverse, and (n,) where the blend of bones has not
+        collapsed. Elsewhere it is not stretched.
+    """
+    left, extent, right = np.linalg.svd(matrices[:, :, :3])
+    sound = extent[:, 2] > UNPOSE.least_extent * scale
+    safe = np.where(sound[:, None], extent, scale)
+    inverse = np.einsum("nkx,nk,nyk->nxy", right, 1 / safe, left)
+    return np.einsum("nxy,ny->nx", inverse, positions - matrices[:, :, 3]), inverse, sound
+
+
+def _strained(posed: Surface, rest: Floats, scale: float) -> Booleans:
+    """(n,) whether an edge at a vertex is stretched or shrunk too far between the pose and rest."""
+    edges, _ = unique_edges(posed.triangles)
+    now, then = (np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1) for points in (posed.vertices, rest))
+    torn = (then * scale > UNPOSE.most_strain * now) | (now > UNPOSE.most_strain * scale * then)
+    strained = np.zeros(len(rest), dtype=bool)
+    strained[edges[torn].ravel()] = True
+    return strained
+
+
+def _smoothed(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust: Floats) -> Rest:
+    working = posed.working
+    stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+    own, here, sure = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
+    weights = diags_array(sure)
+    trusted = csc_array(without_sums(csc_array(weights @ stiffness @ weights)))
+    factors = factorised(diags_array(sure * areas) + FRAMES.smoothing_length**2 * stiffness)
+
+    def solve(loads: Floats) -> Floats:
+        return np.asarray(factors.solve(np.asfortranarray(loads)))
+
+    linear = on_working_mesh(working, turns)
+    size = np.linalg.norm(linear[:, 0], axis=1).mean() if len(linear) else 1.0
+    spread = solve((sure * areas)[:, None] * linear.reshape(-1, 9)).reshape(-1, 3, 3)
+    linear = np.where((sure < 1)[:, None, None], size * nearest_rotations(spread), linear)
+    gradients = trusted @ here
+    gradients += (turned_gradients(csc_array(stiffness - trusted), linear) @ own.ravel()).reshape(own.shape)
+    placed = solve((sure * areas)[:, None] * here + FRAMES.smoothing_length**2 * gradients)
+    number = posed.working.vertex_of
+    used = (number >= 0)[:, None]
+    doubt = (1 - trust)[:, None, None] * used[:, :, None]
+    return Rest(
+        np.where(used, placed[number], rest),
+        (1 - doubt) * inverse + doubt * linear[number],
+        int((trust < 1).sum()),
+    )
