@@ -171,6 +171,13 @@ def test_how_far_normals_may_differ_is_measured_where_a_cloth_is_turned_over() -
     np.testing.assert_array_equal(confidence[clear], angle[clear] < 15)
 
 
+@pytest.mark.parametrize("angle", [0, 0.5, 180])
+def test_the_smallest_and_the_largest_angle_are_taken(angle: float) -> None:
+    square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    above = square.with_vertices(square.vertices + np.array([0, 0, 0.01]))
+    assert zo.match_by_proximity(square, above, most_angle=angle).has_partner.all()
+
+
 def test_the_steps_give_the_same_with_progress_that_rises() -> None:
     body, _ = legs(1.0)
     cloth, _ = legs(1.04, layers=(1.08,))
@@ -194,6 +201,8 @@ def test_what_is_too_far_off_is_said_and_not_trusted() -> None:
     result = zo.match_by_proximity(body, moved)
     assert (result.confidence[high] == 0).all()
     assert result.confidence[~high].mean() > 0.9
+    assert not result.has_partner[high].any()
+    assert result.has_partner[~high].mean() > 0.9
     assert f"{high.sum()} of {len(high)} vertices have no partner on the source: what is nearest is too far off." in (
         result.notes
     )

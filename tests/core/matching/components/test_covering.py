@@ -170,7 +170,8 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
         assert [one.coverage for one in tried] == [1.0, 0.6]
 
 
-def test_surfaces_of_one_part_are_their_bodies_and_tell_of_all() -> None:
+def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> None:
+    monkeypatch.setattr(bodies, "skin_of", lambda *_: pytest.fail("a skin was made"))
     one, other = ball(count=100), ball(2.0, count=80)
     (found,) = drain(bodies_steps(one, other, 0))
     assert found.coverage == 1
