@@ -9,7 +9,6 @@ from zoomout_core.runtime.stepping import Steps
 from ..properties.settings import SourceName
 from ..scene.selection import choose_source
 from ..services.seam_cut import cut_seams_steps
-from ..storage import stored_match
 from .stepped import SteppedOperator
 
 
@@ -24,6 +23,5 @@ class ZOOMOUT_OT_cut_seams(SourceName, SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         target = context.active_object
-        stored = stored_match.description(target.data) or {"source": ""}
-        source = choose_source(context, target, self.source, otherwise=stored["source"])
+        source = choose_source(context, target, self.source)
         return (yield from cut_seams_steps(context, source.name, target.name))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bpy.types import Context
 
 from zoomout_core.matching.match import NOTES
@@ -9,7 +11,7 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
-from ..scene.selection import choose_source, target_names
+from ..scene.selection import sources_of_targets
 from ..services.match import prepare_match_steps
 from ..services.targets import Outcome, each_target_steps
 from ..storage import stored_match
@@ -28,23 +30,22 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
-        source = choose_source(context, context.active_object, self.source)
-        targets = target_names(context, source)
-        options, source_name = self.match_options(), source.name
+        source_of, options = sources_of_targets(context, self.source), self.match_options()
         outcome = yield from each_target_steps(
-            targets, lambda target: prepare_match_steps(context, source_name, target, **options)
+            list(source_of), lambda target: prepare_match_steps(context, source_of[target], target, **options)
         )
         self.report_failed(outcome)
-        return _summary(source_name, outcome)
+        return _summary([source_of[target] for target in outcome.done], outcome)
 
 
-def _summary(source_name: str, outcome: Outcome[stored_match.Match]) -> str:
+def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> str:
     """What was matched, in one sentence."""
     names = list(outcome.done)
     confidences = [match.confidence for match in outcome.done.values()]
     doubtful, vertices = (sum(map(count, confidences)) for count in (stored_match.low_confidence, len))
     what = f"'{names[0]}'" if len(names) == 1 else f"{len(names)} meshes"
-    text = f"Matched {what} with '{source_name}'; {doubtful} of {vertices} vertices are of low confidence"
+    others = " and others" if len(set(sources)) > 1 else ""
+    text = f"Matched {what} with '{sources[0]}'{others}; {doubtful} of {vertices} vertices are of low confidence"
     shares = stored_match.without_partner(outcome.done[names[0]]) if len(names) == 1 else None
     if shares is None or max(shares) < NOTES.without_partner:
         return text

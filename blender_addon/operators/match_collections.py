@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bpy.types import Context
 
 from zoomout_core.runtime.stepping import Steps
@@ -43,6 +45,18 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
         pairs = ", ".join(
             f"'{target}' with '{source}'{and_others(match.others)}" for target, (source, match) in matches.items()
         )
+        _select(context, list(matches))
         doubtful = sum(stored_match.low_confidence(match.confidence) for _, match in matches.values())
         vertices = sum(len(match.confidence) for _, match in matches.values())
         return f"Matched {pairs}; {doubtful} of {vertices} vertices are of low confidence"
+
+
+def _select(context: Context, names: Sequence[str]) -> None:
+    """Select the targets alone, so that a transfer is to them, each from what it was matched with."""
+    for obj in context.selected_objects:
+        obj.select_set(False)
+    targets = [context.view_layer.objects[name] for name in names if name in context.view_layer.objects]
+    for obj in targets:
+        obj.select_set(True)
+    if targets and context.active_object not in targets:
+        context.view_layer.objects.active = targets[0]

@@ -12,7 +12,7 @@ from zoomout_core.runtime.stepping import Steps
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
-from ..scene.selection import choose_source, chosen_targets, target_names
+from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps, summary
 from ..storage import stored_match
@@ -31,7 +31,7 @@ class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions,
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
-        source_of = _own_sources(context) if self.own_sources else _one_source(context, self.source)
+        source_of = _own_sources(context) if self.own_sources else sources_of_targets(context, self.source)
         data, settings, options = self.data(), self.settings(), self.match_options()
 
         def work(target: str) -> Steps[Write[dict[str, Any]]]:
@@ -40,14 +40,6 @@ class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions,
         outcome = yield from each_target_steps(list(source_of), work)
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())
-
-
-def _one_source(context: Context, named: str) -> dict[str, str]:
-    """The source for the names of all targets."""
-    target = context.active_object
-    stored = stored_match.description(target.data) or {"source": ""}
-    source = choose_source(context, target, named, otherwise=stored["source"])
-    return dict.fromkeys(target_names(context, source), source.name)
 
 
 def _own_sources(context: Context) -> dict[str, str]:

@@ -10,19 +10,19 @@ from ..storage import stored_match
 from .pair import find_mesh
 
 
-def choose_source(context: Context, target: Object, named: str = "", otherwise: str = "") -> Object:
+def choose_source(context: Context, target: Object, named: str = "") -> Object:
     """The source for a target.
 
     It is the object that is named, else the one chosen in the scene, else the one mesh that is selected
-    besides the target, else the one named `otherwise`.
+    besides the target, else the one that the target was matched with.
 
     Raises:
         MeshError: it is not a mesh that can be read, or there is no telling which it is.
     """
-    return find_mesh(context, source_name(context, target, named, otherwise))
+    return find_mesh(context, source_name(context, target, named))
 
 
-def source_name(context: Context, target: Object, named: str = "", otherwise: str = "") -> str:
+def source_name(context: Context, target: Object, named: str = "") -> str:
     """The name of the source that `choose_source` gives, whatever it names.
 
     Raises:
@@ -36,10 +36,16 @@ def source_name(context: Context, target: Object, named: str = "", otherwise: st
             f"{len(selected)} meshes are selected besides the active one: "
             "select the source alone, or choose it in the sidebar."
         )
-    name = name or "".join(selected) or otherwise
+    name = name or "".join(selected) or matched_with(context, target)
     if not name:
         raise zo.MeshError("There is no source: choose it in the sidebar, or select it and then, last, the target.")
     return name
+
+
+def matched_with(context: Context, target: Object | None) -> str:
+    """The name of the source that a target was matched with; empty without one, or where it is not in the scene."""
+    stored = stored_match.description(target.data) if target and target.type == "MESH" else None
+    return stored["source"] if stored and stored["source"] in context.scene.objects else ""
 
 
 def chosen_targets(context: Context, source: Object | None = None) -> list[Object]:
@@ -54,6 +60,33 @@ def target_names(context: Context, source: Object) -> list[str]:
     return [obj.name for obj in chosen_targets(context, source) or [context.active_object]]
 
 
+def own_sources(context: Context) -> dict[str, str]:
+    """For the names of all targets the sources that they were matched with, where these are meant; else empty.
+
+    They are where none is chosen, and all meshes that are selected were matched with others that are not: as the
+    targets of a match of collections. Of two that have one source, the other may be the source for the active one.
+    """
+    if context.scene.zoomout.source is not None:
+        return {}
+    found = {obj.name: matched_with(context, obj) for obj in chosen_targets(context)}
+    sources = set(found.values())
+    if not all(sources) or sources & found.keys() or (len(found) == 2 and len(sources) == 1):
+        return {}
+    return found
+
+
+def sources_of_targets(context: Context, named: str = "") -> dict[str, str]:
+    """For the names of all targets those of their sources: their own, or one for all.
+
+    Raises:
+        MeshError: there is no telling which it is.
+    """
+    if not named and (own := own_sources(context)):
+        return own
+    source = choose_source(context, context.active_object, named)
+    return dict.fromkeys(target_names(context, source), source.name)
+
+
 def participants(context: Context) -> tuple[Object, list[Object]]:
     """The source and the targets that the sidebar and the selection name, in whatever mode they are.
 
@@ -61,8 +94,7 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
         MeshError: there is no telling which is the source, or it is none.
     """
     active = context.active_object
-    stored = stored_match.description(active.data) if active and active.type == "MESH" else None
-    name = source_name(context, active, otherwise=stored["source"] if stored else "")
+    name = source_name(context, active)
     source = context.scene.objects.get(name)
     if source is None or source.type != "MESH":
         raise zo.MeshError(f"There is no mesh '{name}' in the scene: choose another source.")

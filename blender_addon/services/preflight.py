@@ -18,7 +18,7 @@ from .. import mesh_data
 from ..scene.landmarks import landmarks_fingerprint
 from ..scene.mesh_facts import facts
 from ..scene.pair import check_distinct, check_writable, users_of_mesh
-from ..scene.selection import choose_source, chosen_targets
+from ..scene.selection import choose_source, chosen_targets, matched_with, own_sources
 from ..storage import stored_match
 
 # Meshes of fewer vertices have too few features to be matched by.
@@ -59,28 +59,25 @@ def obstacle(context: Context) -> str:
     return ""
 
 
-def likely_source(context: Context, otherwise: str = "") -> Object | None:
+def likely_source(context: Context) -> Object | None:
     """The source that an operator would choose for the active object, or None where it would refuse."""
     try:
-        return choose_source(context, context.active_object, otherwise=otherwise)
+        return choose_source(context, context.active_object)
     except zo.MeshError:
         return None
 
 
-def findings(context: Context, otherwise: str = "") -> list[Finding]:
-    """What the user should know before matching or transferring; what blocks comes first, and alone.
-
-    Args:
-        context: Blender's.
-        otherwise: the source if none is chosen or selected.
-    """
-    target = context.active_object
-    if not otherwise and not _is_any_chosen(context):
+def findings(context: Context) -> list[Finding]:
+    """What the user should know before matching or transferring; what blocks comes first, and alone."""
+    target, several = context.active_object, len(own_sources(context)) > 1
+    if not _is_any_chosen(context) and not matched_with(context, target):
         return [HOW_TO_BEGIN]
     if reason := obstacle(context):
         return [Finding(f"{reason}.", True, begins=reason == NO_TARGET)]
+    if several:
+        return []
     try:
-        source = choose_source(context, target, otherwise=otherwise)
+        source = choose_source(context, target)
         check_distinct(source, target)
         check_writable(target)
     except zo.MeshError as error:
@@ -143,7 +140,7 @@ def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
 def outdated(context: Context, target: Object) -> list[str]:
     """Sentences about what is other than when a target was matched, though its match still holds."""
     stored = stored_match.description(target.data)
-    source = likely_source(context, stored["source"]) if stored else None
+    source = likely_source(context) if stored else None
     if stored is None or source is None:
         return []
     if source.name != stored["source"]:

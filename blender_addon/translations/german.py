@@ -48,7 +48,6 @@ MESSAGES = {
     "Bottom Differs": "Unten anders",
     "Use": "Nehmen",
     "Next Candidate": "Nächster Kandidat",
-    "Transfer to Selected": "Auf Ausgewählte übertragen",
     "Import": "Importieren",
     "From Selected Vertices": "Von ausgewählten Vertices",
     "Place": "Setzen",

@@ -21,6 +21,7 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon.scene.pair import read_pair
+from blender_addon.scene.selection import own_sources
 from blender_addon.services.collection_match import match_collections
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
@@ -122,9 +123,12 @@ def test_a_transfer_can_take_each_target_from_its_own_source(hero, scan):
     settings.source_collection, settings.target_collection = hero, scan
     assert bpy.ops.zoomout.match_collections() == {"FINISHED"}
     body, left, right = scan.objects
+    assert set(bpy.context.selected_objects) == {body, left, right}
+    assert bpy.context.active_object in (body, left, right)
+    assert set(own_sources(bpy.context)) == {body.name, left.name, right.name}
     set_weights(bpy.data.objects["Body"], "spine", np.ones(len(bpy.data.objects["Body"].data.vertices)))
     activate(left, body)
-    assert bpy.ops.zoomout.transfer(own_sources=True) == {"FINISHED"}
+    assert bpy.ops.zoomout.transfer() == {"FINISHED"}
     assert [obj.vertex_groups.keys() for obj in (body, left, right)] == [["spine"], ["eye_bone.L"], []]
     stranger = ellipsoid("Stranger", 3)
     bpy.context.view_layer.update()

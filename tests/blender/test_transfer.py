@@ -25,6 +25,7 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import DATA
+from blender_addon.scene.selection import own_sources
 from blender_addon.services.match import match_objects
 from blender_addon.services.transfer import transfer_objects, transfer_steps
 from blender_addon.storage import stored_match
@@ -387,7 +388,7 @@ def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without
     (note,) = unused(initial="PROXIMITY", k_final=60)
     assert "(Eigenfunctions)" in note
     (note,) = unused()
-    assert "(Start, Eigenfunctions)" in note
+    assert "(Method, Eigenfunctions)" in note
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     assert unused(initial="PROXIMITY", k_final=40) == []
     assert unused(initial="PROXIMITY", k_final=40) == []
@@ -397,8 +398,34 @@ def test_without_a_choice_the_source_is_the_one_that_was_matched(source, target)
     dress(source)
     activate(target)
     assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+    assert bpy.ops.zoomout.match() == {"FINISHED"}
+    assert stored_match.description(target.data)["source"] == "Source"
+    source.name = "Renamed"
     with pytest.raises(RuntimeError, match="There is no source"):
         bpy.ops.zoomout.match()
+
+
+def test_several_targets_keep_their_own_sources_where_none_is_chosen(source, target):
+    first, second = target, ellipsoid("Second", 3)
+    other = ellipsoid("Other", 3)
+    other.vertex_groups.new(name="Of other").add([0, 1, 2], 1, "REPLACE")
+    source.vertex_groups.new(name="Of source").add([0, 1, 2], 1, "REPLACE")
+    match_objects(bpy.context, source, first, k_final=30)
+    match_objects(bpy.context, other, second, k_final=30)
+    activate(first, second)
+    assert own_sources(bpy.context) == {"Target": "Source", "Second": "Other"}
+    assert bpy.ops.zoomout.transfer(uv_maps=False) == {"FINISHED"}
+    assert "Of source" in first.vertex_groups
+    assert second.vertex_groups.keys() == ["Of other"]
+    # What is selected, or chosen, beside the target is its source, where it may be meant.
+    activate(first, other)
+    assert own_sources(bpy.context) == {}
+    match_objects(bpy.context, source, second, k_final=30)
+    activate(first, second)
+    assert own_sources(bpy.context) == {}
+    activate(first, second)
+    bpy.context.scene.zoomout.source = other
+    assert own_sources(bpy.context) == {}
 
 
 def test_a_match_that_is_out_of_date_is_refused(source, target):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bpy.types import Context, Panel
 
 from ...operators.match_collections import ZOOMOUT_OT_match_collections
-from ...operators.transfer import ZOOMOUT_OT_transfer
 from ...properties.collections import CollectionSettings
 from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, split_properties
@@ -23,5 +22,3 @@ class ZOOMOUT_PT_collections(SidebarPanel, Panel):
         for name in CollectionSettings.__annotations__:
             layout.prop(context.scene.zoomout, name)
         layout.operator(ZOOMOUT_OT_match_collections.bl_idname)
-        transfer = layout.operator(ZOOMOUT_OT_transfer.bl_idname, text="Transfer to Selected")
-        transfer.own_sources = True

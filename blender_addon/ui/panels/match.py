@@ -28,7 +28,8 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         is_mesh = target is not None and target.type == "MESH"
         source = likely_source(context) if is_mesh else None
         if settings.source is None and source:
-            _object_row(column, "", f"{source.name} (selected)")
+            how = "selected" if source.select_get() and source != target else "matched"
+            _object_row(column, "", f"{source.name} ({how})")
         _object_row(column, "Target", f"{target.name} (active)" if is_mesh else "")
         others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
         if others:

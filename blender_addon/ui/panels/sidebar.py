@@ -11,7 +11,7 @@ from bpy.types import Context, Object, UILayout
 from ...operators import activity
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ...operators.symmetry import ZOOMOUT_OT_check_symmetry
-from ...scene.selection import chosen_targets
+from ...scene.selection import chosen_targets, own_sources
 from ...services.preflight import Finding
 from ...translations import CONTEXT
 from ...viewport import preview
@@ -100,7 +100,7 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
 
 def counted(one: str, several: str, context: Context, source: Object | None) -> str:
     """The text of a button for one target, or that for several, in which their number is put."""
-    number = len(chosen_targets(context, source)) if source else 1
+    number = len(own_sources(context)) or (len(chosen_targets(context, source)) if source else 1)
     return pgettext_iface(several, CONTEXT).format(number) if number > 1 else one
 
 

@@ -8,10 +8,10 @@ from ...operators.choose_data import ZOOMOUT_OT_choose_data
 from ...operators.transfer import ZOOMOUT_OT_transfer
 from ...presets import ZOOMOUT_PT_transfer_presets
 from ...properties.transfer import TransferOptions
+from ...scene.selection import matched_with, own_sources
 from ...services.inventory import inventory
 from ...services.preflight import Finding, findings, likely_source, outdated, stale
 from ...services.transfer import summary
-from ...storage import stored_match
 from ...storage.stored_report import transfer_report
 from .. import manual
 from .sidebar import SidebarPanel, counted, help_button, main_button, sentences, show_findings
@@ -26,17 +26,18 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object
-        stored = stored_match.description(target.data) if target and target.type == "MESH" else None
-        known = stored["source"] if stored else ""
-        source = likely_source(context, known) if target else None
+        source, own = likely_source(context) if target else None, own_sources(context)
+        if source is None and target is not None and target.name in own:
+            source = context.scene.objects[own[target.name]]
         _draw_choice(layout, context, source)
         # What is merely doubtful of the meshes stands above, in the panel to match.
-        found = [finding for finding in findings(context, known) if finding.blocks]
-        matched = bool(stored and source and source.name == known)
-        if matched and (reason := stale(context, target)):
-            found = [Finding(reason, True)]
+        found = [finding for finding in findings(context) if finding.blocks]
+        matched = bool(own) or (source is not None and matched_with(context, target) == source.name)
+        known = [context.scene.objects[name] for name in own] or [target] * matched
+        if reasons := [reason for obj in known if (reason := stale(context, obj))]:
+            found = [Finding(reason, True) for reason in reasons]
         elif matched:
-            found += [Finding(text, False) for text in outdated(context, target)]
+            found += [Finding(text, False) for obj in known for text in outdated(context, obj)]
         show_findings(context, layout, found)
         if matched:
             text = counted("Transfer", "Transfer to {} Targets", context, source)
