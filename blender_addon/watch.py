@@ -20,6 +20,7 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
     mesh_facts.forget(meshes)
     overlay.repose(one.session_uid for one in changed if isinstance(one, Object))
     preview.follow_edit(meshes)
+    preview.follow_selection()
 
 
 @persistent

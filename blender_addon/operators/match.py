@@ -30,9 +30,11 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
 
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
+        active = context.active_object.name
         source_of, options = sources_of_targets(context, self.source), self.match_options()
         outcome = yield from each_target_steps(
-            list(source_of), lambda target: prepare_match_steps(context, source_of[target], target, **options)
+            list(source_of),
+            lambda target: prepare_match_steps(context, source_of[target], target, seen=target == active, **options),
         )
         self.report_failed(outcome)
         return _summary([source_of[target] for target in outcome.done], outcome)

@@ -16,6 +16,7 @@ from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps, summary
 from ..storage import stored_match
+from ..viewport import preview
 from .stepped import SteppedOperator
 
 
@@ -38,6 +39,7 @@ class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions,
             return prepare_transfer_steps(context, source_of[target], target, data, settings, **options)
 
         outcome = yield from each_target_steps(list(source_of), work)
+        preview.clear_passing()
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())
 

@@ -40,13 +40,21 @@ def match_steps(context: Context, source_name: str, target_name: str, **options:
 
 
 def prepare_match_steps(
-    context: Context, source_name: str, target_name: str, **options: Any
+    context: Context, source_name: str, target_name: str, seen: bool = False, **options: Any
 ) -> Steps[Write[stored_match.Match]]:
-    """`match_steps` without the writing: returns a function that stores the match on the target."""
+    """`match_steps` without the writing: returns a function that stores the match on the target.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source_name: the object that has the data.
+        target_name: the object that receives it.
+        seen: whether places are shown by colours for a while, where nothing else is shown.
+        options: those of `match_objects`.
+    """
     pair = yield from read_pair_steps(context, source_name, target_name)
     settings = settings_to_store(context, pair, options)
     result = yield from matching_steps(context, pair, **options)
-    following = yield from previews.following_steps(context, pair, result)
+    following = yield from previews.following_steps(context, pair, result, preview.PLACES if seen else None)
 
     def write() -> stored_match.Match:
         _, target = check_unedited(context, pair)

@@ -106,12 +106,23 @@ def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> 
     ]
 
 
-def following_steps(context: Context, pair: ObjectPair, match: Match) -> Steps[Preview | None]:
-    """The preview that is shown of a target, for a new match of it; None where none is."""
+def following_steps(
+    context: Context, pair: ObjectPair, match: Match, otherwise: str | None = None
+) -> Steps[Preview | None]:
+    """The preview that is shown of a target, for a new match of it.
+
+    Args:
+        context: Blender's.
+        pair: the target with its source.
+        match: the new match.
+        otherwise: what to show, for a while, where nothing is shown; nothing when None.
+    """
     before = preview.shown(find_mesh(context, pair.target_name))
-    if before is None or before.kind not in OF_MATCH:
+    if before is not None and before.kind in OF_MATCH:
+        return replace((yield from match_steps(context, pair, match, before.kind)), passing=before.passing)
+    if otherwise is None or preview.current() is not None:
         return None
-    return (yield from match_steps(context, pair, match, before.kind))
+    return replace((yield from match_steps(context, pair, match, otherwise)), passing=True)
 
 
 def follow_match(context: Context, obj: Object) -> None:

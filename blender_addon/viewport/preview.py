@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import bpy
 from bpy.types import Mesh, Object
 
 from zoomout_core.arrays import Floats
@@ -75,6 +76,7 @@ class Preview:
         legend: what the colours mean.
         overlays: what is drawn.
         stored_hash: hash of the match or symmetry stored on the object's mesh, by which a later one is noticed.
+        passing: whether it was not asked for, and goes when other objects are selected, or data is transferred.
     """
 
     kind: str
@@ -82,6 +84,7 @@ class Preview:
     legend: str
     overlays: tuple[Overlay, ...]
     stored_hash: str
+    passing: bool = False
 
     def with_colors(self, colors: Floats) -> Preview:
         """The same with other colours (n, 3) on the object itself."""
@@ -90,6 +93,8 @@ class Preview:
 
 
 _shown: Preview | None = None
+# The active object and the selected ones when it was shown, by their `session_uid`.
+_selected: tuple[int, ...] = ()
 
 
 def shown(obj: Object | None) -> Preview | None:
@@ -109,8 +114,8 @@ def current() -> Preview | None:
 
 def show(preview: Preview) -> None:
     """Show a preview, in place of another one."""
-    global _shown
-    _shown = preview
+    global _shown, _selected
+    _shown, _selected = preview, _selection()
     overlay.show(preview.overlays)
 
 
@@ -119,6 +124,24 @@ def clear() -> None:
     global _shown
     _shown = None
     overlay.clear()
+
+
+def clear_passing() -> None:
+    """Show nothing that was not asked for."""
+    if _shown is not None and _shown.passing:
+        clear()
+
+
+def follow_selection() -> None:
+    """Show nothing that was not asked for once other objects are selected."""
+    if _shown is not None and _shown.passing and _selection() != _selected:
+        clear()
+
+
+def _selection() -> tuple[int, ...]:
+    objects = bpy.context.view_layer.objects
+    active = [objects.active.session_uid] if objects.active else [0]
+    return (*active, *sorted(obj.session_uid for obj in objects.selected))
 
 
 def follow_edit(meshes: Iterable[Mesh]) -> None:

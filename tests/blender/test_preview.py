@@ -55,6 +55,37 @@ def test_confidence_is_seen_on_the_target(target):
     assert colors[-1, 2] > 2 * colors[-1, 0]  # blue with
 
 
+def test_a_new_match_is_seen_at_once_until_something_else_is_selected(source, target):
+    target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
+    assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert preview.shown(target).kind == "PLACES"
+    assert set(shown()) == {"Source", "Target"}
+    watch._after_update(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
+    assert preview.current() is not None
+    activate(source)
+    watch._after_update(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
+    assert preview.current() is None
+
+
+def test_what_was_asked_for_stays_and_what_was_not_goes_with_a_transfer(source, target):
+    for asked in (False, True):
+        preview.clear()
+        activate(target, source)
+        assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
+        if asked:
+            assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
+        assert bpy.ops.zoomout.transfer() == {"FINISHED"}
+        assert (preview.current() is not None) == asked
+        activate(source)
+        watch._after_update(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
+        assert (preview.current() is not None) == asked
+    # A match by a script shows nothing.
+    preview.clear()
+    match_objects(bpy.context, source, target, k_final=30)
+    assert preview.current() is None
+
+
 def test_places_have_the_same_colours_on_both(source, target):
     assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
     np.testing.assert_allclose(shown()["Target"], shown()["Source"], atol=1e-5)
