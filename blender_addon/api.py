@@ -17,6 +17,10 @@ Where the shapes alone lead astray, landmarks settle it: vertices of the one and
 >>> api.landmark_pairs(context, hero, scan).numbers
 (1,)
 
+A target that stands in a pose is taken to the rest pose of the source's armature, and bound to it, so that the bones
+pose it at once, by `bind_to_rig(context, hero, scan)`, which transfers the weights, or by `transfer_objects` with
+`binding=Binding()`.
+
 A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
 
 A mesh's own symmetry is found in any pose, stored on the mesh, and used by the functions that follow:
@@ -50,7 +54,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 
-from .adapters import DATA, USUAL_DATA, Settings
+from .adapters import DATA, USUAL_DATA, Binding, Settings
 from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
@@ -63,15 +67,17 @@ from .services.symmetry.sculpt import mirror_sculpt
 from .services.symmetry.shape_keys import mirror_shape_key
 from .services.symmetry.sides import name_sides, select_symmetry_line
 from .services.symmetry.weights import symmetrise_weights
-from .services.transfer import transfer_objects, transfer_steps
+from .services.transfer import bind_to_rig, transfer_objects, transfer_steps
 from .storage.stored_report import transfer_report
 from .storage.stored_symmetry import read as symmetry_of
 
 __all__ = [
     "DATA",
     "USUAL_DATA",
+    "Binding",
     "LandmarkPairs",
     "Settings",
+    "bind_to_rig",
     "check_symmetry",
     "choose_symmetry",
     "detect_symmetry",

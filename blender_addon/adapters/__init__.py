@@ -7,7 +7,7 @@ from collections.abc import Callable
 from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 from .scheduling import transfer_all_steps
-from .settings import DEFAULT, FILL_BELOW, Settings, parse_group_names, parse_names
+from .settings import DEFAULT, FILL_BELOW, Binding, Settings, parse_group_names, parse_names
 
 # In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
 # which of these are sharp. Shape keys come last: reading them evaluates copies, which may invalidate meshes
@@ -45,6 +45,7 @@ __all__ = [
     "NOUNS",
     "USUAL_DATA",
     "Adapter",
+    "Binding",
     "Remarks",
     "Settings",
     "TransferJob",

@@ -120,6 +120,10 @@ class TransferJob:
         self.remarks.add(carried.notes)
         return carried
 
+    def along(self, match: Match) -> TransferJob:
+        """The same transfer along another match."""
+        return replace(self, match=match, _mapped_targets={})
+
     def _between(self, source: Surface | None, target: Surface | None) -> MappedTarget:
         """The mapped target, with other surfaces in place of its own if given; cached for the next attribute."""
         if (source, target) not in self._mapped_targets:

@@ -72,6 +72,20 @@ class Settings:
 DEFAULT = Settings()
 
 
+@dataclass(frozen=True)
+class Binding:
+    """How a target is bound to its source's armature.
+
+    Attributes:
+        shape: "rest_pose": the target stands in a pose, and is taken to the rest pose. "keep_shape": it stands in the
+            rest pose already. "automatic": whichever is the case.
+        replace: whether it is taken off the armatures that it is bound to; else such a target is refused.
+    """
+
+    shape: Literal["automatic", "rest_pose", "keep_shape"] = "automatic"
+    replace: bool = False
+
+
 def parse_names(text: str) -> tuple[str, ...]:
     """Names with commas between them."""
     return tuple(filter(None, (name.strip() for name in text.split(","))))

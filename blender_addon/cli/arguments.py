@@ -13,7 +13,7 @@ from zoomout_core.matching.presets import DETAIL
 from ..adapters import DATA, USUAL_DATA
 from ..properties.match import MatchOptions
 from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
-from ..properties.transfer import BlendOptions
+from ..properties.transfer import BindChoice, BindOptions, BlendOptions
 
 NAME = "zoomout"
 # Pipelines have the time for a match that the sidebar does not offer.
@@ -59,7 +59,8 @@ def _parser() -> argparse.ArgumentParser:
     transfer = commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
     _add_pair(transfer)
     transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
-    _add_options(transfer, BlendOptions)
+    for group in (BlendOptions, BindChoice, BindOptions):
+        _add_options(transfer, group)
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and what is done along it"))
     for name, command in commands.choices.items():
         when = "if all was done" if name == "symmetry" else "when at least one target is done"

@@ -12,7 +12,7 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain
 
 from ..properties.match import MatchOptions
-from ..properties.transfer import BlendOptions
+from ..properties.transfer import BindOptions, BlendOptions
 from ..services.collection_match import match_collections_steps
 from ..services.match import prepare_match_steps
 from ..services.targets import Write, each_target_steps
@@ -45,6 +45,7 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         MeshError: new names of groups are no pairs, or the collections cannot be matched; nothing was written.
     """
     settings = BlendOptions.settings(as_in_sidebar(options, BlendOptions))
+    binding = BindOptions.how_to_bind(as_in_sidebar(options, BindOptions)) if options.bind else None
     if options.target_collection:
         source_of = {name: source for name, (source, _) in _match_collections(context, options).items()}
         matching: dict[str, Any] = {}
@@ -52,7 +53,7 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
 
     def work(target: str) -> Steps[Write[dict[str, Any]]]:
-        return prepare_transfer_steps(context, source_of[target], target, options.data, settings, **matching)
+        return prepare_transfer_steps(context, source_of[target], target, options.data, settings, binding, **matching)
 
     return _reports(source_of, work, lambda _, report: dict(report))
 

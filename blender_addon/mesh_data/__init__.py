@@ -3,6 +3,18 @@
 Whole arrays go through `foreach_get` and `foreach_set`.
 """
 
+from .armatures import (
+    Bones,
+    armatures_of,
+    bind_like,
+    can_be_put,
+    place_beside,
+    preserves_volume,
+    read_bones,
+    reshape,
+    stands_as_modelled,
+    unbind,
+)
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .joined import (
@@ -50,6 +62,7 @@ from .shape_keys import (
     read_own_shape_keys,
     read_rest_positions,
     read_shape_keys,
+    read_undeformed_positions,
     write_animation,
     write_shape,
     write_shape_keys,
@@ -97,6 +110,7 @@ __all__ = [
     "SEAMS",
     "SYMMETRY_ATTRIBUTES",
     "ActiveLayers",
+    "Bones",
     "EvaluatedObject",
     "Faces",
     "Fingerprint",
@@ -108,6 +122,9 @@ __all__ = [
     "ShapeKey",
     "ShapeKeys",
     "SurfacePoint",
+    "armatures_of",
+    "bind_like",
+    "can_be_put",
     "change_of_vertices",
     "content_hash",
     "count_layers",
@@ -125,9 +142,12 @@ __all__ = [
     "move_vertices",
     "nearest_surface_point",
     "offsets_of",
+    "place_beside",
     "positions_in_world",
+    "preserves_volume",
     "raycast_surface_point",
     "read_active_layers",
+    "read_bones",
     "read_custom_normals",
     "read_faces",
     "read_joined_active_layers",
@@ -154,11 +174,15 @@ __all__ = [
     "read_surface_at_rest",
     "read_target_faces",
     "read_target_surface",
+    "read_undeformed_positions",
     "read_weights",
     "read_weights_steps",
+    "reshape",
+    "stands_as_modelled",
     "surface_point_in_face",
     "surface_point_of_vertex",
     "to_object",
+    "unbind",
     "untransferable_data",
     "update_weights",
     "write_active_layers",

@@ -101,6 +101,22 @@ def read_shape_keys(obj: Object, faces: Faces) -> ShapeKeys | None:
     return None if found is None else _shape_keys(keys, *found)
 
 
+def read_undeformed_positions(obj: Object, faces: Faces) -> Floats | None:
+    """(n, 3) positions of an object, without what deforms it, on the vertices that its modifiers leave.
+
+    Args:
+        obj: the object as it is in the file.
+        faces: of its mesh as the modifiers leave it.
+
+    Returns:
+        The positions, or None where other modifiers than those that deform make a difference to the mesh's faces.
+    """
+    if faces == read_faces(obj.data):
+        return read_rest_positions(obj.data)
+    with _undeformed_copy(obj) as copy:
+        return _evaluated_positions(copy, faces)
+
+
 def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
     """The shape keys of a mesh that has some, on its own vertices."""
     keys, rest = _keys(mesh.shape_keys), read_rest_positions(mesh)
@@ -262,13 +278,14 @@ def _undeformed_copy(obj: Object) -> Iterator[Object]:
     copy = obj.copy()
     copy.data = obj.data.copy()
     try:
-        for owner in (copy, copy.data.shape_keys):
+        keys = copy.data.shape_keys
+        for owner in (copy, keys) if keys else (copy,):
             owner.animation_data_clear()
         copy.parent = None  # which may be an armature that deforms it without a modifier
         for modifier in [modifier for modifier in copy.modifiers if modifier.type in VERTEX_PRESERVING]:
             copy.modifiers.remove(modifier)
         copy.show_only_shape_key = False
-        for block in copy.data.shape_keys.key_blocks:
+        for block in keys.key_blocks if keys else ():
             block.vertex_group, block.mute = "", False
             block.slider_min, block.slider_max, block.value = 0, 1, 0
         bpy.context.scene.collection.objects.link(copy)

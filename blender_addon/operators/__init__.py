@@ -1,6 +1,7 @@
 """Operators: thin, the work is in functions that scripts can call as well."""
 
 from . import symmetry
+from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .choose_data import ZOOMOUT_OT_choose_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
@@ -25,6 +26,7 @@ CLASSES = (
     ZOOMOUT_OT_clear_preview,
     ZOOMOUT_OT_choose_data,
     ZOOMOUT_OT_transfer,
+    ZOOMOUT_OT_bind_to_rig,
     ZOOMOUT_OT_cut_seams,
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,

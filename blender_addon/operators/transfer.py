@@ -11,7 +11,7 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
-from ..properties.transfer import BlendOptions, TransferOptions
+from ..properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps, summary
@@ -20,7 +20,9 @@ from ..viewport import preview
 from .stepped import SteppedOperator
 
 
-class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, SteppedOperator):
+class ZOOMOUT_OT_transfer(
+    SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, BindChoice, BindOptions, SteppedOperator
+):
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
     bl_description = (
@@ -34,9 +36,10 @@ class ZOOMOUT_OT_transfer(SourceName, OwnSources, MatchOptions, TransferOptions,
         take_settings(self, context.scene.zoomout)
         source_of = _own_sources(context) if self.own_sources else sources_of_targets(context, self.source)
         data, settings, options = self.data(), self.settings(), self.match_options()
+        binding = self.how_to_bind() if self.bind else None
 
         def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return prepare_transfer_steps(context, source_of[target], target, data, settings, **options)
+            return prepare_transfer_steps(context, source_of[target], target, data, settings, binding, **options)
 
         outcome = yield from each_target_steps(list(source_of), work)
         preview.clear_passing()

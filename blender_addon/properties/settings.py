@@ -11,7 +11,7 @@ from .landmarks import LandmarkSettings
 from .match import MatchOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
-from .transfer import BlendOptions, TransferOptions
+from .transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
 
 
 class SourceName:
@@ -43,7 +43,14 @@ def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
 
 
 class ZOOMOUT_PG_settings(
-    MatchOptions, TransferOptions, BlendOptions, LandmarkSettings, CollectionSettings, PropertyGroup
+    MatchOptions,
+    TransferOptions,
+    BlendOptions,
+    BindChoice,
+    BindOptions,
+    LandmarkSettings,
+    CollectionSettings,
+    PropertyGroup,
 ):
     """The scene's settings."""
 

@@ -5,7 +5,7 @@ Property annotations are read by Blender as they are, so this module does withou
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ..adapters import FILL_BELOW, Settings, parse_group_names, parse_names
+from ..adapters import FILL_BELOW, Binding, Settings, parse_group_names, parse_names
 from .once import ONCE
 
 # Options that say where and how much, and those that say what becomes of groups and attributes.
@@ -193,3 +193,51 @@ class BlendOptions:
         for name in ("mode", "without_partner"):
             chosen[name] = chosen[name].lower()
         return Settings(**{**chosen, "group_names": names, "turning": turning})
+
+
+class BindChoice:
+    """Whether a transfer binds the target, too."""
+
+    bind: BoolProperty(
+        name="Bind to Rig",
+        description=(
+            "Bind the target to the source's armature as well: it is taken to the rest pose, gets the vertex groups "
+            "and the Armature modifier, and is posed by the bones at once. This moves its vertices"
+        ),
+        default=False,
+        options=ONCE,
+    )
+
+
+class BindOptions:
+    """How to bind a target to the source's armature."""
+
+    binding: EnumProperty(
+        name="Stands",
+        description="What becomes of the target's shape",
+        items=(
+            (
+                "AUTOMATIC",
+                "Automatic",
+                "Find out in which pose the target stands, and take it to the rest pose if needed",
+            ),
+            (
+                "REST_POSE",
+                "In a Pose",
+                "Take the target to the rest pose; a shape key, Posed Shape, keeps it as it stood",
+            ),
+            ("KEEP_SHAPE", "At Rest", "Keep the target's shape, moved and scaled to where the source is"),
+        ),
+        default="AUTOMATIC",
+        options=ONCE,
+    )
+    replace_binding: BoolProperty(
+        name="Replace Binding",
+        description="Take the target off the armature that it is bound to, as it is posed; else it is refused",
+        default=False,
+        options=ONCE,
+    )
+
+    def how_to_bind(self) -> Binding:
+        """What is chosen here."""
+        return Binding(self.binding.lower(), self.replace_binding)

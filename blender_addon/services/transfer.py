@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 from bpy.types import Context, Object
@@ -18,12 +19,14 @@ from ..adapters import (
     NOUNS,
     USUAL_DATA,
     Adapter,
+    Binding,
     Remarks,
     Settings,
     TransferJob,
     TransferRequest,
     transfer_all_steps,
 )
+from ..adapters.vertex_groups import WeightAdapter
 from ..mesh_data import ObjectPair
 from ..properties.match import option_label
 from ..scene.pair import (
@@ -36,6 +39,7 @@ from ..scene.pair import (
 )
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match, stored_report
+from .binding import Bound, check_binding, keep_match, prepare_binding_steps, write_bound
 from .candidates import store_match
 from .constraints import check_options, matching_steps, settings_to_store
 from .targets import Write
@@ -50,6 +54,7 @@ def transfer_objects(
     target: Object,
     data: Collection[str] = USUAL_DATA,
     settings: Settings = DEFAULT,
+    binding: Binding | None = None,
     **match_options: Any,
 ) -> dict[str, Any]:
     """Transfer data between two mesh objects, along the match stored on the target, or a new one.
@@ -60,6 +65,7 @@ def transfer_objects(
         target: receives it.
         data: which kinds of it, of `DATA`; all but the source's own shape, when not given.
         settings: how it is transferred.
+        binding: how the target is bound to the source's armature; not at all, when not given.
         match_options: of `match_objects`, where no match of these two is stored.
 
     Returns:
@@ -69,7 +75,38 @@ def transfer_objects(
         MeshError: something cannot be transferred; nothing was written.
         TypeError: a match has no option of a name.
     """
-    return drain(transfer_steps(context, source.name, target.name, data, settings, **match_options))
+    return drain(transfer_steps(context, source.name, target.name, data, settings, binding, **match_options))
+
+
+def bind_to_rig(
+    context: Context,
+    source: Object,
+    target: Object,
+    binding: Binding | None = None,
+    settings: Settings = DEFAULT,
+    **match_options: Any,
+) -> dict[str, Any]:
+    """Transfer the vertex groups, take the target to the rest pose, and bind it to the armature of the source.
+
+    The armature and its animation stay as they are; a target in another pose gets a shape key that has it as it stood.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: an armature deforms it.
+        target: is bound to that; its vertices move to the rest pose, and its matrix becomes that of the source.
+        binding: whether it stands at rest already, and what becomes of another binding; found out, and refused, when
+            not given.
+        settings: how weights are transferred.
+        match_options: of `match_objects`, where no match of these two is stored.
+
+    Returns:
+        The report, see `stored_report.transfer_report`.
+
+    Raises:
+        MeshError: the target cannot be bound; nothing was written.
+        TypeError: a match has no option of a name.
+    """
+    return transfer_objects(context, source, target, (), settings, binding or Binding(), **match_options)
 
 
 def transfer_steps(
@@ -78,10 +115,13 @@ def transfer_steps(
     target_name: str,
     data: Collection[str],
     settings: Settings = DEFAULT,
+    binding: Binding | None = None,
     **match_options: Any,
 ) -> Steps[dict[str, Any]]:
     """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from prepare_transfer_steps(context, source_name, target_name, data, settings, **match_options)
+    write = yield from prepare_transfer_steps(
+        context, source_name, target_name, data, settings, binding, **match_options
+    )
     return write()
 
 
@@ -91,10 +131,14 @@ def prepare_transfer_steps(
     target_name: str,
     data: Collection[str],
     settings: Settings = DEFAULT,
+    binding: Binding | None = None,
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
     """`transfer_steps` without the writing: returns a function that writes the data to the target."""
     check_options(match_options)
+    if binding is not None:
+        check_binding(context, source_name, target_name, binding, settings)
+        data = {*data, "vertex_groups"}
     pair = yield from stored_pair_steps(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     adapters, remarks, blend = yield from _collected_steps(context, pair, data, settings)
@@ -106,16 +150,32 @@ def prepare_transfer_steps(
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))
     job = TransferJob(match, pair, remarks, settings, blend)
-    yield from within(transfer_all_steps(adapters, job), MATCHING if stored is None else 0, 1)
+    begun, bound = MATCHING if stored is None else 0.0, None
+    done = 1.0 if binding is None else (1 + begun) / 2
+    weights = [(one, replace(one)) for one in adapters if isinstance(one, WeightAdapter)]
+    yield from within(transfer_all_steps(adapters, job), begun, done)
+    if binding is not None:
+        if not weights:
+            raise zo.MeshError(f"All vertex groups of '{target_name}' that bones would move are locked: unlock them.")
+        bound = yield from within(prepare_binding_steps(context, job, *weights[0], binding), done, 1)
+        remarks.notes.extend(bound.notes)
 
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
         if stored is None:
             store_match(target.data, match, pair, made_with)
         for one in adapters:
-            one.write(target)
+            if one.kind != "shape":
+                one.write(target)
+        if bound is not None:
+            write_bound(context, pair, bound)
+        for one in adapters:
+            if one.kind == "shape":  # which lies where the source is, and so where a bound target is
+                one.write(target)
         target.data.update()
-        return _write_report(target, adapters, job, users_of_mesh(context, target))
+        if bound is not None:
+            keep_match(context, pair, match, stored.settings if stored else made_with)
+        return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
 
     return write
 
@@ -147,7 +207,9 @@ def _collected_steps(
     return adapters, remarks, blend
 
 
-def _write_report(target: Object, adapters: list[Adapter], job: TransferJob, users: int) -> dict[str, Any]:
+def _write_report(
+    target: Object, adapters: list[Adapter], job: TransferJob, users: int, bound: Bound | None
+) -> dict[str, Any]:
     match, pair, remarks = job.match, job.pair, job.remarks
     written: dict[str, list[str]] = {kind: [] for kind in DATA}
     for one in adapters:
@@ -163,6 +225,7 @@ def _write_report(target: Object, adapters: list[Adapter], job: TransferJob, use
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
+        "bound": None if bound is None else {"armature": target.parent.name, "shape": bound.shape},
     }
     stored_report.write(target, report)
     return report
@@ -172,9 +235,11 @@ def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
     written = ", ".join(_count(len(names), NOUNS[kind]) for kind, names in report["written"].items() if names)
     skipped = f"; {len(report['skipped'])} skipped" if report["skipped"] else ""
+    bound = report.get("bound")  # which reports of earlier versions lack
+    bound = f", bound to '{bound['armature']}'" if bound else ""
     return (
         f"Transferred {written} from '{report['source']}'{and_others(report['others'])} to '{report['target']}'"
-        f"{skipped}; "
+        f"{bound}{skipped}; "
         f"{report['low_confidence']} of {report['vertices']} vertices are of low confidence"
     )
 

@@ -22,7 +22,8 @@ def transfer_report(target: Object) -> dict[str, Any] | None:
         `source` and `target`: names of the objects; `written`: lists of names for each of `DATA`; `skipped`:
         a reason for each name; `notes`: sentences for the user; `vertices` and `low_confidence`: the
         number of the target's vertices, and of those of low confidence; `without_partner`: the parts of the target's
-        and of the source's area that have none, if that is known.
+        and of the source's area that have none, if that is known; `bound`: None, or the name of the `armature` that the
+        target was bound to, and its `shape`, see `Binding`.
     """
     text = target.data.get(PROPERTY)
     return None if text is None else json.loads(text)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from ..properties.transfer import BlendOptions, TransferOptions
+from ..properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
 
 # What a zip has, as pages, and a checkout beside the package, as it is written.
 PACKAGE = Path(__file__).parents[1]
@@ -19,9 +19,10 @@ GUIDE, RULES = "blender", "transfer"
 PLACES = (
     ("bpy.ops.zoomout.transfer*", RULES),
     ("bpy.ops.zoomout.cut_seams*", RULES),
+    ("bpy.ops.zoomout.bind_to_rig*", RULES),
     *(
         (f"bpy.types.zoomout_pg_settings.{name}", RULES)
-        for group in (TransferOptions, BlendOptions)
+        for group in (TransferOptions, BlendOptions, BindChoice, BindOptions)
         for name in group.__annotations__
     ),
     ("bpy.ops.zoomout.*", GUIDE),

@@ -8,6 +8,7 @@ import bpy
 from bpy.types import Context, Menu, UILayout
 
 from ..operators import landmarks, symmetry
+from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ..operators.match import ZOOMOUT_OT_match
@@ -25,7 +26,13 @@ class ZOOMOUT_MT_object(Menu):
 
     def draw(self, context: Context) -> None:
         layout = invoking(self.layout)
-        for operator in (ZOOMOUT_OT_match, ZOOMOUT_OT_match_collections, ZOOMOUT_OT_transfer, ZOOMOUT_OT_cut_seams):
+        for operator in (
+            ZOOMOUT_OT_match,
+            ZOOMOUT_OT_match_collections,
+            ZOOMOUT_OT_transfer,
+            ZOOMOUT_OT_bind_to_rig,
+            ZOOMOUT_OT_cut_seams,
+        ):
             layout.operator(operator.bl_idname)
         layout.separator()
         layout.operator(ZOOMOUT_OT_swap_match_sides.bl_idname)

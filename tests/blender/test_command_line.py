@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from creatures import creature
+from rigged import posed_target, source_and_rig
 from scenes import (
     activate,
     add_uv_map,
@@ -22,7 +23,7 @@ from scenes import (
 from blender_addon import cli
 from blender_addon.cli.arguments import as_in_sidebar, parse
 from blender_addon.properties.match import MatchOptions
-from blender_addon.properties.transfer import BlendOptions
+from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOptions
 from blender_addon.storage import stored_match, stored_symmetry
 
 
@@ -145,14 +146,30 @@ def test_every_option_of_the_sidebar_can_be_given():
         "--initial nearest --detail fine --k-final 90 --map-file m.npz --exact-landmarks --no-landmarks --no-names "
         "--same-up --from-last --most-distance 0.2 --most-angle 90 --either-side --fill-below 0.3 --mode missing "
         "--without-partner keep "
-        "--factor 0.5 --mask-group Mask --limit 4 --flip-names --group-names a=b --turning flow"
+        "--factor 0.5 --mask-group Mask --limit 4 --flip-names --group-names a=b --turning flow "
+        "--bind --binding keep_shape --replace-binding"
     )
     options = parse(["transfer", "--source", "A", "--target", "B", *line.split()])
-    for group in (MatchOptions, BlendOptions):
+    for group in (MatchOptions, BlendOptions, BindChoice, BindOptions):
         given = as_in_sidebar(options, group)
         for name, option in group.__annotations__.items():
             assert getattr(given, name) != option.keywords.get("default", ""), name
     assert MatchOptions.match_options(as_in_sidebar(options, MatchOptions))["most_angle"] == 90
+
+
+def test_a_target_is_bound_on_demand(tmp_path):
+    source, armature = source_and_rig()
+    target, _ = posed_target(source, armature)
+    path = tmp_path / "report.json"
+    both = "--source", "Source", "--target", "Target", "--data", "vertex_groups"
+    assert run("transfer", *both, "--report", path) == 0
+    assert json.loads(path.read_text())["targets"]["Target"]["bound"] is None
+    assert run("transfer", *both, "--bind", "--binding", "rest_pose", "--report", path) == 0
+    assert json.loads(path.read_text())["targets"]["Target"]["bound"] == {"armature": "Rig", "shape": "rest_pose"}
+    assert target.parent == armature
+    assert run("transfer", *both, "--bind") == 1
+    assert run("transfer", *both, "--bind", "--replace-binding", "--binding", "keep_shape", "--report", path) == 0
+    assert json.loads(path.read_text())["targets"]["Target"]["bound"]["shape"] == "keep_shape"
 
 
 def test_collections_are_matched_part_by_part(pair, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from blender_addon import presets
 from blender_addon.properties.match import MatchOptions
-from blender_addon.properties.transfer import BlendOptions, TransferOptions
+from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +34,10 @@ def changed(group):
     return found
 
 
-@pytest.mark.parametrize(("what", "groups"), [("match", [MatchOptions]), ("transfer", [TransferOptions, BlendOptions])])
+@pytest.mark.parametrize(
+    ("what", "groups"),
+    [("match", [MatchOptions]), ("transfer", [TransferOptions, BlendOptions, BindChoice, BindOptions])],
+)
 def test_options_are_kept_by_name_and_come_back(folder, what, groups):
     settings = bpy.context.scene.zoomout
     wanted = {name: value for group in groups for name, value in changed(group).items()}

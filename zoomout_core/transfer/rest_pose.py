@@ -22,7 +22,7 @@ from zoomout_core.transfer.bone_fit import Pose, estimated_pose, slid_pose
 from zoomout_core.transfer.frames import TRUST
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.skinning import skinning_matrices
-from zoomout_core.transfer.unpose import inverse_skinning
+from zoomout_core.transfer.unpose import Rest, inverse_skinning
 from zoomout_core.transfer.weights import mixing_matrix
 from zoomout_core.tuning import Tuning, tuned
 
@@ -38,6 +38,7 @@ class RestTuning(Tuning, set_by="judgement"):
         facing: least cosine between both normals.
         beside: what the map counts for where a vertex is not read there.
         rounds: of reading and fitting.
+        in_place: a target that stands at rest stays where it is if no vertex would move farther.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -46,6 +47,7 @@ class RestTuning(Tuning, set_by="judgement"):
     facing: float = tuned(0.5, "1", -1, 1)
     beside: float = tuned(0.1, "1", 0, 1)
     rounds: int = tuned(6, "rounds", 0, 100)
+    in_place: float = tuned(0.02, "at unit area", 0, 1)
 
 
 REST = RestTuning()
@@ -96,6 +98,15 @@ def posed_target(
         trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
         pose = slid_pose(pose, found.points, target.vertices, normals, own, trust, parents)
     return PosedTarget(found, pose)
+
+
+def aligned(target: Surface, pose: Pose) -> Rest:
+    """A target that stands at rest, at the source's place and in its size; it stays as it is where it stands there."""
+    placed = pose.common.inverse(target.vertices)
+    linear = np.linalg.inv(pose.common.linear)
+    if np.linalg.norm(placed - target.vertices, axis=1).max() < REST.in_place * np.sqrt(target.area):
+        placed, linear = target.vertices, np.eye(3)
+    return Rest(placed, np.broadcast_to(linear, (len(placed), 3, 3)), 0)
 
 
 def _read_at_rest(

@@ -6,7 +6,7 @@ from bent_tube import PARENTS, bent, posed, tube, weights_of
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.transfer import map_target
-from zoomout_core.transfer.rest_pose import REST, posed_target
+from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
 from zoomout_core.transfer.skinning import moved, skinning_matrices
 from zoomout_core.tuning import retuned
 
@@ -93,3 +93,19 @@ def test_what_has_no_partner_does_not_count():
     found = posed_target(mapped, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)[~alone]) < 0.05
     assert not found.mapped.confidence[alone].any()
+
+
+def test_a_target_at_rest_is_put_where_the_source_is_and_stays_if_it_stands_there():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    for scale, shift, moves in ((1.0, 0.01, False), (1.0, 3.0, True), (2.0, 0.0, True)):
+        target = still.with_vertices(scale * still.vertices @ turn.T + shift if moves else still.vertices + shift)
+        found = posed_target(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+        assert found.pose.is_rest
+        rest = aligned(target, found.pose)
+        np.testing.assert_allclose(rest.positions, still.vertices if moves else target.vertices, atol=0.02)
+        if not moves:
+            np.testing.assert_array_equal(rest.positions, target.vertices)
+            np.testing.assert_array_equal(rest.linear[0], np.eye(3))
+        elif shift:
+            np.testing.assert_allclose(rest.linear[7], turn.T, atol=0.01)

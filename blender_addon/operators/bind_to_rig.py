@@ -1,0 +1,40 @@
+"""Bind the active mesh, and others that are selected, to the armature of a source."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.types import Context
+
+from zoomout_core.runtime.stepping import Steps
+
+from ..properties.match import MatchOptions
+from ..properties.settings import SourceName, take_settings
+from ..properties.transfer import BindOptions, BlendOptions
+from ..scene.selection import sources_of_targets
+from ..services.targets import Write, each_target_steps
+from ..services.transfer import prepare_transfer_steps, summary
+from .stepped import SteppedOperator
+
+
+class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, SteppedOperator):
+    bl_idname = "zoomout.bind_to_rig"
+    bl_label = "Bind to Rig"
+    bl_description = (
+        "Transfer the vertex groups to the active mesh, and to the other selected ones, take them to the rest pose, "
+        "and bind them to the source's armature, so that its bones pose them at once. They are matched first where "
+        "they are not yet"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout)
+        source_of = sources_of_targets(context, self.source)
+        settings, options, binding = self.settings(), self.match_options(), self.how_to_bind()
+
+        def work(target: str) -> Steps[Write[dict[str, Any]]]:
+            return prepare_transfer_steps(context, source_of[target], target, (), settings, binding, **options)
+
+        outcome = yield from each_target_steps(list(source_of), work)
+        self.report_failed(outcome)
+        return "; ".join(summary(report) for report in outcome.done.values())

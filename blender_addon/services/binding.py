@@ -1,0 +1,243 @@
+"""Bind a target to the armature of its source: take it to the rest pose, and hang it there as the source hangs.
+
+The armature and what animates it stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+from scipy.sparse import csc_array, csr_array
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.runtime.stepping import Steps, spread, within
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.transfer import Attribute, map_target
+from zoomout_core.transfer.rest_pose import PosedTarget, aligned, posed_target
+from zoomout_core.transfer.skinning import skinning_matrices
+from zoomout_core.transfer.unpose import Rest, unposed
+
+from .. import mesh_data
+from ..adapters import Binding, Settings, TransferJob
+from ..adapters.vertex_groups import WeightAdapter
+from ..mesh_data import Bones, ObjectPair
+from ..scene.pair import evaluated_sources, find_mesh, fingerprint_target, users_of_mesh
+from ..storage import stored_match
+
+# The shape key that has the target as it stood.
+POSED_SHAPE = "Posed Shape"
+# Parts of the progress bar at which weights are read anew, and the target is taken to rest, in [0, 1].
+READING_ANEW, TAKING = 0.7, 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """A target, ready to be bound.
+
+    Attributes:
+        shape: "rest_pose" or "keep_shape".
+        seen: (n_t, 3) where it stands, in world space.
+        rest: where it stands at rest.
+        notes: sentences.
+    """
+
+    shape: str
+    seen: Floats
+    rest: Rest
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rigged:
+    """What is known of sources that armatures deform.
+
+    Attributes:
+        rest: their surface at rest, in world space.
+        bones: of the first one's armatures.
+        weights: (n_s, b) of these.
+        preserves_volume: whether they preserve volume.
+    """
+
+    rest: zo.Surface
+    bones: Bones
+    weights: csr_array
+    preserves_volume: bool
+
+
+def check_binding(context: Context, source_name: str, target_name: str, binding: Binding, settings: Settings) -> None:
+    """Raise a MeshError if a target cannot be bound to the armature of a source.
+
+    Args:
+        context: Blender's.
+        source_name: of the object that has the armature.
+        target_name: of the one to be bound.
+        binding: how.
+        settings: how its weights are transferred.
+    """
+    source, target = find_mesh(context, source_name), find_mesh(context, target_name)
+    _check_rig(source)
+    if settings.flip_names:
+        raise zo.MeshError("A target that is bound takes each bone's weights as they are: turn Flip Group Names off.")
+    if target.parent is not None and target.parent_type == "BONE":
+        raise zo.MeshError(
+            f"'{target.name}' hangs from a bone, which moves it already: clear its parent to bind it to the armature."
+        )
+    if mesh_data.armatures_of(target) and not binding.replace:
+        raise zo.MeshError(
+            f"'{target.name}' is bound to {_named(target)} already: turn on Replace Binding, or remove its Armature "
+            "modifier."
+        )
+    if (users := users_of_mesh(context, target)) > 1:
+        raise zo.MeshError(
+            f"The mesh of '{target.name}' is shared by {users} objects, which would all change: make it single-user."
+        )
+    if target.data.shape_keys is not None and not target.data.shape_keys.use_relative:
+        raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
+    if mesh_data.is_flat(source):
+        raise zo.MeshError(f"'{source.name}' has a scale of zero, so that nothing can be bound to its armature.")
+    if not mesh_data.can_be_put(source, target):
+        raise zo.MeshError(
+            f"'{target.name}' is held in place by constraints, drivers or animation: remove these, so that it can "
+            "hang from the armature."
+        )
+
+
+def _check_rig(source: Object) -> None:
+    """Raise a MeshError if no armature deforms an object by vertex groups."""
+    if not mesh_data.armatures_of(source):
+        raise zo.MeshError(f"'{source.name}' has no Armature modifier: choose a source that an armature deforms.")
+    if not mesh_data.deforming_bones(source) & {group.name for group in source.vertex_groups}:
+        raise zo.MeshError(
+            f"No deforming bone of {_named(source)} has the name of a vertex group of '{source.name}': "
+            "give it weights first."
+        )
+
+
+def _named(obj: Object) -> str:
+    """The armatures of an object."""
+    return " and ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
+
+
+def prepare_binding_steps(
+    context: Context, job: TransferJob, weights: WeightAdapter, untouched: WeightAdapter, binding: Binding
+) -> Steps[Bound]:
+    """Find the pose of a target, read its weights anew where it lies on the source at rest, and take it there.
+
+    Args:
+        context: Blender's.
+        job: the transfer.
+        weights: the vertex groups as they are transferred; what is read anew takes their place.
+        untouched: these as they are on the source.
+        binding: how the target is bound.
+
+    Raises:
+        MeshError: it cannot be bound; nothing was written.
+    """
+    pair = job.pair
+    _check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
+    rigged = _read_rigged(context, pair)
+    mapped = map_target(job.match, pair.source, pair.target, job.settings.fill_below)
+    fit = in_background(partial(posed_target, mapped, rigged.rest, rigged.weights, rigged.bones.parents))
+    posed = yield from spread(fit, 0, READING_ANEW, "Finding the pose")
+    if posed.mapped.surface_map is not mapped.surface_map:
+        anew = stored_match.StoredMatch(
+            posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
+        )
+        again = replace(untouched)
+        yield from within(again.transfer(job.along(anew)), READING_ANEW, TAKING)
+        weights.weights = again.weights
+    if binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest):
+        return Bound("keep_shape", pair.target.vertices, aligned(pair.target, posed.pose), ())
+    own = _weights_of_target(context, pair, rigged.bones, weights.weights)
+    rest = yield from spread(in_background(partial(_at_rest, pair.target, posed, own, rigged)), TAKING, 1, "Unposing")
+    notes = [
+        f"'{pair.target_name}' stood in another pose, where its bones are turned by {posed.pose.bend:.0f}° on average: "
+        f"it was taken to the rest pose. Its shape key '{POSED_SHAPE}' has it as it stood."
+    ]
+    if rest.smoothed:
+        notes.append(f"Unposing: {rest.smoothed} vertices, where bones would tear them, follow their surroundings.")
+    return Bound("rest_pose", pair.target.vertices, rest, tuple(notes))
+
+
+def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
+    """Bind the target, whose vertex groups are written already."""
+    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+    mesh_data.unbind(target)
+    place = mesh_data.place_beside(source, target)
+    mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
+    mesh_data.bind_like(source, target)
+    context.view_layer.update()
+    if bound.shape == "rest_pose":
+        stood = bound.seen - np.array(target.matrix_world.translation)
+        mesh_data.write_shape(target, POSED_SHAPE, mesh_data.to_object(target, stood))
+
+
+def keep_match(context: Context, pair: ObjectPair, match: stored_match.Match, settings: Mapping[str, Any]) -> None:
+    """Store the match anew for the mesh that was reshaped."""
+    target = find_mesh(context, pair.target_name)
+    now = replace(pair, target_fingerprint=fingerprint_target(context, target.name))
+    stored_match.write(target.data, match, now, settings)
+
+
+def _check_keys_of_posed(target: Object, seen: Floats) -> None:
+    """Raise a MeshError if a target that an armature poses has shape keys: these are of another pose."""
+    if target.data.shape_keys is None or not mesh_data.armatures_of(target):
+        return
+    if not mesh_data.stands_as_modelled(target, seen):
+        raise zo.MeshError(
+            f"'{target.name}' has shape keys, and {_named(target)} poses it: put that armature into its rest pose "
+            "first, and match again."
+        )
+
+
+def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
+    """The sources at rest, with the weights of the first one's bones."""
+    with evaluated_sources(context, pair) as sources:
+        faces = [mesh_data.read_faces(source.mesh) for source in sources]
+        weights, _ = mesh_data.read_joined_weights(sources)
+    rest = []
+    for name, each in zip(pair.source_names, faces, strict=True):
+        source = find_mesh(context, name)
+        positions = mesh_data.read_undeformed_positions(source, each)
+        if positions is None:
+            raise zo.MeshError(
+                f"Modifiers of '{name}' make other faces without its armature, so that its rest pose cannot be read: "
+                "disable those that add or remove vertices, and match again."
+            )
+        rest.append(mesh_data.positions_in_world(source, positions.astype(np.float64)))
+    source = find_mesh(context, pair.source_name)
+    bones = mesh_data.read_bones(source)
+    surface = pair.source.with_vertices(np.concatenate(rest))
+    return _Rigged(surface, bones, _columns([weights], bones), mesh_data.preserves_volume(source))
+
+
+def _weights_of_target(context: Context, pair: ObjectPair, bones: Bones, weights: Attribute) -> csr_array:
+    """(n_t, b) weights of bones that the target will have: those transferred, and what stays of its own."""
+    target = find_mesh(context, pair.target_name)
+    return _columns([weights, mesh_data.read_weights(target, target.data)], bones)
+
+
+def _columns(groups: list[Attribute], bones: Bones) -> csr_array:
+    """(n, b) weights of bones, of the first vertex groups that have one of the name."""
+    count = groups[0].values.shape[0]
+    entries: list[tuple[Floats, np.ndarray, np.ndarray]] = []
+    for number, name in enumerate(bones.names):
+        having = next((each for each in groups if name in each.labels), None)
+        if having is not None:
+            column = csc_array(having.values[:, [having.labels.index(name)]])
+            entries.append((column.data.astype(np.float64), column.indices, np.full(column.nnz, number)))
+    data, row, column_number = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return csr_array((data, (row, column_number)), shape=(count, len(bones.names)))
+
+
+def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: _Rigged) -> Rest:
+    """The target at rest."""
+    transforms = posed.pose.transforms
+    matrices = skinning_matrices(transforms, weights, preserve_volume=rigged.preserves_volume)
+    return unposed(target, matrices, posed.pose.scale, posed.mapped.confidence)
