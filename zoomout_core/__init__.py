@@ -30,7 +30,7 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.spectral.hamiltonian import hamiltonian_basis
 from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
-from zoomout_core.transfer import Attribute, Domain, Kind, conform, transfer
+from zoomout_core.transfer import Attribute, Domain, Kind, Wrapped, conform, transfer, wrap, wrap_steps
 
 __all__ = [
     "Attribute",
@@ -46,6 +46,7 @@ __all__ = [
     "Surface",
     "SurfaceMap",
     "Symmetry",
+    "Wrapped",
     "commutativity_error",
     "conform",
     "detect_symmetry",
@@ -77,6 +78,8 @@ __all__ = [
     "vertex_map_of",
     "wave_kernel_map",
     "wave_kernel_signature",
+    "wrap",
+    "wrap_steps",
     "zoomout",
     "zoomout_both_ways",
 ]

@@ -3,6 +3,7 @@
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along, transfer_steps
+from zoomout_core.transfer.wrapping.wrap import Wrapped, reversed_match, reversed_match_steps, wrap, wrap_steps
 
 __all__ = [
     "MODES",
@@ -13,10 +14,15 @@ __all__ = [
     "Kind",
     "Mode",
     "Rule",
+    "Wrapped",
     "blend",
     "conform",
     "map_target",
+    "reversed_match",
+    "reversed_match_steps",
     "transfer",
     "transfer_along",
     "transfer_steps",
+    "wrap",
+    "wrap_steps",
 ]

@@ -112,7 +112,7 @@ class Frames:
         working = self.mapped.target.working
         vertices = working.vertices[self.number]
         # In each of two directions a length of the target has shrunk to this part on the source.
-        whole = np.einsum("nxx->n", _products_of_gradients(self.trusted_stiffness, vertices, vertices))
+        whole = np.einsum("nxx->n", products_of_gradients(self.trusted_stiffness, vertices, vertices))
         shrinking = np.einsum("nts,nts->n", self.rotations, self._differential)
         sums = np.stack([shrinking, whole], axis=1)
         for _ in range(FRAMES.growth_rounds):
@@ -130,7 +130,7 @@ class Frames:
         Both surfaces are of unit area.
         """
         images = self.points[self.number] / np.sqrt(self.mapped.source.area)
-        return _products_of_gradients(self.trusted_stiffness, self.mapped.target.working.vertices[self.number], images)
+        return products_of_gradients(self.trusted_stiffness, self.mapped.target.working.vertices[self.number], images)
 
     @cached_property
     def _mapped_normals(self) -> Floats:
@@ -243,7 +243,7 @@ def turned_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
     return bsr_array((blocks, column, stiffness.indptr), shape=(3 * n, 3 * n))
 
 
-def _products_of_gradients(stiffness: csc_array, first: Floats, second: Floats) -> Floats:
+def products_of_gradients(stiffness: csc_array, first: Floats, second: Floats) -> Floats:
     """(n, a, b) integrals, over the areas of vertices, of the products of gradients of values (n, a) and (n, b)."""
     each = first[:, :, None] * (stiffness @ second)[:, None, :] + (stiffness @ first)[:, :, None] * second[:, None, :]
     together = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)

@@ -18,7 +18,7 @@ from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_nor
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_open
-from zoomout_core.transfer.frames import TRUST, _products_of_gradients, frames_of, frames_on, on_working_mesh, rotations
+from zoomout_core.transfer.frames import TRUST, frames_of, frames_on, on_working_mesh, products_of_gradients, rotations
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -308,7 +308,7 @@ def test_frames_of_a_body_that_is_turned_and_grown_are_that_turn_or_mirror_and_t
 def test_gradients_are_integrated_over_the_areas_of_vertices() -> None:
     stiffness, areas = mesh_laplacian(MESH.vertices, MESH.triangles)
     slopes = np.array([[2.0, 1], [0, 3], [-1, 1]])
-    found = _products_of_gradients(csc_array(stiffness), MESH.vertices[:, :2] @ slopes.T, MESH.vertices[:, :2])
+    found = products_of_gradients(csc_array(stiffness), MESH.vertices[:, :2] @ slopes.T, MESH.vertices[:, :2])
     np.testing.assert_allclose(found.sum(axis=0), slopes * areas.sum(), atol=1e-9)
     inner = np.minimum(np.minimum(X, 1 - X), np.minimum(Y, 1 - Y)) > 0.1
     np.testing.assert_allclose(found[inner].sum(axis=0), slopes * areas[inner].sum(), atol=0.01)

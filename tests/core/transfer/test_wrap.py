@@ -1,0 +1,322 @@
+"""Wrap: the target's topology in the source's shape, on balls with bumps, where the truth is a formula."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from loose_parts import ball
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import area_normals, triangle_normals
+from zoomout_core.transfer import Wrapped, reversed_match, wrap
+from zoomout_core.transfer.wrapping.fit import FIT
+from zoomout_core.transfer.wrapping.unfold import UNFOLD
+from zoomout_core.tuning import retuned
+
+TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
+
+
+@dataclass
+class Given:
+    """What a match gives."""
+
+    surface_map: SurfaceMap
+    confidence: np.ndarray
+    has_partner: np.ndarray | None = None
+    source_has_partner: np.ndarray | None = None
+
+
+def bumpy(points: np.ndarray) -> np.ndarray:
+    """Points (n, 3) of the unit sphere on a ball with three bumps."""
+    peaks = np.array([[1.0, 0, 0], [-0.6, 0.8, 0], [0, -0.6, 0.8]])
+    return points * (1 + 0.35 * (np.maximum(0, points @ peaks.T) ** 8).sum(axis=1))[:, None]
+
+
+@pytest.fixture(scope="module")
+def target() -> Surface:
+    return ball(1, count=700, seed=3)
+
+
+@pytest.fixture(scope="module")
+def source() -> Surface:
+    fine = ball(1, count=2500, seed=8)
+    return fine.with_vertices(3 * TURN.apply(bumpy(fine.vertices)) + [5.0, -2, 9])
+
+
+def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
+    """The map of points (n, 3) of the unit sphere to where their directions lead on the source."""
+    back = TURN.inv().apply(source.vertices - [5.0, -2, 9])
+    back /= np.linalg.norm(back, axis=1)[:, None]
+    unit = points / np.linalg.norm(points, axis=1)[:, None]
+    return SurfaceMap(*closest_points(unit, back, source.triangles), source.triangles)
+
+
+@pytest.fixture(scope="module")
+def noisy(target: Surface, source: Surface) -> SurfaceMap:
+    """Off by about the length of an edge, so that many faces are folded over."""
+    noise = np.random.default_rng(0).normal(0, 0.06, target.vertices.shape)
+    return mapped(target.vertices + noise, source)
+
+
+@pytest.fixture(scope="module")
+def wrapped(noisy: SurfaceMap, source: Surface, target: Surface) -> Wrapped:
+    return wrap(noisy, source, target)
+
+
+def off(points: np.ndarray, source: Surface) -> np.ndarray:
+    """(n,) distances from the source, over the root of its area."""
+    triangle, barycentric = closest_points(points, source.vertices, source.triangles)
+    feet = np.einsum("nc,ncx->nx", barycentric, source.vertices[source.triangles[triangle]])
+    return np.linalg.norm(points - feet, axis=1) / np.sqrt(source.area)
+
+
+def inwards(points: np.ndarray, target: Surface) -> int:
+    """How many triangles of a ball around (5, -2, 9) face its middle."""
+    normals = area_normals(points, target.triangles)
+    middles = points[target.triangles].mean(axis=1) - [5.0, -2, 9]
+    return int((np.einsum("mx,mx->m", normals, middles) < 0).sum())
+
+
+def distortion(points: np.ndarray, target: Surface) -> float:
+    """Mean change of the angles of triangles, in degrees."""
+    angles = []
+    for vertices in (points, target.vertices):
+        corners = vertices[target.triangles]
+        sides = np.roll(corners, -1, axis=1) - corners
+        sides /= np.linalg.norm(sides, axis=2, keepdims=True)
+        angles.append(np.degrees(np.arccos(np.clip(-(sides * np.roll(sides, 1, axis=1)).sum(axis=2), -1, 1))))
+    return float(np.abs(angles[0] - angles[1]).mean())
+
+
+def form_error(points: np.ndarray, rest: np.ndarray) -> tuple[float, float]:
+    """How far points are from a similar image of what they were, over its extent, and how much that has grown."""
+    motion = procrustes(rest, points)
+    error = np.linalg.norm(motion(rest) - points, axis=1).max()
+    return float(error / np.ptp(points, axis=0).max()), float(motion.scale)
+
+
+def test_a_noisy_map_gives_an_even_mesh_on_the_source(
+    wrapped: Wrapped, noisy: SurfaceMap, source: Surface, target: Surface
+) -> None:
+    images = noisy.interpolate(source.vertices)
+    assert inwards(images, target) > 50
+    assert inwards(wrapped.vertices, target) == wrapped.turned_over == 0
+    assert off(wrapped.vertices, source).max() < 1e-6
+    assert distortion(wrapped.vertices, target) < 0.35 * distortion(images, target)
+    assert not wrapped.notes
+
+
+def test_vertices_stay_where_the_map_sends_them(source: Surface, target: Surface) -> None:
+    found = wrap(mapped(target.vertices, source), source, target, smoothness=0.2).vertices
+    true = 3 * TURN.apply(bumpy(target.vertices)) + [5.0, -2, 9]
+    assert np.linalg.norm(found - true, axis=1).mean() < 0.012 * np.sqrt(source.area)
+
+
+def test_faces_that_turn_over_are_turned_back(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+    with retuned(UNFOLD, relaxations=0, retreats=0, releases=1):
+        folded = wrap(noisy, source, target, smoothness=0.0)
+    assert folded.turned_over > 0
+    assert "folded over" in folded.notes[-1]
+    assert inwards(folded.vertices, target) > 0
+    assert wrap(noisy, source, target, smoothness=0.0).turned_over == 0
+
+
+def test_smoothness_evens_the_edges(noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped) -> None:
+    rough, even = (wrap(noisy, source, target, smoothness=value).vertices for value in (0.0, 1.0))
+    figures = [distortion(points, target) for points in (rough, wrapped.vertices, even)]
+    assert figures[0] > 1.2 * figures[1] > 1.2 * figures[2] * 0.99
+    assert off(even, source).max() < 1e-6
+
+
+def test_detail_goes_from_the_coarse_form_to_the_surface(
+    noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped
+) -> None:
+    coarse, half = (wrap(noisy, source, target, detail=value).vertices for value in (0.0, 0.5))
+    assert off(coarse, source).mean() > 1000 * off(wrapped.vertices, source).mean()
+    assert off(coarse, source).mean() > 0.002
+    assert np.allclose(half, (coarse + wrapped.vertices) / 2)
+    assert inwards(coarse, target) == 0
+
+
+def test_landmarks_hold_exactly(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+    numbers = np.array([3, 200, 450])
+    away = Rotation.from_rotvec([0, 0, 0.25]).apply(target.vertices[numbers])
+    there = mapped(away, source).interpolate(source.vertices)
+    found = wrap(noisy, source, target, landmarks=(there, numbers))
+    assert np.abs(found.vertices[numbers] - there).max() < 1e-9
+    assert found.turned_over == 0
+    assert (off(found.vertices, source) < 0.002).mean() > 0.98
+    # Those around go along instead of being left behind a spike.
+    around = np.linalg.norm(target.vertices - target.vertices[3], axis=1) < 0.3
+    free = wrap(noisy, source, target).vertices
+    moved, dragged = there[0] - free[3], (found.vertices - free)[around].mean(axis=0)
+    assert dragged @ moved > 0.3 * moved @ moved
+
+
+def test_a_landmark_between_vertices_holds(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+    middle = target.vertices[target.triangles[10]].mean(axis=0)
+    there = source.vertices[99]
+    found = wrap(noisy, source, target, landmarks=([there], [middle])).vertices
+    assert np.abs(found[target.triangles[10]].mean(axis=0) - there).max() < 1e-9
+
+
+def test_what_has_no_partner_keeps_its_form(source: Surface) -> None:
+    plain = ball(1, count=700, seed=3)
+    height = 0.8 * np.maximum(0, plain.vertices[:, 2]) ** 40
+    horned = plain.with_vertices(plain.vertices * (1 + height)[:, None])
+    alone = height > 0.04
+    vertex = mapped(horned.vertices, source)
+    match = Given(vertex, np.where(alone, 0.0, 1.0), ~alone)
+    found = wrap(match, source, horned)
+    error, growth = form_error(found.vertices[alone], horned.vertices[alone])
+    assert error < 0.08
+    assert 2.4 < growth < 4
+    assert off(found.vertices, source)[~alone].max() < 1e-6
+    assert found.notes == (f"{alone.sum()} vertices without a partner, or outside the mask, keep their form.",)
+    # It stands upright where it was, outside.
+    tip = np.argmax(height)
+    base = found.vertices[alone].mean(axis=0)
+    up = TURN.apply([0.0, 0, 1])
+    assert (found.vertices[tip] - base) @ up > 0.9 * np.linalg.norm(found.vertices[tip] - base)
+
+
+def test_a_mask_leaves_the_rest_its_form(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
+    mask = (target.vertices[:, 0] > 0).astype(float)
+    found = wrap(noisy, source, target, mask=mask)
+    outside = target.vertices[:, 0] < -0.15
+    error, _ = form_error(found.vertices[outside], target.vertices[outside])
+    whole, _ = form_error(wrap(noisy, source, target).vertices[outside], target.vertices[outside])
+    assert error < 0.07 < whole
+    assert off(found.vertices, source)[mask > 0].max() < 1e-6
+
+
+def test_loose_parts_go_along_as_they_are(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
+    eye = ball(0.05, (0.9, 0, 0), count=40)
+    both = Surface.joined([target, eye])
+    images = SurfaceMap(
+        np.append(noisy.triangle, np.zeros(40, dtype=int)),
+        np.concatenate([noisy.barycentric, np.tile([1.0, 0, 0], (40, 1))]),
+        source.triangles,
+    )
+    match = Given(images, np.append(np.ones(700), np.zeros(40)), None)
+    found = wrap(match, source, both)
+    error, growth = form_error(found.vertices[700:], eye.vertices)
+    assert error < 1e-9
+    assert 2 < growth < 6
+    middle = TURN.inv().apply(found.vertices[700:].mean(axis=0) - [5.0, -2, 9])
+    assert middle[0] > 0.9 * np.linalg.norm(middle)
+    assert 2.4 < middle[0] < 4
+    assert "1 loose parts move along as a whole." in found.notes
+
+
+def test_a_loose_part_with_images_goes_there_but_does_not_spin(source: Surface, target: Surface) -> None:
+    eye, socket = ball(0.05, (0.9, 0, 0), count=40), ball(0.3, (7.0, 1, 8), count=40)
+    both, around = Surface.joined([target, eye]), Surface.joined([source, socket])
+    body = mapped(target.vertices, source)
+    spun = Rotation.from_rotvec([0, 0, 2.5]).apply(eye.vertices - [0.9, 0, 0]) * 6 + [7.0, 1, 8]
+    of_eye = closest_points(spun, socket.vertices, socket.triangles)
+    images = SurfaceMap(
+        np.append(body.triangle, of_eye[0] + len(source.triangles)),
+        np.concatenate([body.barycentric, of_eye[1]]),
+        around.triangles,
+    )
+    found = wrap(images, around, both).vertices[700:]
+    assert np.abs(found.mean(axis=0) - [7.0, 1, 8]).max() < 0.02
+    assert form_error(found, eye.vertices)[1] == pytest.approx(6, rel=0.05)
+    turn = procrustes(eye.vertices, found).rotation
+    assert np.degrees(Rotation.from_matrix(turn.T @ TURN.as_matrix()).magnitude()) < 15
+
+
+def test_a_mirrored_target_is_wrapped_as_it_is(source: Surface) -> None:
+    plain = ball(1, count=700, seed=3)
+    mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
+    found = wrap(mapped(plain.vertices, source), source, mirrored)
+    assert found.turned_over == 0
+    assert off(found.vertices, source).max() < 1e-6
+    assert inwards(found.vertices, mirrored) == len(mirrored.triangles)
+
+
+def test_units_and_places_do_not_matter(noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped) -> None:
+    large = target.with_vertices(1000 * target.vertices + 7)
+    shrunk = source.with_vertices(0.01 * source.vertices)
+    found = wrap(noisy, shrunk, large).vertices
+    assert np.abs(100 * found - wrapped.vertices).max() < 1e-5
+
+
+def test_the_match_turned_round_leads_back(source: Surface, target: Surface) -> None:
+    there = mapped(target.vertices, source)
+    back = reversed_match(Given(there, np.full(700, 0.8)), source, target)
+    true = TURN.inv().apply(source.vertices - [5.0, -2, 9])
+    true /= np.linalg.norm(true, axis=1)[:, None]
+    found = back.surface_map.interpolate(target.vertices)
+    assert np.linalg.norm(found - true, axis=1).mean() < 0.06
+    assert back.confidence == pytest.approx(0.8)
+    other = wrap(back, target, source)
+    assert off(other.vertices, target).max() < 1e-6
+    assert other.turned_over == 0
+
+
+def test_the_match_of_a_mirrored_target_is_turned_round(source: Surface) -> None:
+    plain = ball(1, count=700, seed=3)
+    mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
+    back = reversed_match(mapped(plain.vertices, source), source, mirrored)
+    true = TURN.inv().apply(source.vertices - [5.0, -2, 9]) * [-1, 1, 1]
+    true /= np.linalg.norm(true, axis=1)[:, None]
+    assert np.linalg.norm(back.surface_map.interpolate(mirrored.vertices) - true, axis=1).mean() < 0.06
+
+
+def test_a_vertex_of_no_face_goes_along(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
+    beside = Surface(np.vstack([target.vertices, 1.2 * target.vertices[5]]), target.triangles)
+    images = SurfaceMap(
+        np.append(noisy.triangle, 0), np.vstack([noisy.barycentric, [1.0, 0, 0]]), noisy.source_triangles
+    )
+    found = wrap(images, source, beside).vertices
+    offset = TURN.inv().apply(found[-1] - found[5])
+    assert offset @ target.vertices[5] > 0.8 * np.linalg.norm(offset)
+    assert 0.3 < np.linalg.norm(offset) < 1.2
+
+
+def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
+    """Where a patch of the map is scrambled, the first stages go by what is around it."""
+    patch = np.flatnonzero(target.vertices[:, 2] > 0.85)
+    places = target.vertices.copy()
+    places[patch] = places[np.random.default_rng(1).permutation(patch)]
+    scrambled = mapped(places, source)
+    true = 3 * TURN.apply(bumpy(target.vertices)) + [5.0, -2, 9]
+
+    def error() -> float:
+        found = wrap(scrambled, source, target, smoothness=0.3)
+        return float(np.linalg.norm(found.vertices - true, axis=1)[patch].mean())
+
+    trusted = error()
+    with retuned(FIT, most_growth=100.0, most_stretch=100.0):
+        assert trusted < error()
+
+
+@pytest.mark.parametrize("wrong", [{"smoothness": 1.5}, {"detail": -0.1}, {"mask": [1.0]}, {"mask": np.full(700, 2.0)}])
+def test_numbers_out_of_range_are_refused(wrong: dict, noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+    with pytest.raises(ValueError, match="0 to 1"):
+        wrap(noisy, source, target, **wrong)
+
+
+def test_what_leaves_nothing_is_refused(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+    with pytest.raises(MeshError, match="Nothing of the target"):
+        wrap(noisy, source, target, mask=np.zeros(700))
+    with pytest.raises(ValueError, match="in pairs"):
+        wrap(noisy, source, target, landmarks=([1, 2], [1]))
+    with pytest.raises(ValueError, match="Landmarks on the target"):
+        wrap(noisy, source, target, landmarks=([1], [[np.nan, 0, 0]]))
+
+
+def test_normals_of_the_result_face_as_those_of_the_source(wrapped: Wrapped, source: Surface, target: Surface) -> None:
+    normals = triangle_normals(wrapped.vertices, target.triangles)
+    middles = wrapped.vertices[target.triangles].mean(axis=1)
+    triangle, _ = closest_points(middles, source.vertices, source.triangles)
+    facing = np.einsum("mx,mx->m", normals, triangle_normals(source.vertices, source.triangles)[triangle])
+    assert np.mean(facing > 0.8) > 0.97

@@ -1,0 +1,139 @@
+"""The target as an elastic skin: its edges, turned and scaled, hold against what draws its vertices elsewhere.
+
+As-rigid-as-possible surface modelling (Sorkine and Alexa 2007), with rotations that are averaged along the surface, and
+with scales that are given. Positions are those of the target's working mesh, at unit area of the source.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse.linalg import SuperLU
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.transfer.frames import Frames, products_of_gradients, turned_gradients
+
+# What draws a vertex that nothing draws, so that parts of which this is true of all vertices have a place.
+LEAST_PULL = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Pins:
+    """Places of the working mesh that must come to given positions.
+
+    Attributes:
+        matrix: (p, n) barycentric coordinates of the places.
+        positions: (p, 3) where to.
+    """
+
+    matrix: csr_array
+    positions: Floats
+
+    @property
+    def vertices(self) -> Integers:
+        """The corners of the places."""
+        return np.unique(self.matrix.indices)
+
+    def met(self, positions: Floats) -> Floats:
+        """(n, 3) positions of which only the places' corners are moved, as little as it takes."""
+        if not len(self.positions):
+            return positions
+        missing = self.positions - self.matrix @ positions
+        compliance = np.linalg.pinv((self.matrix @ self.matrix.T).toarray(), hermitian=True)
+        return np.asarray(positions + self.matrix.T @ (compliance @ missing))
+
+
+def no_pins(n: int) -> Pins:
+    """None, for a working mesh of n vertices."""
+    return Pins(csr_array((0, n)), np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The target's working mesh at rest, and how it is to be scaled.
+
+    Attributes:
+        rest: (n, 3) its vertices.
+        stiffness: (n, n) of its edges.
+        areas: (n,) of its vertices.
+        scales: (n,) how long its edges should be, over what they are at rest.
+        handedness: (n,) -1 where the map mirrors it, else 1.
+        averaged_over: length over which values are averaged, at unit area,
+        averaging: and the factors of what does that.
+    """
+
+    rest: Floats
+    stiffness: csc_array
+    areas: Floats
+    scales: Floats
+    handedness: Floats
+    averaged_over: float
+    averaging: SuperLU
+
+    @classmethod
+    def of(cls, frames: Frames, averaged_over: float) -> Skin:
+        """That of a target of which frames at all vertices are known.
+
+        Args:
+            frames: of the target's working mesh.
+            averaged_over: length over which values are averaged, at unit area.
+        """
+        working, areas, stiffness = frames.mapped.target.working, frames.areas, frames.stiffness
+        turns = np.linalg.det(frames.turns)
+        scales = working.scale / np.sqrt(frames.mapped.source.area) / np.cbrt(np.abs(turns))
+        averaging = factorised(diags_array(areas) + averaged_over**2 * stiffness)
+        return cls(working.vertices, stiffness, areas, scales, np.sign(turns), averaged_over, averaging)
+
+    def averaged(self, values: Floats) -> Floats:
+        """Values (n, d), averaged along the surface by area."""
+        return np.asarray(self.averaging.solve(np.asfortranarray(self.areas[:, None] * values)))
+
+    def loads(self, rotations: Floats) -> Floats:
+        """(n, 3) what the stiffness makes of positions whose edges are those at rest, turned (n, 3, 3) and scaled."""
+        turned = turned_gradients(self.stiffness, self.scales[:, None, None] * rotations)
+        return np.asarray((turned @ self.rest.ravel()).reshape(-1, 3))
+
+
+class Elastic:
+    """The linear system of a skin whose vertices are drawn somewhere.
+
+    Args:
+        skin: the skin.
+        pull: (n,) how much each vertex is drawn, in [0, 1].
+        length: over which edges hold against that, at unit area.
+        pins: what must be met, however the rest is drawn.
+    """
+
+    def __init__(self, skin: Skin, pull: Floats, length: float, pins: Pins) -> None:
+        self._skin = skin
+        self._pull = (np.maximum(pull, LEAST_PULL) * skin.areas)[:, None]
+        self._holding = length**2
+        self._factors: SuperLU = factorised(diags_array(self._pull[:, 0]) + length**2 * skin.stiffness)
+        self._averaging = self._factors if length > skin.averaged_over else skin.averaging
+        self._pins = pins
+        self._answer, self._compliance = np.zeros((len(pull), 0)), np.zeros((0, 0))
+        if len(pins.positions):
+            self._answer = self._solved(pins.matrix.T.toarray())
+            self._compliance = np.linalg.pinv(pins.matrix @ self._answer, hermitian=True)
+
+    def solve(self, feet: Floats, loads: Floats) -> Floats:
+        """(n, 3) positions that are drawn to feet (n, 3), while edges hold: `Skin.loads`."""
+        free = self._solved(self._pull * feet + self._holding * loads)
+        return np.asarray(free + self._answer @ (self._compliance @ (self._pins.positions - self._pins.matrix @ free)))
+
+    def turns(self, positions: Floats) -> Floats:
+        """(n, 3, 3) how the skin has turned where it is at positions (n, 3), on average around each vertex."""
+        products = products_of_gradients(self._skin.stiffness, positions, self._skin.rest)
+        averaged = self._averaging.solve(np.asfortranarray(products.reshape(-1, 9)))
+        return nearest_rotations(averaged.reshape(-1, 3, 3), self._skin.handedness)
+
+    def spread(self, values: Floats) -> Floats:
+        """Values (n, d), smoothed as far as vertices are drawn, and going on where they are not."""
+        return self._solved(self._pull * values)
+
+    def _solved(self, loads: Floats) -> Floats:
+        return np.asarray(self._factors.solve(np.asfortranarray(loads)))

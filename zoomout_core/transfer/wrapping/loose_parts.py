@@ -1,0 +1,71 @@
+"""Loose parts, such as eyes and teeth: they go along with what is around them, turned and scaled as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.procrustes import Moments, Similarities, procrustes
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.transfer.inpaint import INPAINTING
+from zoomout_core.transfer.wrapping.fit import Fit
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class LoosePartTuning(Tuning, set_by="judgement"):
+    """How loose parts go along.
+
+    Attributes:
+        neighbours: vertices of larger parts near each vertex that say how its part moves.
+        followed: share of a part whose images must be trusted for it to go where they are.
+    """
+
+    neighbours: int = tuned(8, "vertices", 1, 1000)
+    followed: float = tuned(0.5, "1", 0, 1)
+
+
+LOOSE_PARTS = LoosePartTuning()
+
+
+def moves_as_a_whole(working: WorkingMesh, weight: Floats) -> Booleans:
+    """(n,) vertices of parts that are small, or of which no vertex has a weight (n,)."""
+    areas = triangle_areas(working.vertices, working.triangles)
+    small = np.bincount(working.component[working.triangles[:, 0]], areas) < INPAINTING.small_part * areas.sum()
+    return np.asarray((small | (np.bincount(working.component, weight) == 0))[working.component])
+
+
+def with_loose_parts(fit: Fit, positions: Floats) -> Floats:
+    """(n, 3) positions in which loose parts go along with the others, at unit area of the source.
+
+    A part turns as its surroundings do: images do not tell how a ball is turned. Where it lies, and how large it is,
+    its images say if they can be trusted.
+    """
+    working, rest = fit.working, fit.working.vertices
+    loose = moves_as_a_whole(working, fit.weight)
+    whole = np.flatnonzero(~loose)
+    if not len(whole) or not loose.any():
+        return positions
+    positions, tree = positions.copy(), cKDTree(rest[whole])
+    order = np.flatnonzero(loose)
+    order = order[np.argsort(working.component[order], kind="stable")]
+    for part in np.split(order, np.flatnonzero(np.diff(working.component[order])) + 1):
+        near = tree.query(rest[part], min(LOOSE_PARTS.neighbours, len(whole)))[1]
+        near = whole[np.unique(near)]
+        motion = procrustes(rest[near], positions[near], handedness=fit.skin.handedness[part[0]])
+        trust, areas = fit.trust[part] * fit.skin.areas[part], fit.skin.areas[part]
+        if trust.sum() >= LOOSE_PARTS.followed * areas.sum():
+            motion = _placed(motion, Moments.between(rest[part], fit.feet.images[part], trust), fit.feet.images[part])
+        positions[part] = motion(rest[part])
+    return positions
+
+
+def _placed(motion: Similarities, own: Moments, images: Floats) -> Similarities:
+    """A motion with its own turn that brings a part to the middle of its images, and to their size."""
+    spread = np.einsum("nx,nx->", images - own.image, images - own.image) / len(images)
+    scale = np.sqrt(spread / np.maximum(own.spread, 1e-300))
+    return Similarities(scale, motion.rotation, own.image - scale * motion.rotation @ own.place)

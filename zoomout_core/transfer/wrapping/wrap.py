@@ -1,0 +1,249 @@
+"""Wrap: the source's shape on the target's topology, through a map between them, and the other way round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
+from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.runtime.stepping import Steps, drain, spread, within
+from zoomout_core.runtime.threads import alone, in_background
+from zoomout_core.transfer.rules import Match, map_target
+from zoomout_core.transfer.wrapping.elastic import Pins, no_pins
+from zoomout_core.transfer.wrapping.feet import FEET
+from zoomout_core.transfer.wrapping.fit import Fit
+from zoomout_core.transfer.wrapping.loose_parts import moves_as_a_whole, with_loose_parts
+from zoomout_core.transfer.wrapping.unfold import Unfolding
+
+# Parts of the progress that reading the map, fitting and unfolding take, in [0, 1].
+READ, FITTED, UNFOLDED = 0.15, 0.75, 0.97
+# Part of it after which a match is turned round.
+TURNED_ROUND = 0.9
+STAGE = "Wrapping"
+
+
+@dataclass(frozen=True, eq=False)
+class Wrapped:
+    """A target with the source's shape.
+
+    Attributes:
+        vertices: (n_t, 3) positions of its vertices, in the source's frame and unit.
+        turned_over: number of its triangles that face against the way that their surroundings have turned.
+        notes: what a user should know, a sentence each.
+    """
+
+    vertices: Floats
+    turned_over: int
+    notes: tuple[str, ...]
+
+
+def wrap(
+    result: Match | SurfaceMap,
+    source: Surface,
+    target: Surface,
+    *,
+    smoothness: float = 0.5,
+    detail: float = 1.0,
+    mask: ArrayLike | None = None,
+    landmarks: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Wrapped:
+    """Give the target's topology the source's shape.
+
+    Vertices lie on the source, edges flow evenly, and no face turns over. What has no partner on the source keeps its
+    form and moves along with its surroundings; loose parts, such as eyes and teeth, turn and grow as a whole.
+
+    Args:
+        result: the match, or only its map, of each target vertex to a point of the source.
+        source: the surface whose shape is given.
+        target: the surface that receives it.
+        smoothness: how evenly edges flow, from 0, where vertices stay near their images by the map, to 1, where faces
+            keep their form as far as the source's surface lets them.
+        detail: how far the source's detail is followed, from 0 for its coarse form alone, with the target's own detail,
+            to 1 for its surface.
+        mask: (n_t,) how far each vertex is wrapped, in [0, 1]; the others keep their form and move along. All, when not
+            given.
+        landmarks: for the source and for the target either vertex numbers (m,) or points (m, 3), which stand for the
+            closest point of the surface; those of the target come to lie exactly on those of the source.
+
+    Raises:
+        MeshError: the map is of other surfaces, or nothing of the target would be wrapped.
+        ValueError: a number is out of its range, or landmarks do not come in pairs.
+    """
+    return drain(
+        wrap_steps(result, source, target, smoothness=smoothness, detail=detail, mask=mask, landmarks=landmarks)
+    )
+
+
+def wrap_steps(
+    result: Match | SurfaceMap,
+    source: Surface,
+    target: Surface,
+    *,
+    smoothness: float = 0.5,
+    detail: float = 1.0,
+    mask: ArrayLike | None = None,
+    landmarks: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Steps[Wrapped]:
+    """`wrap` as a generator."""
+    for name, value in (("smoothness", smoothness), ("detail", detail)):
+        if not 0 <= value <= 1:
+            raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
+    mapped = map_target(result, source, target)
+    weight = _checked_mask(mask, len(target.vertices))
+    mapped = replace(mapped, confidence=mapped.confidence * weight)
+    if mapped.has_partner is not None:
+        weight = weight * mapped.has_partner
+    if not weight.any():
+        raise MeshError("Nothing of the target is wrapped: no vertex has both a partner and a weight in the mask.")
+    # Only a match knows, not a map.
+    given: Booleans | None = getattr(result, "source_has_partner", None)
+    given = np.ones(len(source.vertices), dtype=bool) if given is None else given
+    pins = _pins(landmarks, source, target)
+
+    fit = yield from spread(in_background(lambda: Fit(mapped, weight, given, pins, smoothness)), 0, READ, STAGE)
+    yield from spread(alone(fit.steps()), READ, FITTED, STAGE)
+    unfolding = Unfolding(fit)
+    positions = yield from spread(alone(unfolding.steps()), FITTED, UNFOLDED, STAGE)
+
+    def finished() -> Wrapped:
+        found = positions
+        if detail < 1:
+            form = fit.form()
+            found = form + detail * (found - form)
+        turned_over = int(unfolding.turned_over(found).sum())
+        found = pins.met(with_loose_parts(fit, found))
+        return Wrapped(_on_surface(fit, found, target) * np.sqrt(source.area), turned_over, _notes(fit, turned_over))
+
+    return (yield from spread(in_background(finished), UNFOLDED, 1, STAGE))
+
+
+@dataclass(frozen=True, eq=False)
+class ReversedMatch:
+    """A match the other way round: of each source vertex to a point of the target; see `MatchResult`."""
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    has_partner: Booleans | None
+    source_has_partner: Booleans | None
+
+
+def reversed_match(result: Match | SurfaceMap, source: Surface, target: Surface) -> ReversedMatch:
+    """The match the other way round, from the source to the target.
+
+    Each vertex of the source takes the closest point of the target, wrapped onto it, next to normals that agree.
+
+    Raises:
+        MeshError: the map is of other surfaces, or nothing corresponds.
+    """
+    return drain(reversed_match_steps(result, source, target))
+
+
+def reversed_match_steps(result: Match | SurfaceMap, source: Surface, target: Surface) -> Steps[ReversedMatch]:
+    """`reversed_match` as a generator."""
+    wrapped = yield from within(wrap_steps(result, source, target), 0, TURNED_ROUND)
+
+    def inverted() -> ReversedMatch:
+        surface_map = _nearest_on(wrapped.vertices, result, source, target)
+        of_source: Booleans | None = getattr(result, "source_has_partner", None)
+        if isinstance(result, SurfaceMap):
+            return ReversedMatch(surface_map, np.ones(len(source.vertices)), None, None)
+        confidence = surface_map.interpolate(np.asarray(result.confidence))
+        return ReversedMatch(surface_map, confidence, of_source, result.has_partner)
+
+    return (yield from spread(in_background(inverted), TURNED_ROUND, 1, "Turning the match round"))
+
+
+def _nearest_on(wrapped: Floats, result: Match | SurfaceMap, source: Surface, target: Surface) -> SurfaceMap:
+    """The map of source vertices to the target, of which vertices at positions (n_t, 3) lie on the source."""
+    surface_map = result if isinstance(result, SurfaceMap) else result.surface_map
+    outwards = surface_map.interpolate(_vertex_normals(source))
+    working = target.working
+    corners = target.triangles[working.triangle_of]
+    agreement = np.einsum("mx,mx->m", area_normals(wrapped, corners), outwards[corners].sum(axis=1))
+    component = working.component[working.triangles[:, 0]]
+    inwards = np.zeros(len(target.triangles), dtype=bool)
+    inwards[working.triangle_of] = (np.bincount(component, agreement) < 0)[component]
+    unit = np.sqrt(source.area)
+    search = OrientedSurface(wrapped / unit, target.triangles, inwards, FEET.normal_weight)
+    triangle, barycentric, _ = search.closest(source.vertices / unit, _vertex_normals(source))
+    return SurfaceMap(triangle, barycentric, target.triangles)
+
+
+def _vertex_normals(surface: Surface) -> Floats:
+    """(n, 3) outward unit normals."""
+    return surface.working.vertex_normals[surface.working.vertex_of]
+
+
+def _checked_mask(mask: ArrayLike | None, count: int) -> Floats:
+    if mask is None:
+        return np.ones(count)
+    weight = np.asarray(mask, dtype=np.float64)
+    if weight.shape != (count,) or not ((weight >= 0) & (weight <= 1)).all():
+        raise ValueError(f"A mask has a number from 0 to 1 for each of the {count} vertices of the target.")
+    return weight
+
+
+def _pins(landmarks: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Pins:
+    """Landmarks as places of the target's working mesh, and where they must come to at unit area of the source."""
+    n = len(target.working.vertices)
+    if landmarks is None:
+        return no_pins(n)
+    on_source, on_target = (
+        _places(role, surface, given)
+        for role, surface, given in zip(("source", "target"), (source, target), landmarks, strict=True)
+    )
+    if len(on_source[0]) != len(on_target[0]):
+        raise ValueError(
+            f"{len(on_source[0])} source and {len(on_target[0])} target landmarks were given: they come in pairs."
+        )
+    corners, weights = on_target
+    rows = np.repeat(np.arange(len(corners)), 3)
+    matrix = csr_array((weights.ravel(), (rows, target.working.vertex_of[corners].ravel())), shape=(len(corners), n))
+    matrix.eliminate_zeros()
+    positions = np.einsum("mc,mcx->mx", on_source[1], source.vertices[on_source[0]])
+    return Pins(matrix, positions / np.sqrt(source.area))
+
+
+def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Floats]:
+    """(m, 3) vertices and (m, 3) weights of landmarks, see `wrap`."""
+    array = np.atleast_1d(np.asarray(given))
+    if array.ndim == 1:
+        array = surface.vertices[vertex_numbers(array, len(surface.vertices), f"Landmarks on the {role}")]
+    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+        raise ValueError(f"Landmarks on the {role} must be vertices (m,) or finite points (m, 3).")
+    triangle, barycentric = closest_points(array.astype(np.float64), surface.vertices, surface.triangles)
+    return surface.triangles[triangle], barycentric
+
+
+def _on_surface(fit: Fit, positions: Floats, target: Surface) -> Floats:
+    """(n_t, 3) positions of all vertices of the target; one that no face uses goes along with the nearest other."""
+    number = target.working.vertex_of
+    found = positions[number]
+    unused = np.flatnonzero(number < 0)
+    if len(unused):
+        places = target.working.from_surface(target.vertices[unused])
+        near = np.asarray(cKDTree(fit.skin.rest).query(places)[1])
+        offset = np.einsum("nij,nj->ni", fit.turns[near], places - fit.skin.rest[near])
+        found[unused] = positions[near] + fit.skin.scales[near, None] * offset
+    return found
+
+
+def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
+    """What a user should know, a sentence each."""
+    kept = fit.weight == 0
+    parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
+    told = (
+        (int(kept.sum()), "{} vertices without a partner, or outside the mask, keep their form."),
+        (parts, "{} loose parts move along as a whole."),
+        (turned_over, "{} triangles are folded over: place landmarks there, or raise the smoothness."),
+    )
+    return tuple(text.format(count) for count, text in told if count)
