@@ -27,6 +27,7 @@ from benchmarks import speed as speed_tables
 from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
 from benchmarks import tuning as tuning_table
+from benchmarks import wrap as wrap_table
 from benchmarks.tables import NOT_SHOWN, Tables, as_text
 
 
@@ -246,6 +247,14 @@ def downsampled(data: Path, pairs: int | None, json_file: Path | None, figure: P
 def point_clouds(data: Path, pairs: int | None, json_file: Path | None, figure: Path | None) -> None:
     """ZoomOut, spectral ICP and `match` between clouds and meshes."""
     report(point_clouds_table.run(data, pairs, figure), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each pair here.")
+def wrap(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """The source's shape on the target's topology: distance, distortion and folds, beside closest points."""
+    report(wrap_table.run(data, pairs, pictures), data, json_file)
 
 
 @main.command()

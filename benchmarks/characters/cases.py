@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
@@ -75,6 +75,13 @@ def cases(folder: Path, most: int | None) -> Iterator[Case]:
             case = make()
             if case is not None:
                 yield case
+
+
+def first_pairs(folder: Path) -> Iterator[Case]:
+    """Of each pack of game characters in a folder the first two that go together, at rest."""
+    for pack in sorted(folder.glob("*")):
+        found = (_other(*files, False) for files in pairwise(sorted(pack.glob("*.glb"))))
+        yield from islice((case for case in found if case is not None), 1)
 
 
 def spread(entries: list[T], most: int | None) -> list[T]:
