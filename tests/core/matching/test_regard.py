@@ -17,7 +17,7 @@ from zoomout_core.matching.local_rigid_alignment import (
     align,
     beside_places,
 )
-from zoomout_core.matching.refinement import _nearest_near_samples, _weight_factor, dense_steps
+from zoomout_core.matching.refinement import REFINEMENT, _nearest_near_samples, _weight_factor, dense_steps
 from zoomout_core.runtime.stepping import drain
 
 
@@ -54,6 +54,11 @@ def test_weights_grow_with_the_square_of_the_ratio_of_squared_misses(shape: Shap
     step = (0.2 / 0.01) ** (1 / 59)
     assert len(between) > 5
     np.testing.assert_allclose(np.divide(between[:-1], between[1:]), step**4)
+
+
+def test_a_map_that_misses_by_nothing_in_space_is_weighed_without_dividing_by_zero(shape: ShapeAnalysis) -> None:
+    with np.errstate(divide="raise", invalid="raise"):
+        assert weight_factor(shape, 0.0, 0.1) == REFINEMENT.most_factor
 
 
 def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:

@@ -9,7 +9,14 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.matching.components.shell_registration import Shells, _along_axes, registered
+from zoomout_core.matching.components.shell_registration import (
+    SHELL_ICP,
+    Shells,
+    _along_axes,
+    _partners,
+    registered,
+)
+from zoomout_core.tuning import retuned
 
 ONE = np.zeros(1, dtype=np.int64)
 
@@ -142,18 +149,16 @@ def test_points_are_spread_over_all_of_a_shell() -> None:
     )
 
 
-def test_axes_are_laid_on_axes_in_the_sense_that_is_nearest() -> None:
-    frame = Rotation.from_rotvec([0.3, 0.2, 0.5]).as_matrix()
-    turn = Rotation.from_rotvec([0, 0, 0.6]).as_matrix()
-    for handed in (1.0, -1.0):
-        mirror = np.diag([handed, 1, 1])
-        # Axes of either sense, in any combination.
-        for signs in ([1, 1, 1], [-1, 1, 1], [1, -1, -1], [-1, -1, -1]):
-            of_source = (frame @ mirror @ turn.T) * np.array(signs)[:, None]
-            found = _along_axes((turn @ mirror)[None], frame[None], of_source[None], handed)[0]
-            assert np.linalg.det(found) == pytest.approx(handed)
-            np.testing.assert_allclose(np.abs(of_source @ found @ frame.T), np.eye(3), atol=1e-9)
-            np.testing.assert_allclose(found, turn @ mirror, atol=1e-9)
+@pytest.mark.parametrize("handed", [1, -1])
+def test_axes_go_to_axes_in_the_nearest_senses_that_mirror_as_they_should(handed: int) -> None:
+    axes = Rotation.random(40, random_state=1).as_matrix() * [handed, 1, 1]
+    truth = Rotation.random(40, random_state=2).as_matrix() * [handed, 1, 1]
+    senses = np.random.default_rng(0).choice([-1.0, 1.0], (40, 3, 1))
+    theirs = senses * (axes @ truth.transpose(0, 2, 1))
+    off = Rotation.from_rotvec(0.4 * directions(40, 1)).as_matrix()
+    np.testing.assert_allclose(_along_axes(off @ truth, axes, theirs, handed), truth, atol=1e-9)
+    # A start of the other handedness is put right.
+    np.testing.assert_allclose(np.linalg.det(_along_axes(-truth, axes, theirs, handed)), handed)
 
 
 def test_axes_that_would_mirror_are_turned_about_where_their_sense_is_least_clear() -> None:
@@ -163,3 +168,14 @@ def test_axes_that_would_mirror_are_turned_about_where_their_sense_is_least_clea
     proper = [np.diag(signs) for signs in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
     nearest = max(proper, key=lambda axes: np.trace(turn.T @ axes))
     np.testing.assert_allclose(found, nearest, atol=1e-12)
+
+
+def test_what_is_left_is_left_by_the_motion_that_is_found() -> None:
+    target = Shells.of([egg(), egg((0.5, 0.45, 0.9), 1)])
+    source = Shells.of([egg(seed=2), egg((0.2, 0.8, 0.7), 3)])
+    ours, theirs = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+    starts = Rotation.random(2, random_state=5).as_matrix()
+    with retuned(SHELL_ICP, rounds=1):
+        found, left = registered(target, source, ours, theirs, Similarities(np.ones(2), starts, np.zeros((2, 3))), 1)
+    distances = _partners(target, source, ours, theirs, found)[2]
+    np.testing.assert_allclose(left, np.sqrt((distances**2).mean(axis=1)))

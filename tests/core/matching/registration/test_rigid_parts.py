@@ -12,8 +12,9 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
-from zoomout_core.matching.registration.rigid_icp import settle, unmoved
+from zoomout_core.matching.registration.rigid_icp import RIGID, settle, unmoved
 from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
 
 TURN = Rotation.from_rotvec([0.2, 1.0, -0.4]).as_matrix()
 
@@ -76,6 +77,18 @@ def test_what_the_first_map_takes_elsewhere_is_not_called_unmoved(made: Creature
     where, _ = still(shape, shape, vertex, np.eye(3))
     assert not where[made.directions[:, 1] > 0.9].any()
     assert where[made.directions[:, 1] < 0.7].mean() > 0.9
+
+
+@pytest.mark.parametrize("centre", [60, 120, 240])
+def test_few_vertices_that_the_first_map_takes_elsewhere_go_with_their_surroundings(
+    shape: ShapeAnalysis, centre: int
+) -> None:
+    distance = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[centre], axis=1)
+    vertex = np.arange(len(distance))
+    vertex[np.argsort(distance)[:6]] = np.argmax(distance)
+    assert still(shape, shape, vertex, np.eye(3))[0].all()
+    with retuned(RIGID, pooling=0.0):
+        assert not still(shape, shape, vertex, np.eye(3))[0][centre]
 
 
 # --- full meshes ----------------------------------------------------------------------------------------------
