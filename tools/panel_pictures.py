@@ -52,10 +52,11 @@ def matching() -> Story:
     hero, scan = pair()
     yield from begin(scan, hero)
     picture("panel_fresh")
-    scan.modifiers.new("Subdivision", "SUBSURF")
+    hero.hide_viewport = True
     yield KNOWN
     picture("panel_warning")
-    scan.modifiers.clear()
+    hero.hide_viewport = False
+    yield DRAWN
     call(bpy.ops.zoomout.match, "INVOKE_DEFAULT")
     while activity.running is not None and activity.running.fraction < 0.25:
         yield 0.05

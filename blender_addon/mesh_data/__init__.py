@@ -15,6 +15,7 @@ from .armatures import (
     stands_as_modelled,
     unbind,
 )
+from .base import read_target_faces, read_target_surface
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .joined import (
@@ -77,7 +78,6 @@ from .surface_points import (
 )
 from .surfaces import (
     Faces,
-    change_of_vertices,
     directions_in_world,
     evaluated_mesh,
     is_flat,
@@ -88,9 +88,8 @@ from .surfaces import (
     read_source_faces,
     read_source_surface,
     read_surface_at_rest,
-    read_target_faces,
-    read_target_surface,
     to_object,
+    without_faces,
 )
 from .vertex_groups import (
     deforming_bones,
@@ -125,7 +124,6 @@ __all__ = [
     "armatures_of",
     "bind_like",
     "can_be_put",
-    "change_of_vertices",
     "content_hash",
     "count_layers",
     "deforming_bones",
@@ -185,6 +183,7 @@ __all__ = [
     "unbind",
     "untransferable_data",
     "update_weights",
+    "without_faces",
     "write_active_layers",
     "write_animation",
     "write_custom_normals",

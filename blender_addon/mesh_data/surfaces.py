@@ -24,8 +24,6 @@ VERTEX_PRESERVING = frozenset(
         "VERTEX_WEIGHT_PROXIMITY", "WARP", "WAVE", "WEIGHTED_NORMAL",
     }
 )  # fmt: skip
-# Those without which a mesh is but a part of its shape, such as one half: to disable them is no help.
-SHAPE_GENERATING = frozenset({"ARRAY", "BOOLEAN", "MIRROR", "SCREW", "SKIN"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +58,25 @@ def evaluated_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, 
     Raises:
         MeshError: the object is disabled, so that Blender does not evaluate it.
     """
+    evaluated = check_evaluated(obj, depsgraph)
+    try:
+        yield evaluated, evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+    finally:
+        evaluated.to_mesh_clear()
+
+
+def check_evaluated(obj: Object, depsgraph: Depsgraph) -> Object:
+    """The evaluated object.
+
+    Raises:
+        MeshError: the object is disabled, so that Blender does not evaluate it.
+    """
     evaluated = obj.evaluated_get(depsgraph)
     if not evaluated.is_evaluated:
         raise zo.MeshError(
             f"'{obj.name}' or its collection is disabled in the viewport: enable it, so that its modifiers work."
         )
-    try:
-        yield evaluated, evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
-    finally:
-        evaluated.to_mesh_clear()
+    return evaluated
 
 
 def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
@@ -82,18 +90,7 @@ def read_source_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
     """
     with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
         own = obj.data if read_faces(mesh) == read_faces(obj.data) else mesh
-        return _world_surface(evaluated, own, read_positions(mesh), mesh)
-
-
-def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
-    """The surface of an object's own mesh, its vertices where the modifiers move them, in world space.
-
-    Raises:
-        MeshError: there is no surface, or modifiers add or remove vertices.
-    """
-    with evaluated_mesh(obj, depsgraph) as (evaluated, mesh):
-        _check_vertices(obj, mesh)
-        return _world_surface(evaluated, obj.data, read_positions(mesh), obj.data)
+        return world_surface(evaluated, own, read_positions(mesh), mesh)
 
 
 def read_source_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
@@ -104,17 +101,6 @@ def read_source_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
     """
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
         return read_faces(mesh)
-
-
-def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
-    """The faces of the surface that `read_target_surface` gives, in a fraction of its time.
-
-    Raises:
-        MeshError: the object is not evaluated, or modifiers add or remove vertices.
-    """
-    with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        _check_vertices(obj, mesh)
-    return read_faces(obj.data)
 
 
 def read_surface_at_rest(obj: Object, evaluated: Mesh | None = None, positions: np.ndarray | None = None) -> zo.Surface:
@@ -167,13 +153,7 @@ def is_flat(obj: Object) -> bool:
     return bool(np.linalg.matrix_rank(np.array(obj.matrix_world)[:3, :3]) < 3)
 
 
-def _check_vertices(obj: Object, evaluated: Mesh) -> None:
-    """Raise a MeshError if modifiers leave an object other vertices than its mesh has."""
-    if len(evaluated.vertices) != len(obj.data.vertices):
-        raise zo.MeshError(change_of_vertices(obj))
-
-
-def _world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
+def world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Mesh) -> zo.Surface:
     """A mesh in world space: corners and triangles are numbered as Blender does, edges as in `with_edges`.
 
     A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
@@ -221,14 +201,10 @@ def is_mirrored(obj: Object) -> bool:
     return obj.matrix_world.is_negative
 
 
-def change_of_vertices(obj: Object) -> str:
-    """Why an object whose modifiers add or remove vertices cannot receive data, and what to do."""
-    suspects = [m for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
-    making = [m for m in suspects if m.type in SHAPE_GENERATING]
-    names = " and ".join(f"'{m.name}'" for m in making or suspects) or "modifiers"
-    if making:
-        return f"Apply {names} on '{obj.name}': data is written to the mesh itself, which is another shape without it."
-    return (
-        f"Disable {names} on '{obj.name}' in the viewport: data is written to the mesh itself, "
-        "and modifiers give it other vertices."
-    )
+def without_faces(obj: Object) -> str:
+    """Why an object whose own mesh has no faces cannot receive data, and what to do."""
+    making = [m.name for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
+    if not making:
+        return f"'{obj.name}' has no faces: choose a mesh with a surface."
+    names = " and ".join(f"'{name}'" for name in making)
+    return f"Apply {names} on '{obj.name}': data is written to the mesh itself, which has no faces without it."

@@ -156,10 +156,10 @@ def _blocking(context: Context, source: Object, target: Object) -> Iterator[str]
         seen = evaluated_data(context, obj)
         if seen is None:
             yield f"'{obj.name}' or its collection is disabled in the viewport: enable it."
+        elif obj == target and not len(obj.data.polygons):
+            yield mesh_data.without_faces(obj)
         elif not len(seen.polygons):
             yield f"'{obj.name}' has no faces: choose a mesh with a surface."
-        elif obj == target and len(seen.vertices) != len(obj.data.vertices):
-            yield mesh_data.change_of_vertices(obj)
 
 
 def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]:

@@ -260,15 +260,6 @@ def test_a_target_keeps_its_own_topology_where_modifiers_only_move_it():
     assert np.abs(surface.vertices - positions(target.data)).max() > 0.5
 
 
-def test_a_target_whose_modifiers_change_its_vertices_is_refused_by_the_name_of_the_modifier():
-    target = ellipsoid("Target", 2)
-    target.modifiers.new("Cast", "CAST")
-    target.modifiers.new("Finer", "SUBSURF")
-    with pytest.raises(zo.MeshError, match="'Finer'") as error:
-        mesh_data.read_target_surface(target, depsgraph())
-    assert "Cast" not in str(error.value)
-
-
 def test_an_object_that_blender_does_not_evaluate_is_refused():
     source = ellipsoid("Source", 2)
     source.modifiers.new("Finer", "SUBSURF")

@@ -122,9 +122,9 @@ def test_all_check_marks_are_set_or_cleared_at_once(target):
 
 
 def test_what_stands_in_the_way_greys_the_button_and_says_what_to_do(target):
-    target.modifiers.new("Finer", "SUBSURF")
+    target.data.clear_geometry()
     bpy.context.view_layer.update()
-    assert "Disable 'Finer' on 'Target'" in texts()
+    assert "'Target' has no faces: choose a mesh with a surface." in texts()
     assert buttons()["Match"] is False
     assert buttons()["Match and Transfer"] is False
 
@@ -211,9 +211,9 @@ def test_buttons_say_how_many_targets_there_are(source, target):
     bpy.context.view_layer.update()
     assert "2 more (selected)" in texts()
     assert buttons()["Match 3 Targets"]
-    third.modifiers.new("Finer", "SUBSURF")
+    third.data.clear_geometry()
     bpy.context.view_layer.update()
-    assert "Disable 'Finer' on 'Third'" in texts()
+    assert "'Third' has no faces: choose a mesh with a surface." in texts()
     assert "Until then 'Third' is left out." in texts()
     assert buttons()["Match 3 Targets"]
     bpy.context.scene.zoomout.source = None

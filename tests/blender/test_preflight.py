@@ -36,15 +36,7 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
         ("itself", "'Target' cannot be its own source: choose another source, or make another mesh active."),
         ("one mesh", "'Source' and 'Target' share one mesh: make the target single-user, or choose another source."),
         ("no faces", "'Source' has no faces: choose a mesh with a surface."),
-        (
-            "modifier",
-            "Disable 'Finer' on 'Target' in the viewport: data is written to the mesh itself, and modifiers give it "
-            "other vertices.",
-        ),
-        (
-            "half",
-            "Apply 'Mirror' on 'Target': data is written to the mesh itself, which is another shape without it.",
-        ),
+        ("screw", "Apply 'Screw' on 'Target': data is written to the mesh itself, which has no faces without it."),
     ],
 )
 def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
@@ -66,9 +58,9 @@ def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
     elif defect == "no faces":
         source.data = bpy.data.meshes.new("Empty")
     else:
-        target.modifiers.new("Finer", "SUBSURF")
-        if defect == "half":
-            target.modifiers.new("Mirror", "MIRROR")
+        target.data = bpy.data.meshes.new("Stick")
+        target.data.from_pydata([(0, 0, 0), (0, 0, 1)], [(0, 1)], [])
+        target.modifiers.new("Screw", "SCREW")
     assert found() == ([sentence], [])
     begins = [finding.begins for finding in preflight.findings(bpy.context)]
     assert begins == [defect in ("no target", "no target of a source", "no source")]

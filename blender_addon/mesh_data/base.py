@@ -1,0 +1,89 @@
+"""The base of an object: its own mesh where shape keys and modifiers move it, before others give it other vertices.
+
+Data is written to the mesh itself, so this is what a target is matched by; what later modifiers make is only shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+from bpy.types import Depsgraph, Object
+
+import zoomout_core as zo
+
+from .surfaces import (
+    VERTEX_PRESERVING,
+    Faces,
+    check_evaluated,
+    evaluated_mesh,
+    read_faces,
+    read_positions,
+    without_faces,
+    world_surface,
+)
+
+# Modifiers that pose whatever mesh they are given: behind one that adds vertices, they move the base alike.
+POSING = frozenset({"ARMATURE", "LATTICE"})
+
+
+@contextmanager
+def temporary_copy(obj: Object, depsgraph: Depsgraph) -> Iterator[Object]:
+    """A copy of an object that shares its mesh, in the scene while it is needed."""
+    copy = obj.copy()
+    try:
+        depsgraph.scene.collection.objects.link(copy)
+        yield copy
+    finally:
+        bpy.data.objects.remove(copy)
+
+
+def read_base_positions(obj: Object, depsgraph: Depsgraph) -> np.ndarray:
+    """(n, 3) positions of the vertices of an object's own mesh, in its own space.
+
+    Modifiers move them as long as they keep the vertices; of those behind the first that does not, `POSING` alone.
+
+    Raises:
+        MeshError: the object is not evaluated.
+    """
+    with evaluated_mesh(obj, depsgraph) as (_, mesh):
+        if len(mesh.vertices) == len(obj.data.vertices):
+            return read_positions(mesh)
+    with temporary_copy(obj, depsgraph) as copy:
+        remove_generating(copy)
+        depsgraph.view_layer.update()
+        with evaluated_mesh(copy, depsgraph) as (_, mesh):
+            return read_positions(mesh)
+
+
+def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
+    """The surface of an object's own mesh, its vertices at `read_base_positions`, in world space.
+
+    Raises:
+        MeshError: the mesh itself has no surface, or the object is not evaluated.
+    """
+    if not obj.data.polygons:
+        raise zo.MeshError(without_faces(obj))
+    positions = read_base_positions(obj, depsgraph)
+    return world_surface(obj.evaluated_get(depsgraph), obj.data, positions, obj.data)
+
+
+def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
+    """The faces of the surface that `read_target_surface` gives, in a fraction of its time.
+
+    Raises:
+        MeshError: the object is not evaluated.
+    """
+    check_evaluated(obj, depsgraph)
+    return read_faces(obj.data)
+
+
+def remove_generating(obj: Object) -> None:
+    """Take the modifiers off an object from the first on that may give it other vertices, but those of `POSING`."""
+    changed = False
+    for modifier in list(obj.modifiers):
+        changed = changed or (modifier.show_viewport and modifier.type not in VERTEX_PRESERVING)
+        if changed and modifier.type not in POSING:
+            obj.modifiers.remove(modifier)
