@@ -28,6 +28,10 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
+    def draw(self, context: Context) -> None:
+        """A match takes too long to follow each change of an option."""
+        self.layout.label(text="Change the options in the sidebar, then match again")
+
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
         active = context.active_object.name

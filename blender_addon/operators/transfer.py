@@ -11,7 +11,7 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
-from ..properties.transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
+from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps, summary
@@ -32,6 +32,17 @@ class ZOOMOUT_OT_transfer(
     )
     bl_options = {"REGISTER", "UNDO"}
 
+    def draw(self, context: Context) -> None:
+        """What can be adjusted: the match is what it was."""
+        self.layout.use_property_split = True
+        column = self.layout.column(heading="Data")
+        for name in TransferOptions.__annotations__:
+            column.prop(self, name)
+        for names in (BLENDING, NAMING, (*BindChoice.__annotations__, *BindOptions.__annotations__)):
+            column = self.layout.box().column()
+            for name in names:
+                column.prop(self, name)
+
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
         source_of = _own_sources(context) if self.own_sources else sources_of_targets(context, self.source)
@@ -39,7 +50,9 @@ class ZOOMOUT_OT_transfer(
         binding = self.how_to_bind() if self.bind else None
 
         def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return prepare_transfer_steps(context, source_of[target], target, data, settings, binding, **options)
+            return prepare_transfer_steps(
+                context, source_of[target], target, data, settings, binding, self.options.is_repeat, **options
+            )
 
         outcome = yield from each_target_steps(list(source_of), work)
         preview.clear_passing()

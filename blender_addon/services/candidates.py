@@ -26,9 +26,13 @@ from .candidate_names import differences
 MOST_DIRECT, MOST_MIRRORED = 6, 2
 # Number of matches whose results are cached, those used last.
 MOST_CACHED = 2
+# The same of those that transfers made, of several targets at once.
+MOST_MADE = 8
 
 # Computed results, by the list's key and the candidate's number.
 _cache: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
+# The last matches that transfers made, by the fingerprints of their objects.
+_made: OrderedDict[tuple[str, ...], stored_match.Match] = OrderedDict()
 
 
 def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
@@ -90,9 +94,26 @@ def cache_result(key: str, result: zo.MatchResult) -> None:
         _cache.popitem(last=False)
 
 
+def cache_made(pair: ObjectPair, match: stored_match.Match) -> None:
+    """Cache a match that a transfer made, for the transfer to be adjusted."""
+    _made[_digests(pair)] = match
+    while len(_made) > MOST_MADE:
+        _made.popitem(last=False)
+
+
+def last_made(pair: ObjectPair) -> stored_match.Match | None:
+    """The match that a transfer made of these two objects, as they are now, or None if none is cached."""
+    return _made.get(_digests(pair))
+
+
+def _digests(pair: ObjectPair) -> tuple[str, ...]:
+    return tuple(one.digest for one in (*pair.source_fingerprints, pair.target_fingerprint))
+
+
 def clear_cache() -> None:
     """Remove all results from memory."""
     _cache.clear()
+    _made.clear()
     stored_candidates.parse.cache_clear()
 
 

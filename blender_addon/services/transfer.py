@@ -40,7 +40,7 @@ from ..scene.pair import (
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match, stored_report
 from .binding import Bound, check_binding, keep_match, prepare_binding_steps, write_bound
-from .candidates import store_match
+from .candidates import cache_made, last_made, store_match
 from .constraints import check_options, matching_steps, settings_to_store
 from .targets import Write
 
@@ -132,9 +132,21 @@ def prepare_transfer_steps(
     data: Collection[str],
     settings: Settings = DEFAULT,
     binding: Binding | None = None,
+    adjusted: bool = False,
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
-    """`transfer_steps` without the writing: returns a function that writes the data to the target."""
+    """`transfer_steps` without the writing: returns a function that writes the data to the target.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source_name: the object that has the data.
+        target_name: the object that receives it.
+        data: which kinds of it.
+        settings: how it is transferred.
+        binding: how the target is bound to the source's rig; not at all when None.
+        adjusted: whether it is the last transfer once more with other settings, whose match, undone, is taken again.
+        match_options: those of `match_objects`.
+    """
     check_options(match_options)
     if binding is not None:
         check_binding(context, source_name, target_name, binding, settings)
@@ -145,7 +157,9 @@ def prepare_transfer_steps(
     match: stored_match.Match
     if stored is None:
         made_with = settings_to_store(context, pair, match_options)
-        match = yield from within(matching_steps(context, pair, **match_options), 0, MATCHING)
+        made = last_made(pair) if adjusted else None
+        match = made or (yield from within(matching_steps(context, pair, **match_options), 0, MATCHING))
+        cache_made(pair, match)
     else:
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))

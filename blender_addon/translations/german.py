@@ -31,6 +31,8 @@ MESSAGES = {
     "Blue is sure, red is a guess, violet has no partner": "Blau ist sicher, Rot geraten, Violett ohne Gegenstück",
     "Same color, same place": "Gleiche Farbe, gleiche Stelle",
     "How the source's UVs will lie": "Wie die UVs der Quelle liegen werden",
+    "Data": "Daten",
+    "Change the options in the sidebar, then match again": "Die Optionen in der Seitenleiste ändern, dann erneut zuordnen",
     "Go By": "Richten nach",
     "Mirror": "Spiegeln",
     "Swap Sides": "Seiten tauschen",

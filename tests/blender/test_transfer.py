@@ -1,10 +1,13 @@
 """Transferring data between two objects, along a match that is known to be true."""
 
 import json
+from functools import partial
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
+from drawing import Layout
 from scenes import (
     activate,
     add_attribute,
@@ -25,11 +28,15 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import DATA
+from blender_addon.operators.match import ZOOMOUT_OT_match
+from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
+from blender_addon.properties.match import MatchOptions
 from blender_addon.scene.selection import own_sources
 from blender_addon.services.match import match_objects
-from blender_addon.services.transfer import transfer_objects, transfer_steps
+from blender_addon.services.transfer import prepare_transfer_steps, transfer_objects, transfer_steps
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
+from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture
@@ -403,6 +410,35 @@ def test_without_a_choice_the_source_is_the_one_that_was_matched(source, target)
     source.name = "Renamed"
     with pytest.raises(RuntimeError, match="There is no source"):
         bpy.ops.zoomout.match()
+
+
+def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, target, monkeypatch):
+    dress(source)
+    target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
+    transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
+    confidence = values(target.data, "zoomout_confidence")
+    target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
+    monkeypatch.setattr("zoomout_core.match_steps", None)
+    adjusted = partial(prepare_transfer_steps, bpy.context, "Source", "Target", ["vertex_groups"], adjusted=True)
+    report = drain(adjusted())()
+    assert report["source"] == "Source"
+    np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), confidence)
+    # Of other meshes it is none.
+    target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
+    target.data.vertices[0].co.x += 0.1
+    bpy.context.view_layer.update()
+    with pytest.raises(TypeError, match="not callable"):
+        drain(adjusted())
+
+
+def test_only_what_can_be_adjusted_is_drawn_and_no_match(target):
+    drawn = []
+    for operator in (ZOOMOUT_OT_transfer, ZOOMOUT_OT_match):
+        rna = getattr(bpy.ops.zoomout, operator.bl_idname.split(".")[1]).get_rna_type()
+        operator.draw(SimpleNamespace(layout=Layout(drawn), bl_rna=rna), bpy.context)
+    names = {text for kind, text, _ in drawn if kind == "prop"}
+    assert {"uv_maps", "fill_below", "limit"} <= names
+    assert not names & MatchOptions.__annotations__.keys()
 
 
 def test_several_targets_keep_their_own_sources_where_none_is_chosen(source, target):

@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from blender_addon import presets, translations
+from blender_addon import operators, presets, translations
 from blender_addon.ui import menus, panels
 from blender_addon.viewport import preview
 
@@ -40,7 +40,9 @@ def registered():
 
 
 def sources():
-    paths = [*Path(panels.__file__).parent.glob("*.py"), Path(menus.__file__), Path(preview.__file__)]
+    rooms = panels, operators
+    paths = [path for room in rooms for path in Path(room.__file__).parent.rglob("*.py")]
+    paths += [Path(menus.__file__), Path(preview.__file__)]
     return [node for path in paths for node in ast.walk(ast.parse(path.read_text()))]
 
 
