@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from pieces import PartAndWhole
@@ -35,3 +38,13 @@ def test_places_go_to_their_like_as_well_as_by_distances(lower: PartAndWhole, ro
     for weights, expected in ((none, every), (none | {weight: 10.0}, np.roll(every, -1))):
         with retuned(LANDMARK_MAPS, rounds=rounds, **weights):
             np.testing.assert_array_equal(extended(chosen, chosen, likes_next, shape, shape), expected)
+
+
+@pytest.mark.parametrize("rounds", [0, 1])
+def test_of_places_near_each_other_the_likest_is_taken_in_every_round(rounds: int) -> None:
+    line: Any = SimpleNamespace(between=0.004 * np.abs(np.subtract.outer(np.arange(20), np.arange(20))))
+    likes_next = 1 - np.roll(np.eye(20), 1, axis=1)
+    first = LANDMARK_MAPS.unlikeness * (rounds == 0)
+    with retuned(LANDMARK_MAPS, rounds=rounds, unlikeness=first):
+        found = extended(np.array([0, 19]), np.array([0, 19]), likes_next, line, line)
+    np.testing.assert_array_equal(found[:-1], np.arange(1, 20))

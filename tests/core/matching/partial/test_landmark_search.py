@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from creatures import creature
@@ -79,3 +82,25 @@ def test_of_assignments_that_agree_in_all_cells_one_is_kept(lower: PartAndWhole)
     assert len(placed) <= SEARCH.width
     with retuned(SEARCH, width=20):
         assert len(assignments(chosen, unlike, part, whole)) <= 20
+
+
+def on_a_line(*places: float) -> Any:
+    between = np.abs(np.subtract.outer(places, places))
+    return SimpleNamespace(between=between, unaffected=between < np.inf)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize(("ratio", "is_taken"), [(0.4, True), (0.8, False)])
+def test_means_of_distances_weigh_twice_as_much_as_those_of_unlikeness(
+    count: int, ratio: float, is_taken: bool
+) -> None:
+    at = np.arange(float(count))
+    # The last landmark is like none of the places where distances say it is, and like one that is farther off: so far
+    # that the mean cost of pairs of landmarks is this part of their mean unlikeness.
+    unlike = 1 - np.eye(count, count + 1)
+    unlike[-1] = [1] * count + [0]
+    tolerances = SEARCH.tolerance + SEARCH.relative_tolerance * (at[-1] - at[:-1])
+    pairs = count * (count - 1) / 2
+    beyond = at[-1] + ratio / count * pairs / np.sum(1 / tolerances)
+    found = assignments(np.arange(count), unlike, on_a_line(*at), on_a_line(*at, beyond))[0]
+    np.testing.assert_array_equal(found, [*range(count - 1), count if is_taken else count - 1])
