@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -49,12 +50,10 @@ def rotation_hypotheses(source: ShapeAnalysis, target: ShapeAnalysis) -> list[Hy
     hypotheses = []
     for signs in product((1.0, -1.0), repeat=before):
         for angle, mirror in product(np.arange(ROTATIONS.angles) * 2 * np.pi / ROTATIONS.angles, (1, -1)):
-            functional_map = np.diag([1.0, *signs, 0, 0])
-            functional_map[-2:, -2:] = turn(angle, mirror)
             origin = f"a turn of repeated eigenfunctions by {np.degrees(angle):.0f} degrees" + ", mirrored" * (
                 mirror < 0
             )
-            hypotheses.append(Hypothesis(origin, functional_map))
+            hypotheses.append(Hypothesis(origin, block_diag(np.diag([1.0, *signs]), turn(angle, mirror))))
     return hypotheses
 
 
