@@ -52,6 +52,14 @@ def test_the_largest_of_like_parts_is_the_body_though_a_smaller_one_has_the_very
     assert bodies(EGG, Surface.joined([EGG, larger])) == pytest.approx((size(EGG), size(larger)))
 
 
+def test_of_pairs_that_are_as_like_the_one_that_is_largest_on_both_sides_is_taken() -> None:
+    plum = PLUM.with_vertices(PLUM.vertices * (1.2 * size(EGG) / size(PLUM)) + np.array([9, 0, 0]))
+    larger = EGG.with_vertices(1.3 * EGG.vertices)
+    one, other = Surface.joined([larger, PLUM]), Surface.joined([EGG, plum])
+    assert bodies(one, other) == pytest.approx((1.3 * size(EGG), size(EGG)))
+    assert bodies(other, one) == pytest.approx((size(EGG), 1.3 * size(EGG)))
+
+
 def test_of_parts_that_are_as_like_closed_ones_are_the_bodies() -> None:
     cloth = Surface.joined([EGG, sheet(6.5, (0, 0, 3))])
     assert size(cloth) ** 2 > 2 * size(EGG) ** 2
