@@ -128,6 +128,16 @@ def characters(data: Path, pairs: int | None, json_file: Path | None, pictures: 
 
 
 @main.command()
+@common_options
+@click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each character here.")
+def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """How exactly posed characters, bound to a rig, follow it into other poses, beside the true weights."""
+    from benchmarks import binding as binding_table  # it starts Blender
+
+    report(binding_table.run(data, pairs, pictures), data, json_file)
+
+
+@main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def load(json_file: Path | None) -> None:
     """How long a character's 60 groups, 3 UV maps, 50 shape keys and the rest take onto 100k vertices, by kind."""

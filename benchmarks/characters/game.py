@@ -198,18 +198,19 @@ def _strike(armature: Object, parts: list[Object], rest: Body) -> str:
         return "stride"
     for track in list(armature.animation_data.nla_tracks):
         armature.animation_data.nla_tracks.remove(track)
-    best, bend = next(_frames()), 0.0
-    for frame in _frames():
-        _set_frame(armature, *frame)
+    best, bend = next(all_frames()), 0.0
+    for frame in all_frames():
+        set_frame(armature, *frame)
         points = _points(parts)
         swelling = triangle_areas(points, rest.triangles).sum() / triangle_areas(rest.vertices, rest.triangles).sum()
         if swelling < SWOLLEN and _bend(points, rest.vertices) > bend:
             best, bend = frame, _bend(points, rest.vertices)
-    _set_frame(armature, *best)
+    set_frame(armature, *best)
     return f"{best[0].name.split('|')[-1]} {best[1]}"
 
 
-def _frames() -> Iterator[tuple[Action, int]]:
+def all_frames() -> Iterator[tuple[Action, int]]:
+    """Some frames of each action."""
     for action in sorted(bpy.data.actions, key=lambda action: action.name):
         first, last = action.frame_range
         for frame in np.unique(np.linspace(first, last, FRAMES).round().astype(int)).tolist():
@@ -232,7 +233,8 @@ def _bend(points: Floats, rest: Floats) -> float:
     return float(np.linalg.norm(points @ motion[:3, :3].T + motion[:3, 3] - rest, axis=1).mean())
 
 
-def _set_frame(armature: Object, action: Action, frame: int) -> None:
+def set_frame(armature: Object, action: Action, frame: int) -> None:
+    """Put an armature into a frame of an action."""
     for bone in armature.pose.bones:  # an action leaves the bones that it does not move as they are
         bone.matrix_basis.identity()
     armature.animation_data.action = action

@@ -31,7 +31,7 @@ DAMPING = 1e-9
 
 
 @dataclass(frozen=True)
-class BoneTuning(Tuning, set_by="judgement"):
+class BoneTuning(Tuning, set_by="binding"):
     """The fit of bone transforms; lengths are over the root mean square distance of points from their middle.
 
     Attributes:

@@ -28,7 +28,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class RestTuning(Tuning, set_by="judgement"):
+class RestTuning(Tuning, set_by="binding"):
     """Reading a target where it lies on the source at rest.
 
     Attributes:

@@ -23,7 +23,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class UnposeTuning(Tuning, set_by="judgement"):
+class UnposeTuning(Tuning, set_by="binding"):
     """Where the inverse of skinning is trusted.
 
     Attributes:

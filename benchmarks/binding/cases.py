@@ -1,0 +1,186 @@
+"""Rigged characters, and targets that stand in one of their poses: where these go in other poses is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.types import Object
+from mathutils import Matrix
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from benchmarks.characters.cases import OF_PACK, broken, spread
+from benchmarks.characters.game import Body, all_frames, one_skin, read_character, set_frame
+from benchmarks.generate.remeshing import isotropic
+from benchmarks.transfer.cases import CELL
+from blender_addon import mesh_data
+from blender_addon.demo.character import build_character
+from blender_addon.demo.target import POSE, set_pose
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+GENERATED, GAME = "generated", "game"
+# The poses that generated characters are bound in, and those that they take then; degrees that bones turn by.
+BOUND_IN, TAKEN, TURN = 3, 5, 15
+# Vertices of the target over those of the source, and at least so many.
+THINNED, FEWEST = 0.6, 3000
+
+# Where each bone of an armature stands, against its rest.
+Stance = dict[str, Matrix]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A source, and a target in a pose of it.
+
+    Attributes:
+        kind: "generated" or "game".
+        name: of the character and the pose.
+        mesh: how the target's mesh came about, "isotropic" or "voxels": vertices of the one lie on the source, as it is
+            posed, and those of the other near it.
+        source: the object, at rest.
+        armature: that deforms it.
+        target: the target's surface.
+        truth: where its vertices lie on the source.
+        bound_in: the pose that the target stands in.
+        taken: the poses that it is to take.
+    """
+
+    kind: str
+    name: str
+    mesh: str
+    source: Object
+    armature: Object
+    target: zo.Surface
+    truth: zo.SurfaceMap
+    bound_in: Stance
+    taken: tuple[Stance, ...]
+
+
+def make_cases(data: Path, most: int | None) -> Iterator[Case]:
+    """Generated characters in several poses, and those of games, or about `most` of each kind, evenly spread."""
+    for number in spread(list(range(BOUND_IN)), most):
+        yield from _generated(number)
+    packs = [sorted(pack.glob("*.glb")) for pack in sorted((data / "characters" / "game").glob("*"))]
+    chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))
+    for path in spread(chosen, most):
+        yield from _of_game(path)
+
+
+def take(armature: Object, stance: Stance) -> None:
+    """Put an armature into a pose."""
+    for bone in armature.pose.bones:
+        bone.matrix_basis = stance.get(bone.name, Matrix())
+    bpy.context.view_layer.update()
+
+
+def bone_matrices(armature: Object, names: tuple[str, ...]) -> Floats:
+    """(b, 4, 4) where bones take what is at rest, in world space, in the pose that the armature is in."""
+    world = armature.matrix_world
+    return np.array(
+        [
+            world
+            @ armature.pose.bones[name].matrix
+            @ armature.data.bones[name].matrix_local.inverted()
+            @ world.inverted()
+            for name in names
+        ]
+    )
+
+
+def weights_of(source: Object, names: tuple[str, ...]) -> csr_array:
+    """(n, b) the weights of bones, which sum to one."""
+    groups = mesh_data.read_weights(source, source.data)
+    weights = np.zeros((len(source.data.vertices), len(names)))
+    for number, name in enumerate(names):
+        if name in groups.labels:
+            weights[:, number] = groups.values[:, [groups.labels.index(name)]].toarray()[:, 0]
+    return csr_array(weights / np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def positions(obj: Object) -> Floats:
+    """(n, 3) where the vertices of an object are seen."""
+    with mesh_data.evaluated_mesh(obj, bpy.context.evaluated_depsgraph_get()) as (evaluated, mesh):
+        return mesh_data.positions_in_world(evaluated, mesh_data.read_positions(mesh).astype(np.float64))
+
+
+def _generated(number: int) -> Iterator[Case]:
+    """The demo's character, in the demo's pose, or one drawn at random."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    character, armature = build_character(CELL)
+    character.modifiers.remove(character.modifiers["Corrective Smooth"])  # the truth is what the bones do
+    random = np.random.default_rng(number)
+
+    def drawn() -> Stance:
+        set_pose(armature, {name: tuple(random.normal(0, TURN, 3)) for name in POSE})
+        return _stance(armature)
+
+    stances = [drawn() for _ in range(TAKEN + 1)]
+    set_pose(armature)
+    bound_in = _stance(armature) if number == 0 else stances[0]
+    yield from _cases(GENERATED, f"character, pose {number}", character, armature, bound_in, tuple(stances[1:]))
+
+
+def _of_game(path: Path) -> Iterator[Case]:
+    """A character of a game in the frame that differs most from its rest."""
+    character = read_character(path)
+    if broken(character):
+        return
+    armature = next(obj for obj in bpy.data.objects if obj.type == "ARMATURE")
+    bound_in = _stance(armature)
+    taken = [_swung(bound_in)]
+    if bpy.data.actions and armature.animation_data is not None:
+        taken = []
+        for frame in spread(list(all_frames()), TAKEN):
+            set_frame(armature, *frame)
+            taken.append(_stance(armature))
+    armature.animation_data_clear()
+    for obj in [obj for obj in bpy.data.objects if obj.type == "MESH"]:
+        bpy.data.objects.remove(obj)
+    mesh = bpy.data.meshes.new("Source")
+    mesh.from_pydata(character.rest.vertices, [], character.rest.triangles)
+    source = bpy.data.objects.new("Source", mesh)
+    bpy.context.scene.collection.objects.link(source)
+    names = character.skeleton.names
+    weights = Attribute("vertex groups", Domain.POINT, Kind.WEIGHT, csr_array(character.rest.weights), names)
+    mesh_data.write_weights(source, weights)
+    source.modifiers.new("Armature", "ARMATURE").object = armature
+    yield from _cases(
+        GAME, f"{character.pack} {character.name}, {character.pose}", source, armature, bound_in, tuple(taken)
+    )
+
+
+def _swung(stance: Stance) -> Stance:
+    """Another pose for characters without animation: what turns, turns the other way."""
+    return {
+        name: Matrix.LocRotScale(basis.translation, basis.to_quaternion().inverted(), basis.to_scale())
+        for name, basis in stance.items()
+    }
+
+
+def _stance(armature: Object) -> Stance:
+    return {bone.name: bone.matrix_basis.copy() for bone in armature.pose.bones}
+
+
+def _cases(
+    kind: str, name: str, source: Object, armature: Object, bound_in: Stance, taken: tuple[Stance, ...]
+) -> Iterator[Case]:
+    """A case for each way of making a mesh of the source in a pose."""
+    take(armature, bound_in)
+    posed = positions(source)
+    take(armature, {})
+    surface = mesh_data.read_source_surface(source, bpy.context.evaluated_depsgraph_get())
+    count = max(FEWEST, round(THINNED * len(posed)))
+    skin = one_skin(Body(posed, surface.triangles, np.ones((len(posed), 1), np.float32)))
+    for mesh, target in (
+        ("isotropic", isotropic(surface.with_vertices(posed), count, np.random.default_rng(0))),
+        ("voxels", zo.Surface(skin.vertices, skin.triangles)),
+    ):
+        truth = zo.SurfaceMap(*closest_points(target.vertices, posed, surface.triangles), surface.triangles)
+        yield Case(kind, name, mesh, source, armature, target, truth, bound_in, taken)

@@ -1,0 +1,73 @@
+"""Ways to put a target onto a rig: ours, and what artists have without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+import zoomout_core as zo
+from benchmarks.binding.cases import Case
+from blender_addon import api
+from blender_addon.demo.character import select_only
+from blender_addon.scene.pair import read_pair
+from blender_addon.storage import stored_match
+
+# A way gets a bare target, whose match is kept but for the truth's, and leaves it as the rig's poses are to move it.
+Way = Callable[[Case, Object], None]
+
+
+def bound(case: Case, target: Object) -> None:
+    """Ours, by the match."""
+    api.bind_to_rig(bpy.context, case.source, target)
+
+
+def bound_by_truth(case: Case, target: Object) -> None:
+    """Ours, along the true map: what is left are errors of binding alone."""
+    pair = read_pair(bpy.context, case.source.name, target.name)
+    sure = np.ones(len(target.data.vertices))
+    stored_match.write(target.data, stored_match.StoredMatch(case.truth, sure, ()), pair, {})
+    api.bind_to_rig(bpy.context, case.source, target)
+
+
+def weights_alone(case: Case, target: Object) -> None:
+    """Weights by the match, and an Armature modifier: the target stays in its pose."""
+    api.transfer_objects(bpy.context, case.source, target, ["vertex_groups"])
+    target.modifiers.new("Armature", "ARMATURE").object = case.armature
+
+
+def data_transfer(case: Case, target: Object) -> None:
+    """Blender's Data Transfer of weights from the nearest faces, and an Armature modifier."""
+    select_only(case.source, target)
+    bpy.ops.object.data_transfer(
+        data_type="VGROUP_WEIGHTS",
+        layers_select_src="ALL",
+        layers_select_dst="NAME",
+        vert_mapping="POLYINTERP_NEAREST",
+    )
+    target.modifiers.new("Armature", "ARMATURE").object = case.armature
+
+
+WAYS: dict[str, Way] = {
+    "Bind to Rig": bound,
+    "Bind to Rig, true map": bound_by_truth,
+    "weights alone": weights_alone,
+    "Data Transfer": data_transfer,
+}
+
+
+def matched(case: Case) -> tuple[Object, float, float]:
+    """A bare target, matched with nothing given; seconds and certainty."""
+    mesh = bpy.data.meshes.new("Target")
+    mesh.from_pydata(case.target.vertices, [], case.target.triangles)
+    target = bpy.data.objects.new("Target", mesh)
+    bpy.context.scene.collection.objects.link(target)
+    bpy.context.view_layer.update()
+    zo.forget_shapes()
+    begin = perf_counter()
+    match = api.match_objects(bpy.context, case.source, target)
+    certainty = match.certainty if isinstance(match, zo.MatchResult) else 0.0
+    return target, perf_counter() - begin, certainty
