@@ -420,3 +420,29 @@ def _usable(button):
     bpy.types.ZOOMOUT_PT_binding.draw(SimpleNamespace(layout=Layout(drawn)), Context())
     (usable,) = [usable for kind, text, usable in drawn if (kind, text) == ("operator", button)]
     return usable()
+
+
+def test_a_subdivision_of_the_target_comes_behind_the_armature():
+    source, armature = source_and_rig()
+    target, at_rest = posed_target(source, armature)
+    target.modifiers.new("Subdivision", "SUBSURF")
+    match_anew(target, at_rest)
+    bind(source, target)
+    assert [each.type for each in target.modifiers] == ["ARMATURE", "SUBSURF"]
+    target.modifiers["Subdivision"].show_viewport = False
+    assert np.median(off(target, armature, at_rest)) < 2e-3
+
+
+def test_undo_takes_back_all_of_it():
+    source, armature = source_and_rig()
+    target, _ = posed_target(source, armature)
+    activate(target, source)
+    bpy.ops.ed.undo_push(message="before")
+    before, stood = snapshot(target), seen(target)
+    assert bpy.ops.zoomout.bind_to_rig("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert target.parent is not None
+    bpy.ops.ed.undo()
+    target = bpy.data.objects["Target"]
+    assert snapshot(target) == before
+    assert target.parent is None
+    np.testing.assert_array_equal(seen(target), stood)
