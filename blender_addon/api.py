@@ -21,6 +21,12 @@ A target that stands in a pose is taken to the rest pose of the source's armatur
 pose it at once, by `bind_to_rig(context, hero, scan)`, which transfers the weights, or by `transfer_objects` with
 `binding=Binding()`.
 
+The target's topology gets the source's shape, as a shape key, as the mesh itself or as a new object, by `wrap_objects`:
+
+>>> report = api.wrap_objects(context, hero, scan, api.Wrapping(smoothness=0.7))
+>>> report["key"] == hero.name
+True
+
 A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
 
 A mesh's own symmetry is found in any pose, stored on the mesh, and used by the functions that follow:
@@ -68,6 +74,7 @@ from .services.symmetry.shape_keys import mirror_shape_key
 from .services.symmetry.sides import name_sides, select_symmetry_line
 from .services.symmetry.weights import symmetrise_weights
 from .services.transfer import bind_to_rig, transfer_objects, transfer_steps
+from .services.wrap import Wrapping, wrap_objects
 from .storage.stored_report import transfer_report
 from .storage.stored_symmetry import read as symmetry_of
 
@@ -77,6 +84,7 @@ __all__ = [
     "Binding",
     "LandmarkPairs",
     "Settings",
+    "Wrapping",
     "bind_to_rig",
     "check_symmetry",
     "choose_symmetry",
@@ -99,6 +107,7 @@ __all__ = [
     "transfer_objects",
     "transfer_report",
     "transfer_steps",
+    "wrap_objects",
 ]
 
 

@@ -8,6 +8,7 @@ from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 from .scheduling import transfer_all_steps
 from .settings import DEFAULT, FILL_BELOW, Binding, Settings, parse_group_names, parse_names
+from .shape_keys import check_takes_keys
 
 # In the order in which they are read and written. Normals come after edges and faces: how they are stored depends on
 # which of these are sharp. Shape keys come last: reading them evaluates copies, which may invalidate meshes
@@ -50,6 +51,7 @@ __all__ = [
     "Settings",
     "TransferJob",
     "TransferRequest",
+    "check_takes_keys",
     "parse_group_names",
     "parse_names",
     "transfer_all_steps",

@@ -102,7 +102,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     if "shape_keys" in request.data:
         found += _collected_keys(request, remarks)
     if "shape" in request.data:
-        _check_target(request.target, [request.source.name])
+        check_takes_keys(request.target, [request.source.name])
         if any(modifier.show_viewport for modifier in request.target.modifiers):
             remarks.notes.append(
                 f"The key '{request.source.name}' has the shape that is seen of the source, and the modifiers of "
@@ -123,7 +123,7 @@ def _collected_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]
     joined, own = mesh_data.joined_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
     if not joined.keys:
         return []
-    _check_target(target, joined.offsets.labels)
+    check_takes_keys(target, joined.offsets.labels)
     _note_masks(joined.keys, request, remarks)
     owners = [(source.name, names) for source, names in zip(originals, own, strict=True) if names]
     for name, _ in owners:
@@ -176,7 +176,8 @@ def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeK
     return ShapeKeys(found.keys, offsets, mesh_data.positions_in_world(source, found.rest))
 
 
-def _check_target(target: Object, names: Sequence[str]) -> None:
+def check_takes_keys(target: Object, names: Sequence[str]) -> None:
+    """Raise a MeshError if an object cannot take shape keys of some names."""
     if mesh_data.is_flat(target):
         raise zo.MeshError(f"'{target.name}' has a scale of zero, so that it takes no shape keys: give it another.")
     keys = target.data.shape_keys

@@ -14,6 +14,7 @@ from ..adapters import DATA, USUAL_DATA
 from ..properties.match import MatchOptions
 from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
 from ..properties.transfer import BindChoice, BindOptions, BlendOptions
+from ..properties.wrap import WrapOptions
 
 NAME = "zoomout"
 # Pipelines have the time for a match that the sidebar does not offer.
@@ -30,7 +31,9 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
     """
     parser = _parser()
     options = parser.parse_args(command_line)
-    if options.command != "symmetry":
+    if options.command == "wrap" and not (options.source and options.targets):
+        parser.error("give --source and --target")
+    elif options.command in ("match", "transfer"):
         _check_pair(parser, options)
     return options
 
@@ -61,6 +64,10 @@ def _parser() -> argparse.ArgumentParser:
     transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(transfer, group)
+    wrap = commands.add_parser("wrap", help="give targets the shape of a source, or a source that of a target")
+    _add_objects(wrap)
+    _add_options(wrap, MatchOptions)
+    _add_options(wrap, WrapOptions)
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and what is done along it"))
     for name, command in commands.choices.items():
         when = "if all was done" if name == "symmetry" else "when at least one target is done"
@@ -69,12 +76,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_pair(parser: argparse.ArgumentParser) -> None:
-    """Add options of who is matched, and how."""
+def _add_objects(parser: argparse.ArgumentParser) -> None:
+    """Add options that name a source and its targets."""
     parser.add_argument("--source", metavar="NAME", help="object that has the data")
     parser.add_argument(
         "--target", action="append", dest="targets", default=[], metavar="NAME", help="object; may be repeated"
     )
+
+
+def _add_pair(parser: argparse.ArgumentParser) -> None:
+    """Add options of who is matched, and how."""
+    _add_objects(parser)
     parser.add_argument("--source-collection", metavar="NAME", help="collection whose meshes have the data")
     parser.add_argument("--target-collection", metavar="NAME", help="collection whose meshes receive it, part by part")
     _add_options(parser, MatchOptions)

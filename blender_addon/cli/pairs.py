@@ -1,4 +1,4 @@
-"""The commands `match` and `transfer`."""
+"""The commands `match`, `transfer` and `wrap`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from zoomout_core.runtime.stepping import Steps, drain
 
 from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
+from ..properties.wrap import WrapOptions
 from ..services.collection_match import match_collections_steps
 from ..services.match import prepare_match_steps
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps
+from ..services.wrap import Wrapping, check_one_target, prepare_wrap_steps
 from ..storage import stored_match
 from .arguments import as_in_sidebar
 
@@ -56,6 +58,21 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         return prepare_transfer_steps(context, source_of[target], target, options.data, settings, binding, **matching)
 
     return _reports(source_of, work, lambda _, report: dict(report))
+
+
+def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Wrap, and report on each target, by its name.
+
+    Raises:
+        MeshError: a source is to be wrapped onto several targets.
+    """
+    wrapping = Wrapping(**WrapOptions.wrap_options(as_in_sidebar(options, WrapOptions)))
+    check_one_target(wrapping, options.targets)
+
+    def work(target: str) -> Steps[Write[dict[str, Any]]]:
+        return prepare_wrap_steps(context, options.source, target, wrapping, **_match_options(options))
+
+    return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
 
 def _match_options(options: argparse.Namespace) -> dict[str, Any]:

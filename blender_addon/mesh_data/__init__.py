@@ -68,6 +68,7 @@ from .shape_keys import (
     write_shape,
     write_shape_keys,
 )
+from .shaped_copy import add_shaped_copy
 from .surface_points import (
     SurfacePoint,
     extent,
@@ -121,6 +122,7 @@ __all__ = [
     "ShapeKey",
     "ShapeKeys",
     "SurfacePoint",
+    "add_shaped_copy",
     "armatures_of",
     "bind_like",
     "can_be_put",

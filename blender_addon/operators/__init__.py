@@ -16,6 +16,7 @@ from .match_collections import ZOOMOUT_OT_match_collections
 from .place_landmarks import ZOOMOUT_OT_place_landmarks
 from .preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .transfer import ZOOMOUT_OT_transfer
+from .wrap import ZOOMOUT_OT_wrap
 
 # In the order in which Blender is to know them.
 CLASSES = (
@@ -27,6 +28,7 @@ CLASSES = (
     ZOOMOUT_OT_choose_data,
     ZOOMOUT_OT_transfer,
     ZOOMOUT_OT_bind_to_rig,
+    ZOOMOUT_OT_wrap,
     ZOOMOUT_OT_cut_seams,
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,

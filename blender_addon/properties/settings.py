@@ -12,6 +12,7 @@ from .match import MatchOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
 from .transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
+from .wrap import WrapOptions
 
 
 class SourceName:
@@ -48,6 +49,7 @@ class ZOOMOUT_PG_settings(
     BlendOptions,
     BindChoice,
     BindOptions,
+    WrapOptions,
     LandmarkSettings,
     CollectionSettings,
     PropertyGroup,

@@ -16,6 +16,7 @@ from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ..operators.transfer import ZOOMOUT_OT_transfer
+from ..operators.wrap import ZOOMOUT_OT_wrap
 from ..services.symmetry.detect import summary
 from ..storage import stored_symmetry
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
@@ -31,6 +32,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_match_collections,
             ZOOMOUT_OT_transfer,
             ZOOMOUT_OT_bind_to_rig,
+            ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_cut_seams,
         ):
             layout.operator(operator.bl_idname)

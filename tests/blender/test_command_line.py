@@ -24,6 +24,7 @@ from blender_addon import cli
 from blender_addon.cli.arguments import as_in_sidebar, parse
 from blender_addon.properties.match import MatchOptions
 from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOptions
+from blender_addon.properties.wrap import WrapOptions
 from blender_addon.storage import stored_match, stored_symmetry
 
 
@@ -170,6 +171,22 @@ def test_a_target_is_bound_on_demand(tmp_path):
     assert run("transfer", *both, "--bind") == 1
     assert run("transfer", *both, "--bind", "--replace-binding", "--binding", "keep_shape", "--report", path) == 0
     assert json.loads(path.read_text())["targets"]["Target"]["bound"]["shape"] == "keep_shape"
+
+
+def test_a_target_is_wrapped(pair, tmp_path, capsys):
+    path, both = tmp_path / "report.json", ("--source", "Source", "--target", "Target", "--k-final", 30)
+    line = "--wrap-smoothness 0.7 --wrap-detail 0.9 --wrap-result mesh --no-wrap-landmarks"
+    assert run("wrap", *both, *line.split(), "--report", path) == 0
+    assert json.loads(path.read_text())["targets"]["Target"]["object"] == "Target"
+    assert run("wrap", *both, "--wrap-mask", "None") == 1
+    assert "no vertex group 'None'" in capsys.readouterr().err
+    assert run("wrap", *both, "--target", "Other", "--wrap-reverse") == 1
+    assert "one target" in capsys.readouterr().err
+    assert run("wrap", "--source", "Source") == 2
+    options = parse(["wrap", "--source", "A", "--target", "B"])
+    assert WrapOptions.wrap_options(as_in_sidebar(options, WrapOptions)) == pytest.approx(
+        bpy.context.scene.zoomout.wrap_options()
+    )
 
 
 def test_collections_are_matched_part_by_part(pair, tmp_path):

@@ -8,6 +8,7 @@ from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
 from .result import ZOOMOUT_PT_result
 from .transfer import ZOOMOUT_PT_report, ZOOMOUT_PT_transfer
 from .transfer_options import ZOOMOUT_PT_binding, ZOOMOUT_PT_blending, ZOOMOUT_PT_naming, ZOOMOUT_PT_topology
+from .wrap import ZOOMOUT_PT_wrap
 
 # In the order in which Blender is to know them: a panel before those below it, whose order `bl_order` says.
 CLASSES = (
@@ -21,6 +22,7 @@ CLASSES = (
     ZOOMOUT_PT_transfer,
     ZOOMOUT_PT_report,
     ZOOMOUT_PT_binding,
+    ZOOMOUT_PT_wrap,
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,

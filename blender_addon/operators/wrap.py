@@ -1,0 +1,40 @@
+"""Wrap the active mesh, and others that are selected, onto a source, or the source onto the active mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.types import Context
+
+from zoomout_core.runtime.stepping import Steps
+
+from ..properties.match import MatchOptions
+from ..properties.settings import SourceName, take_settings
+from ..properties.wrap import WrapOptions
+from ..scene.selection import sources_of_targets
+from ..services.targets import Write, each_target_steps
+from ..services.wrap import Wrapping, check_one_target, prepare_wrap_steps, summary
+from .stepped import SteppedOperator
+
+
+class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, SteppedOperator):
+    bl_idname = "zoomout.wrap"
+    bl_label = "Wrap"
+    bl_description = (
+        "Give the topology of the active mesh, and of the other selected ones, the shape of the source, along their "
+        "matches; they are matched first where they are not yet"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout)
+        source_of = sources_of_targets(context, self.source)
+        wrapping, options = Wrapping(**self.wrap_options()), self.match_options()
+        check_one_target(wrapping, source_of)
+
+        def work(target: str) -> Steps[Write[dict[str, Any]]]:
+            return prepare_wrap_steps(context, source_of[target], target, wrapping, **options)
+
+        outcome = yield from each_target_steps(list(source_of), work)
+        self.report_failed(outcome)
+        return " ".join(summary(report) for report in outcome.done.values())

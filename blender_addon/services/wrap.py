@@ -1,0 +1,270 @@
+"""Wrap one mesh onto another: its topology in the other one's shape, along their match."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.runtime.stepping import Steps, drain, within
+from zoomout_core.transfer import reversed_match_steps, wrap_steps
+
+from .. import mesh_data
+from ..adapters import Settings, check_takes_keys
+from ..mesh_data import ObjectPair
+from ..scene.landmarks import LandmarkPairs, landmark_pairs
+from ..scene.pair import check_unedited, check_writable, find_mesh, fingerprint_source, fingerprint_target
+from ..scene.stored_pair import stored_pair_steps
+from ..storage import stored_match
+from . import previews
+from .candidates import store_match
+from .constraints import check_options, matching_steps, settings_to_store
+from .targets import Write
+
+# Parts of the progress bar that matching takes, where there is no match yet, and turning a match round, in [0, 1].
+MATCHING, TURNING_ROUND = 0.8, 0.5
+
+
+@dataclass(frozen=True)
+class Wrapping:
+    """How a mesh is wrapped.
+
+    Attributes:
+        result: where the shape goes: to a shape key, to the mesh itself, or to a new object.
+        reverse: whether the source is wrapped onto the target, instead of the target onto the source.
+        smoothness: how evenly edges flow, in [0, 1].
+        detail: how far the detail of the shape is followed, in [0, 1].
+        mask: the vertex group of what is wrapped outside of which it keeps its form; empty for none.
+        landmarks: whether landmarks that both have are met.
+    """
+
+    result: Literal["shape_key", "mesh", "object"] = "shape_key"
+    reverse: bool = False
+    smoothness: float = 0.5
+    detail: float = 1.0
+    mask: str = ""
+    landmarks: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """What is wrapped onto what.
+
+    Attributes:
+        wrapped: name of the object that is wrapped.
+        shape: name of the one whose shape it gets.
+        rest: the surface of the former, as it is wrapped.
+        onto: that of the latter.
+        mask: (n,) how far vertices are wrapped; None for all.
+        landmarks: those that both have.
+    """
+
+    wrapped: str
+    shape: str
+    rest: zo.Surface
+    onto: zo.Surface
+    mask: Floats | None
+    landmarks: LandmarkPairs | None
+
+
+def wrap_objects(
+    context: Context, source: Object, target: Object, wrapping: Wrapping | None = None, **match_options: Any
+) -> dict[str, Any]:
+    """Give the target's topology the source's shape, or the other way round, along their match or a new one.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source: is read as its modifiers leave it.
+        target: was matched with it, or is now.
+        wrapping: how; the target as a shape key onto the source's surface, when not given.
+        match_options: of `match_objects`, where no match of these two is stored.
+
+    Returns:
+        A report: `wrapped`, `shape`, `object` and `key` are the names of what was wrapped, of whose shape it has, and
+        of where that was written; `turned_over` is the number of triangles that are folded; `notes` are sentences.
+
+    Raises:
+        MeshError: something cannot be wrapped; nothing was written.
+        TypeError: a match has no option of a name.
+    """
+    return drain(prepare_wrap_steps(context, source.name, target.name, wrapping or Wrapping(), **match_options))()
+
+
+def prepare_wrap_steps(
+    context: Context, source_name: str, target_name: str, wrapping: Wrapping, **match_options: Any
+) -> Steps[Write[dict[str, Any]]]:
+    """`wrap_objects` as a generator, which holds no Blender data while it is suspended; returns what writes."""
+    check_options(match_options)
+    pair = yield from stored_pair_steps(context, source_name, target_name)
+    given = _given(context, pair, wrapping)
+    stored = stored_match.read(find_mesh(context, target_name).data, pair)
+    match: stored_match.Match
+    begin = 0.0
+    if stored is None:
+        made_with, begin = settings_to_store(context, pair, match_options), MATCHING
+        match = yield from within(matching_steps(context, pair, **match_options), 0, begin)
+    else:
+        match, made_with = stored, stored.settings
+    wrapped = yield from within(_wrapped_steps(match, pair, given, wrapping), begin, 1)
+    notes = [*wrapped.notes, *(given.landmarks.notes if given.landmarks else ())]
+
+    def write() -> dict[str, Any]:
+        check_unedited(context, pair)
+        if stored is None:
+            store_match(find_mesh(context, target_name).data, match, pair, made_with)
+        obj, key, more = _write(context, given, wrapping, wrapped.vertices)
+        if wrapping.result != "shape_key":
+            _keep_match(context, pair, match, made_with, obj, wrapping)
+        if obj.name == target_name:
+            previews.follow_match(context, obj)
+        return {
+            "wrapped": given.wrapped,
+            "shape": given.shape,
+            "object": obj.name,
+            "key": key,
+            "turned_over": wrapped.turned_over,
+            "notes": [*notes, *more],
+        }
+
+    return write
+
+
+def check_one_target(wrapping: Wrapping, targets: Collection[str]) -> None:
+    """Raise a MeshError if a source is to be wrapped onto several targets."""
+    if wrapping.reverse and len(targets) > 1:
+        raise zo.MeshError("A source has one shape at a time: choose one target to wrap it onto.")
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The report in one sentence."""
+    if report["key"]:
+        where = f"key '{report['key']}'"
+    elif report["object"] == report["wrapped"]:
+        where = "the mesh itself"
+    else:
+        where = f"new object '{report['object']}'"
+    return " ".join([f"Wrapped '{report['wrapped']}' onto '{report['shape']}' ({where}).", *report["notes"]])
+
+
+def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
+    """What is wrapped onto what, as far as it can be.
+
+    Raises:
+        MeshError: it cannot be written to, has another topology than is seen of it, or lacks what was asked for.
+    """
+    source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
+    obj, other = (source, target) if wrapping.reverse else (target, source)
+    seen, onto = (pair.source, pair.target) if wrapping.reverse else (pair.target, pair.source)
+    if wrapping.reverse:
+        _check_reverse(context, pair, source)
+    if wrapping.result != "object" and mesh_data.is_flat(obj):
+        raise zo.MeshError(f"'{obj.name}' has a scale of zero, so that it cannot take another shape: give it another.")
+    if wrapping.result == "shape_key":
+        check_takes_keys(obj, [other.name])
+    rest = _without_key(obj, other.name, seen)
+    mask = Settings(mask_group=wrapping.mask).blend(obj).mask
+    if mask is not None and not np.any(mask):
+        raise zo.MeshError(f"The vertex group '{wrapping.mask}' of '{obj.name}' is empty: choose another mask.")
+    landmarks = _landmarks(context, source, target, wrapping, seen, rest) if wrapping.landmarks else None
+    return _Given(obj.name, other.name, rest, onto, None if mask is None else np.asarray(mask), landmarks)
+
+
+def _check_reverse(context: Context, pair: ObjectPair, source: Object) -> None:
+    """Raise a MeshError if a source cannot be wrapped onto its target."""
+    if len(pair.sources) > 1:
+        raise zo.MeshError(
+            f"'{pair.target_name}' lies on {len(pair.sources)} objects, which cannot be wrapped onto it as one: "
+            "turn Reverse off."
+        )
+    check_writable(source)
+    seen = mesh_data.read_source_faces(source, context.evaluated_depsgraph_get())
+    if seen != mesh_data.read_faces(source.data):
+        raise zo.MeshError(
+            f"Modifiers of '{source.name}' change its faces, so that it cannot be wrapped: disable or apply those that "
+            "add or remove vertices, and match again."
+        )
+
+
+def _without_key(obj: Object, name: str, seen: zo.Surface) -> zo.Surface:
+    """The surface of an object without what its key of some name, of an earlier wrap, adds to it."""
+    keys = obj.data.shape_keys
+    block = keys.key_blocks.get(name) if keys else None
+    if block is None or block.mute or not block.value:
+        return seen
+    base = mesh_data.read_key_positions(obj.data, block.relative_key.name)
+    moved = block.value * (mesh_data.read_key_positions(obj.data, name) - base)
+    return seen.with_vertices(seen.vertices - mesh_data.directions_in_world(obj, moved))
+
+
+def _landmarks(
+    context: Context, source: Object, target: Object, wrapping: Wrapping, seen: zo.Surface, rest: zo.Surface
+) -> LandmarkPairs:
+    """The landmarks that both objects have, on the surface `rest` of the one that is wrapped instead of `seen`."""
+    pairs = landmark_pairs(context, source, target)
+    points = pairs.source if wrapping.reverse else pairs.target
+    if rest is seen or not len(points):
+        return pairs
+    triangle, barycentric = closest_points(points, seen.vertices, seen.triangles)
+    moved = np.einsum("mc,mcx->mx", barycentric, rest.vertices[rest.triangles[triangle]])
+    return replace(pairs, source=moved) if wrapping.reverse else replace(pairs, target=moved)
+
+
+def _wrapped_steps(match: stored_match.Match, pair: ObjectPair, given: _Given, wrapping: Wrapping) -> Steps[zo.Wrapped]:
+    landmarks = None
+    if given.landmarks is not None and given.landmarks.numbers:
+        landmarks = given.landmarks.source, given.landmarks.target
+    options: dict[str, Any] = {"smoothness": wrapping.smoothness, "detail": wrapping.detail, "mask": given.mask}
+    if not wrapping.reverse:
+        return (yield from wrap_steps(match, given.onto, given.rest, landmarks=landmarks, **options))
+    turned = yield from within(reversed_match_steps(match, pair.source, pair.target), 0, TURNING_ROUND)
+    landmarks = None if landmarks is None else landmarks[::-1]
+    steps = wrap_steps(turned, given.onto, given.rest, landmarks=landmarks, **options)
+    return (yield from within(steps, TURNING_ROUND, 1))
+
+
+def _write(
+    context: Context, given: _Given, wrapping: Wrapping, vertices: Floats
+) -> tuple[Object, str, tuple[str, ...]]:
+    """Write a shape (n, 3) in world space; the object that has it, the name of its key, and notes."""
+    obj, other = find_mesh(context, given.wrapped), find_mesh(context, given.shape)
+    place = np.array(other.matrix_world.translation)
+    if wrapping.result == "object":
+        name = f"{obj.name} on {other.name}"
+        return mesh_data.add_shaped_copy(context, obj, name, vertices - place, place), "", ()
+    shape = mesh_data.to_object(obj, vertices - place)
+    notes: tuple[str, ...] = ()
+    if any(modifier.show_viewport for modifier in obj.modifiers):
+        notes = (f"The modifiers of '{obj.name}' act on its new shape as well.",)
+    if wrapping.result == "mesh":
+        mesh_data.move_vertices(obj.data, shape - mesh_data.read_rest_positions(obj.data))
+        obj.data.update()
+        return obj, "", notes
+    mesh_data.write_shape(obj, other.name, shape)
+    obj.data.shape_keys.key_blocks[other.name].value = 1
+    obj.data.update()
+    return obj, other.name, notes
+
+
+def _keep_match(
+    context: Context,
+    pair: ObjectPair,
+    match: stored_match.Match,
+    made_with: dict[str, Any],
+    obj: Object,
+    wrapping: Wrapping,
+) -> None:
+    """Store the match anew for what has another shape now; a wrapped source that is a new object has none."""
+    if wrapping.result == "object" and wrapping.reverse:
+        return
+    if wrapping.reverse:
+        now = replace(pair, source_fingerprints=(fingerprint_source(context, obj.name),))
+        obj = find_mesh(context, pair.target_name)
+    else:
+        now = replace(pair, target_fingerprint=fingerprint_target(context, obj.name))
+    stored_match.write(obj.data, match, now, made_with)

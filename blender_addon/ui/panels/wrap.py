@@ -1,0 +1,32 @@
+"""Subpanel of the transfer: wrapping one mesh onto the other."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel
+
+from ...operators.wrap import ZOOMOUT_OT_wrap
+from ...properties.wrap import WrapOptions
+from ...services.preflight import likely_source
+from .sidebar import SidebarPanel, split_properties
+from .transfer import ZOOMOUT_PT_transfer
+
+
+class ZOOMOUT_PT_wrap(SidebarPanel, Panel):
+    bl_label = "Wrap"
+    bl_parent_id = ZOOMOUT_PT_transfer.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 7
+
+    def draw(self, context: Context) -> None:
+        layout, settings, target = self.layout, context.scene.zoomout, context.active_object
+        split_properties(layout)
+        source = likely_source(context) if target else None
+        wrapped = source if settings.wrap_reverse else target
+        for name in WrapOptions.__annotations__:
+            if name == "wrap_mask" and wrapped:
+                layout.prop_search(settings, name, wrapped, "vertex_groups")
+            else:
+                layout.prop(settings, name)
+        row = layout.row()
+        row.enabled = source is not None
+        row.operator(ZOOMOUT_OT_wrap.bl_idname, icon="MOD_SHRINKWRAP")
