@@ -111,6 +111,16 @@ def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartA
     assert lead[1] > lead[0] + 0.1 * weight
 
 
+def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole) -> None:
+    none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
+    unlike, promises = unlikeness(lower.part, lower.whole), []
+    for width in (PART_CANDIDATES.surroundings, 1.2):
+        with retuned(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
+            promises.append(_promise(lower.true_places(), unlike, lower.part, lower.whole))
+    # Limbs bend, so that one rotation leaves a fifth more of the true map.
+    assert promises[0] < promises[1] - np.log(1.2)
+
+
 @pytest.mark.parametrize(
     ("term", "floor"), [("facing", 0.01), ("bend", 0.003), ("distance", 0.003), ("unlikeness", 0.01)]
 )
@@ -180,6 +190,31 @@ def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
     assert 0 < images_apart(nearly, right, lower.whole) < 0.05 < images_apart(off, right, lower.whole)
     found = candidates_of(monkeypatch, lower, [nearly, right, off, other, np.roll(right, 50)])
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
+
+
+def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, nothing = on_a_line(0.0, 0.1, 0.2, 0.3), Any
+    whole.is_fragment = True
+
+    def of_places(fit: float, *places: int) -> PartCandidate:
+        return PartCandidate(np.array(places), nothing, {"fit": fit})  # type: ignore[arg-type]
+
+    there, back = [of_places(1.0, 0, 1), of_places(4.0, 2, 3)], [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
+
+    def from_landmarks_steps(search: object, *_: object) -> Generator[float, None, list[PartCandidate]]:
+        yield from (0.0, 0.5, 1.0)
+        return there if search is part_candidates._searched else back
+
+    monkeypatch.setattr(part_candidates, "unlikeness", lambda *_: None)
+    monkeypatch.setattr(part_candidates, "landmark_sets", lambda *_: [])
+    monkeypatch.setattr(part_candidates, "_from_landmarks_steps", from_landmarks_steps)
+    results: list[list[PartCandidate]] = []
+
+    def steps() -> Generator[float, None, None]:
+        results.append((yield from part_candidates_steps(whole, whole)))
+
+    assert list(steps()) == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
+    assert [one.scores["fit"] for one in results[0]] == [1.0, 2.0, 4.0]
 
 
 # --- partners -----------------------------------------------------------------------------------------------
