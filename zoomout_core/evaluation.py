@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap, turned_over
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges, vertex_areas
@@ -80,18 +80,27 @@ def distance_distortion(
 
 
 def flipped_share(surface_map: SurfaceMap, source: Surface, target: Surface) -> float:
-    """The share of the target's area, in [0, 1], whose triangles the map turns over.
+    """The share of the target's area, in [0, 1], whose triangles the map turns over, see `flipped_triangles`.
+
+    A map that reverses everything, as a mirror image does, has 1.
+    """
+    area = triangle_areas(target.vertices, target.triangles)
+    return float(area[flipped_triangles(surface_map, source, target)].sum() / area.sum())
+
+
+def flipped_triangles(surface_map: SurfaceMap, source: Surface, target: Surface) -> Booleans:
+    """(m,) which of the target's triangles the map turns over.
 
     A triangle is turned over when its image, the triangle between its corners' images, faces against the source's
-    normals there. Both surfaces count as wound outwards, however their faces are wound. A map that reverses
-    everything, as a mirror image does, has 1; a triangle that collapses to a line is not turned over.
+    normals there. Both surfaces count as wound outwards, however their faces are wound; a triangle that collapses to a
+    line is not turned over.
     """
     normals = np.vstack([source.working.vertex_normals, np.zeros(3)])  # the last one answers for vertex_of = -1
     at_images = surface_map.interpolate(normals[source.working.vertex_of])
-    triangles = _outward_triangles(target)
-    area = triangle_areas(target.vertices, triangles)
-    over = turned_over(surface_map.interpolate(source.vertices), at_images, triangles)
-    return float(area[over].sum() / area.sum())
+    images = surface_map.interpolate(source.vertices)
+    found = np.zeros(len(target.triangles), dtype=bool)
+    found[target.working.triangle_of] = turned_over(images, at_images, _outward_triangles(target))
+    return found
 
 
 def coverage(surface_map: SurfaceMap, source: Surface) -> float:

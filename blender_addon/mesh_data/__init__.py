@@ -52,7 +52,7 @@ from .marks import MARKS, SEAMS, read_marks, write_marks
 from .materials import read_materials, write_materials
 from .normals import read_custom_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
-from .selection import read_selection, write_selection
+from .selection import read_selection, select_only, write_selection
 from .shape_keys import (
     ShapeKey,
     ShapeKeys,
@@ -178,6 +178,7 @@ __all__ = [
     "read_weights",
     "read_weights_steps",
     "reshape",
+    "select_only",
     "stands_as_modelled",
     "surface_point_in_face",
     "surface_point_of_vertex",

@@ -34,6 +34,29 @@ def write_selection(mesh: Mesh, selected: Attribute) -> None:
         _write(mesh, Domain.EDGE, selected.values[ends].all(axis=1))
 
 
+def select_only(mesh: Mesh, selected: Attribute) -> None:
+    """Select vertices or faces with all that belongs to them as Edit Mode has it, and nothing else.
+
+    Edges and faces whose vertices are all selected are so, too; of faces their edges and vertices are.
+    """
+    corner_vertex = read_array(mesh.loops, "vertex_index", np.int32)
+    start = read_array(mesh.polygons, "loop_start", np.int32)
+    ends = read_array(mesh.edges, "vertices", np.int32, 2)
+    if selected.domain is Domain.POINT:
+        vertices = selected.values
+        faces = np.logical_and.reduceat(vertices[corner_vertex], start) if len(start) else np.zeros(0, dtype=bool)
+        edges = vertices[ends].all(axis=1)
+    else:
+        faces = selected.values
+        of_faces = np.repeat(faces, np.diff(np.append(start, len(corner_vertex))))
+        vertices, edges = np.zeros(len(mesh.vertices), dtype=bool), np.zeros(len(ends), dtype=bool)
+        vertices[corner_vertex[of_faces]] = True
+        edges[read_array(mesh.loops, "edge_index", np.int32)[of_faces]] = True
+    for domain, values in ((Domain.POINT, vertices), (Domain.EDGE, edges), (Domain.FACE, faces)):
+        _write(mesh, domain, values)
+    mesh.update()
+
+
 def _write(mesh: Mesh, domain: Domain, values: np.ndarray) -> None:
     attribute = Attribute(SELECTED[domain], domain, Kind.BOOLEAN, values)
     write_layer(mesh, Layer(attribute, Role.GENERIC, "BOOLEAN"))

@@ -1,6 +1,6 @@
 """Operators: thin, the work is in functions that scripts can call as well."""
 
-from . import symmetry
+from . import select_faults, symmetry
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .choose_data import ZOOMOUT_OT_choose_data
@@ -23,6 +23,7 @@ CLASSES = (
     ZOOMOUT_OT_match,
     ZOOMOUT_OT_use_candidate,
     ZOOMOUT_OT_swap_match_sides,
+    *select_faults.CLASSES,
     ZOOMOUT_OT_preview,
     ZOOMOUT_OT_clear_preview,
     ZOOMOUT_OT_choose_data,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import bpy
-from bpy.types import Context, Menu, UILayout
+from bpy.types import Context, Menu, Operator, UILayout
 
-from ..operators import landmarks, symmetry
+from ..operators import landmarks, select_faults, symmetry
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
@@ -27,20 +27,22 @@ class ZOOMOUT_MT_object(Menu):
 
     def draw(self, context: Context) -> None:
         layout = invoking(self.layout)
-        for operator in (
+        work = (
             ZOOMOUT_OT_match,
             ZOOMOUT_OT_match_collections,
             ZOOMOUT_OT_transfer,
             ZOOMOUT_OT_bind_to_rig,
             ZOOMOUT_OT_wrap,
             ZOOMOUT_OT_cut_seams,
-        ):
-            layout.operator(operator.bl_idname)
+        )
+        _operators(layout, work)
         layout.separator()
         layout.operator(ZOOMOUT_OT_swap_match_sides.bl_idname)
         layout.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next Candidate")
         _show(layout, OF_MATCH)
         layout.operator(ZOOMOUT_OT_clear_preview.bl_idname)
+        layout.separator()
+        _operators(layout, select_faults.CLASSES)
         layout.separator()
         layout.menu(ZOOMOUT_MT_landmarks.__name__)
         layout.menu(ZOOMOUT_MT_symmetry.__name__)
@@ -81,7 +83,10 @@ class ZOOMOUT_MT_mesh(Menu):
     bl_label = "ZoomOut"
 
     def draw(self, context: Context) -> None:
-        invoking(self.layout).operator(landmarks.ZOOMOUT_OT_landmarks_from_selected.bl_idname)
+        layout = invoking(self.layout)
+        layout.operator(landmarks.ZOOMOUT_OT_landmarks_from_selected.bl_idname)
+        layout.separator()
+        _operators(layout, select_faults.CLASSES)
 
 
 # In the order in which Blender is to know them.
@@ -114,6 +119,12 @@ def _draw_in_object(menu: Menu, context: Context) -> None:
 def _draw_in_mesh(menu: Menu, context: Context) -> None:
     menu.layout.separator()
     menu.layout.menu(ZOOMOUT_MT_mesh.__name__)
+
+
+def _operators(layout: UILayout, classes: Iterable[type[Operator]]) -> None:
+    """An item for each of some operators."""
+    for operator in classes:
+        layout.operator(operator.bl_idname)
 
 
 def _show(layout: UILayout, kinds: Mapping[str, Kind]) -> None:

@@ -5,6 +5,11 @@ from __future__ import annotations
 from bpy.types import Context, Panel, UILayout
 
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ...operators.select_faults import (
+    ZOOMOUT_OT_select_doubtful,
+    ZOOMOUT_OT_select_flipped,
+    ZOOMOUT_OT_select_without_partner,
+)
 from ...services import candidate_names
 from ...services.preflight import Finding, outdated, stale
 from ...storage import stored_candidates, stored_match
@@ -33,6 +38,12 @@ DIFFERENCES = {
     candidate_names.LIMBS: "Limbs Swapped",
     candidate_names.TOP: "Top Differs",
     candidate_names.BOTTOM: "Bottom Differs",
+}
+# What can be selected, in words that fit beside each other.
+SELECTED = {
+    ZOOMOUT_OT_select_doubtful: "Doubtful",
+    ZOOMOUT_OT_select_flipped: "Flipped",
+    ZOOMOUT_OT_select_without_partner: "No Partner",
 }
 
 
@@ -66,6 +77,10 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()
         usable.enabled = not reason
+        row = usable.row(align=True)
+        row.label(text="", icon="RESTRICT_SELECT_OFF")
+        for operator, text in SELECTED.items():
+            row.operator(operator.bl_idname, text=text)
         if listing is not None:
             _draw_candidates(usable, listing)
         # What changes with the candidate stands below the buttons, which stay where they are.

@@ -1,0 +1,63 @@
+"""Select where the match of the active mesh is in doubt, turned over, or without a partner."""
+
+from __future__ import annotations
+
+from bpy.types import Context
+
+from zoomout_core.runtime.stepping import Steps
+
+from ..services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults_steps
+from ..storage import stored_match
+from .stepped import SteppedOperator
+
+
+class SelectOperator(SteppedOperator):
+    """The base of operators that select what is wrong with the match of the active mesh."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    what = ""
+    # Which elements can be selected, as `ToolSettings.mesh_select_mode` has it: vertices, edges, faces.
+    selecting = (True, False, False)
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether the active object was matched."""
+        if not super().poll(context):
+            return False
+        if stored_match.PROPERTY not in context.active_object.data:
+            cls.poll_message_set("Match this mesh first")
+            return False
+        return True
+
+    def steps(self, context: Context) -> Steps[str]:
+        result = yield from select_faults_steps(context, context.active_object.name, self.what)
+        context.tool_settings.mesh_select_mode = self.selecting  # Edit Mode would deselect what it does not select
+        return result
+
+
+class ZOOMOUT_OT_select_doubtful(SelectOperator):
+    bl_idname = "zoomout.select_doubtful"
+    bl_label = "Select Doubtful"
+    bl_description = "Select the vertices of the active mesh whose match is of low confidence, for Edit Mode"
+    what = DOUBTFUL
+
+
+class ZOOMOUT_OT_select_flipped(SelectOperator):
+    bl_idname = "zoomout.select_flipped"
+    bl_label = "Select Flipped"
+    bl_description = "Select the faces of the active mesh that the match turns over, for Edit Mode"
+    what = FLIPPED
+    selecting = (False, False, True)
+
+
+class ZOOMOUT_OT_select_without_partner(SelectOperator):
+    bl_idname = "zoomout.select_without_partner"
+    bl_label = "Select Without Partner"
+    bl_description = (
+        "Select the vertices of the active mesh to which nothing on the source corresponds, and those of the source "
+        "to which nothing on it does, for Edit Mode"
+    )
+    what = WITHOUT_PARTNER
+
+
+CLASSES = (ZOOMOUT_OT_select_doubtful, ZOOMOUT_OT_select_flipped, ZOOMOUT_OT_select_without_partner)

@@ -1,0 +1,128 @@
+"""Select on the meshes themselves what a match is in doubt about, turns over, or finds no partner for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from bpy.types import Context, Object
+
+import zoomout_core as zo
+from zoomout_core.arrays import Booleans
+from zoomout_core.evaluation import flipped_triangles
+from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.stepping import Steps, drain, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.transfer import Attribute, Domain, Kind
+
+from .. import mesh_data
+from ..mesh_data import ObjectPair
+from ..scene.pair import check_unedited, find_mesh
+from ..scene.stored_pair import read_stored_match_steps
+from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
+
+# What can be selected.
+DOUBTFUL, FLIPPED, WITHOUT_PARTNER = "doubtful", "flipped", "without_partner"
+
+
+def select_faults(context: Context, target: Object, what: str) -> str:
+    """Select elements of a target's mesh that its match is wrong at, or may be, and no others.
+
+    Args:
+        context: Blender's; the target and its source are in its scene.
+        target: was matched; in Object Mode.
+        what: DOUBTFUL, vertices of low confidence; FLIPPED, faces whose image on the source is turned over, against
+            most of them; or WITHOUT_PARTNER, vertices to which nothing on the source corresponds, and, where its mesh
+            is what was matched, those of the source to which nothing on the target does.
+
+    Returns:
+        A sentence for the user: how many, and of what share of the area.
+
+    Raises:
+        MeshError: there is no match, or one of the two was edited since, or partners are not known; nothing was
+            selected.
+    """
+    return drain(select_faults_steps(context, target.name, what))
+
+
+def select_faults_steps(context: Context, target_name: str, what: str) -> Steps[str]:
+    """`select_faults` as a generator, which holds no Blender data while it is suspended."""
+    pair, match = yield from read_stored_match_steps(context, target_name)
+    computing = in_background(partial(FAULTS[what], pair, match))
+    select = yield from spread(computing, 0.1, 1.0, "Selecting")
+    check_unedited(context, pair)
+    return select(context)
+
+
+# Selects what was found, and returns a sentence about it.
+Select = Callable[[Context], str]
+
+
+def _doubtful(pair: ObjectPair, match: StoredMatch) -> Select:
+    chosen = match.confidence < LOW_CONFIDENCE
+    share = pair.target.share_of_area(chosen)
+    return lambda context: f"In doubt: {_select_vertices(find_mesh(context, pair.target_name), chosen, share)}"
+
+
+def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
+    target = pair.target
+    area = triangle_areas(target.vertices, target.triangles)
+    over = flipped_triangles(match.surface_map, pair.source, target)
+    if area[over].sum() > area.sum() / 2:  # a mirror image
+        over = ~over
+    if match.has_partner is not None:  # what has none lies where its surroundings do
+        over &= match.has_partner[target.triangles].all(axis=1)
+    chosen = np.zeros(len(target.face_start) - 1, dtype=bool)
+    chosen[target.triangle_face[over]] = True
+    share = area[chosen[target.triangle_face]].sum() / area.sum()
+
+    def select(context: Context) -> str:
+        obj = find_mesh(context, pair.target_name)
+        mesh_data.select_only(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, chosen))
+        return f"Turned over: {_counted(chosen, 'face', 'faces', obj, share)}"
+
+    return select
+
+
+def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
+    if match.has_partner is None:
+        raise zo.MeshError(f"The match of '{pair.target_name}' does not tell what has a partner: match again.")
+    chosen = ~match.has_partner
+    share = pair.target.share_of_area(chosen)
+
+    def select(context: Context) -> str:
+        found = [_select_vertices(find_mesh(context, pair.target_name), chosen, share)]
+        if match.source_has_partner is not None:
+            found += _select_on_sources(context, pair, ~match.source_has_partner)
+        return f"Without a partner: {'; '.join(found)}"
+
+    return select
+
+
+FAULTS: dict[str, Callable[[ObjectPair, StoredMatch], Select]] = {
+    DOUBTFUL: _doubtful,
+    FLIPPED: _flipped,
+    WITHOUT_PARTNER: _without_partner,
+}
+
+
+def _select_on_sources(context: Context, pair: ObjectPair, chosen: Booleans) -> list[str]:
+    """Select some of the joined vertices of the sources on those whose own vertices they are."""
+    ends = np.cumsum([len(surface.vertices) for surface in pair.sources])[:-1]
+    found = []
+    for name, surface, own in zip(pair.source_names, pair.sources, np.split(chosen, ends), strict=True):
+        obj = find_mesh(context, name)
+        if obj.data.library is None and len(obj.data.vertices) == len(own):
+            found.append(_select_vertices(obj, own, surface.share_of_area(own)))
+    return found
+
+
+def _select_vertices(obj: Object, chosen: Booleans, share: float) -> str:
+    mesh_data.select_only(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
+    return _counted(chosen, "vertex", "vertices", obj, share)
+
+
+def _counted(chosen: Booleans, one: str, several: str, obj: Object, share: float) -> str:
+    count = int(np.count_nonzero(chosen))
+    return f"{count or 'no'} {one if count == 1 else several} of '{obj.name}', {share:.1%} of its area"
