@@ -90,6 +90,16 @@ class Proxy:
         size = float(np.linalg.norm(self.vertices - centre) / np.linalg.norm(self.mesh.vertices - mesh_centre))
         return centre - size * mesh_centre, size
 
+    def to_surface(self, points: Floats) -> Floats:
+        """(q, 3) points given in the frame of the mesh, in the frame and unit of the surface that the part is of."""
+        origin, size = self.frame
+        return self.full.to_surface(origin + size * points)
+
+    def from_surface(self, points: Floats) -> Floats:
+        """(q, 3) points given in the surface's frame and unit, in the frame of the mesh."""
+        origin, size = self.frame
+        return np.asarray((self.full.from_surface(points) - origin) / size)
+
     def closest(self, images: Floats) -> SurfaceMap:
         """The points of the part that are closest to places (q, 3) on, or next to, the stand-in."""
         return SurfaceMap(*self.search.closest(images, PROXY.near_enough), self.full.triangles)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -102,7 +102,7 @@ class WorkingMesh:
             return self, vertices
         number = np.full(len(inside) + 1, -1)  # the extra last entry answers for vertex_of = -1
         number[vertices] = np.arange(len(vertices))
-        kept = inside[self.triangles[:, 0]]
+        kept = inside[self.triangles].all(axis=1)
         triangles = number[self.triangles[kept]]
         area = triangle_areas(self.vertices[vertices], triangles).sum()
         centre = self.vertices[vertices].mean(axis=0)
@@ -116,6 +116,36 @@ class WorkingMesh:
             scale=self.scale * float(np.sqrt(area)),
             origin=self.origin + self.scale * centre,
         ), vertices
+
+    def piece(self, inside: Booleans) -> tuple[WorkingMesh, Integers]:
+        """The largest connected piece between some vertices (n,), as `part` returns it; one triangle at least is."""
+        kept = inside[self.triangles].all(axis=1)
+        return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
+
+    def subdivided(self, fewest: int) -> tuple[WorkingMesh, Integers]:
+        """The same surface with a vertex in the middle of each edge, as often as it takes to have so many vertices.
+
+        Returns:
+            The mesh, of which this one's vertices are the first, and (n,) of each vertex the one of this mesh that it
+            is nearest to, or as near as to another.
+        """
+        mesh, nearest = self, np.arange(len(self.vertices))
+        while len(mesh.vertices) < fewest:
+            sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2), axis=2)
+            edges, edge = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
+            a, b, c = mesh.triangles.T
+            ab, bc, ca = edge.reshape(-1, 3).T + len(mesh.vertices)
+            corners = (a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)
+            mesh = replace(
+                mesh,
+                vertices=np.concatenate([mesh.vertices, mesh.vertices[edges].mean(axis=1)]),
+                triangles=np.concatenate([np.stack(each, axis=1) for each in corners]),
+                flipped=np.tile(mesh.flipped, 4),
+                triangle_of=np.tile(mesh.triangle_of, 4),
+                component=np.concatenate([mesh.component, mesh.component[edges[:, 0]]]),
+            )
+            nearest = np.concatenate([nearest, nearest[edges[:, 0]]])
+        return mesh, nearest
 
     def from_surface(self, points: Floats) -> Floats:
         """(q, 3) points given in the surface's frame and unit, in this mesh's."""
@@ -191,7 +221,7 @@ def _component(vertices: Floats, triangles: Integers) -> Integers:
     )
     if count == 1:
         return label.astype(np.int64)
-    area = np.bincount(label[triangles[:, 0]], triangle_areas(vertices, triangles))
+    area = np.bincount(label[triangles[:, 0]], triangle_areas(vertices, triangles), minlength=count)
     rank = np.empty(len(area), dtype=int)
     rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
     return rank[label]

@@ -54,6 +54,9 @@ def stand_in() -> Proxy:
 
 
 def test_a_stand_in_is_of_unit_area_and_its_frame_leads_back(stand_in: Proxy) -> None:
+    on_surface = stand_in.to_surface(stand_in.mesh.vertices)
+    np.testing.assert_allclose(on_surface, stand_in.full.to_surface(stand_in.vertices))
+    np.testing.assert_allclose(stand_in.from_surface(on_surface), stand_in.mesh.vertices, atol=1e-12)
     place, size = stand_in.frame
     np.testing.assert_allclose(stand_in.mesh.vertices * size + place, stand_in.vertices, atol=1e-9)
     assert triangle_areas(stand_in.mesh.vertices, stand_in.mesh.triangles).sum() == pytest.approx(1)

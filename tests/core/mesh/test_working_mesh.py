@@ -65,3 +65,41 @@ def test_a_part_keeps_its_place_in_the_surface() -> None:
         np.testing.assert_allclose(part.from_surface(part.to_surface(points)), points)
         a, b, c = part.vertices[part.triangles].transpose(1, 0, 2)
         assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(1)
+
+
+def test_a_piece_is_the_largest_connected_one_between_some_vertices() -> None:
+    ball = cap(-2.0)
+    mesh = ball.working
+    inside = (mesh.vertices[:, 2] > 0.1) | (mesh.vertices[:, 2] < -0.2)
+    piece, vertices = mesh.piece(inside)
+    np.testing.assert_array_equal(vertices, np.flatnonzero(mesh.vertices[:, 2] > 0.1))
+    np.testing.assert_allclose(piece.to_surface(piece.vertices), mesh.to_surface(mesh.vertices[vertices]))
+    corners = piece.vertices[piece.triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    assert areas.sum() == pytest.approx(1)
+    assert (piece.component == 0).all()
+    # Of a vertex that no triangle is left of, there is nothing.
+    alone = inside & (mesh.vertices[:, 2] > 0.1)
+    alone[np.argmin(mesh.vertices[:, 2])] = True
+    np.testing.assert_array_equal(mesh.piece(alone)[1], vertices)
+
+
+def test_a_subdivided_mesh_is_the_same_surface_with_its_own_vertices_first() -> None:
+    mesh = cap(0.0, inwards=True).working
+    n = len(mesh.vertices)
+    finer, nearest = mesh.subdivided(n + 1)
+    assert mesh.subdivided(n)[0] is mesh
+    assert len(finer.triangles) == 4 * len(mesh.triangles)
+    np.testing.assert_array_equal(finer.vertices[:n], mesh.vertices)
+    np.testing.assert_array_equal(nearest[:n], np.arange(n))
+    edges = mesh.vertices[mesh.triangles] - np.roll(mesh.vertices[mesh.triangles], 1, axis=1)
+    far = np.linalg.norm(finer.vertices - mesh.vertices[nearest], axis=1)
+    assert 0 < far.max() <= np.linalg.norm(edges, axis=2).max() / 2 + 1e-12
+    np.testing.assert_array_equal(finer.vertex_of, mesh.vertex_of)
+    own = mesh.vertex_normals[np.tile(mesh.triangles, (4, 1))].sum(axis=1)
+    corners = finer.vertices[finer.oriented_triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("mx,mx->m", normals, own) > 0).all()
+    assert np.linalg.norm(normals, axis=1).sum() / 2 == pytest.approx(1)
+    twice, _ = mesh.subdivided(len(finer.vertices) + 1)
+    assert len(twice.triangles) == 16 * len(mesh.triangles)
