@@ -23,6 +23,7 @@ from benchmarks import profile as profile_table
 from benchmarks import refinement as refinement_tables
 from benchmarks import scale as scale_tables
 from benchmarks import signs as signs_table
+from benchmarks import small_parts as small_parts_table
 from benchmarks import speed as speed_tables
 from benchmarks import step_size as step_size_table
 from benchmarks import symmetry as symmetry_tables
@@ -82,6 +83,13 @@ def refinement(data: Path, pairs: int | None, json_file: Path | None, figure: Pa
 def peers(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """ZoomOut alone, with all given, beside another implementation of it."""
     report({"rows": peers_table.run(data, pairs)}, data, json_file)
+
+
+@main.command()
+@common_options
+def small_parts(data: Path, pairs: int | None, json_file: Path | None) -> None:
+    """How often `match` finds where a hand, a foot, a head or a tail was cut off, and whether it knows."""
+    report(small_parts_table.run(data, pairs), data, json_file)
 
 
 @main.command()
