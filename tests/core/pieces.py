@@ -10,6 +10,7 @@ from creatures import Creature, creature, true_vertex
 from zoomout_core.arrays import Booleans, Integers
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.matching.partial.region import Region
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 
@@ -44,6 +45,11 @@ class PartAndWhole:
     made_whole: Creature
     part: IncompleteShape
     whole: IncompleteShape
+
+    @property
+    def everywhere(self) -> Region:
+        """All of the whole, as the region that the part is looked for in."""
+        return Region.everywhere(self.part, self.whole)
 
     def true_places(self) -> Integers:
         """(d,) for each place of the part the number of the place of the whole that is nearest to its image."""

@@ -43,8 +43,12 @@ from zoomout_core.matching.partial.part_match import (
     may_be_part,
     part_fit_steps,
     part_match_steps,
+    part_of,
+    sizes_differ,
+    too_coarse,
     units_differ,
 )
+from zoomout_core.matching.partial.region import REGION, is_small
 from zoomout_core.matching.proxy import PROXY
 from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank_steps, with_others
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
@@ -67,6 +71,7 @@ NOT_RECOGNISED = (
     "same pose and start from proximity."
 )
 OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
+TOO_COARSE = "One of the two has too few vertices to be tried as a part of the other, or to have one: subdivide it."
 # The fractions of the progress at which each body is begun, at which a part is placed, and at which this is done; and
 # the fraction of each body that analysing the shapes takes, and that of what follows that placing a part takes.
 PARTS_OF_PROGRESS, ANALYSING, PLACING = (0.04, 0.5, 0.6, 0.68, 0.75), 0.8, 0.7
@@ -260,7 +265,8 @@ def _surfaces_steps(
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
     best = best_of(attempts)
-    if options.initial in ("auto", "landmarks") and best.candidates[0].certainty < PART_MATCH.unsure:
+    unsure = best.candidates[0].certainty < PART_MATCH.unsure or sizes_differ(best.pair)
+    if options.initial in ("auto", "landmarks") and unsure:
         best = yield from within(_second_steps(best, known, options), *PARTS_OF_PROGRESS[-2:])
     return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
 
@@ -268,8 +274,9 @@ def _surfaces_steps(
 def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> Steps[Attempt]:
     """What is gone on with where the first attempt is unsure: the map of a part, or one of more guesses."""
     if options.partial == "auto" and may_be_part(first.pair):
-        if units_differ(first.pair):
-            first = replace(first, pair=replace(first.pair, notes=(*first.pair.notes, OTHER_UNITS)))
+        refused = OTHER_UNITS if units_differ(first.pair) else TOO_COARSE if too_coarse(first.pair) else None
+        if refused is not None:
+            first = replace(first, pair=replace(first.pair, notes=(*first.pair.notes, refused)))
         else:
             second = yield from within(_part_attempt_steps(first, known), 0.0, PLACING)
             if second is not first:
@@ -284,7 +291,9 @@ def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
     pair = in_one_unit(whole.pair)
     placing = part_match_steps(pair, known.disagreement(pair))
     candidates = yield from spread(placing, 0.0, 1.0, "Placing a part")
-    if candidates[0].certainty <= max(PART_MATCH.likely, whole.candidates[0].certainty):
+    # The certainty of the map of two wholes knows nothing of their sizes.
+    of_whole = whole.candidates[0].certainty * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
+    if not candidates or candidates[0].certainty <= max(PART_MATCH.likely, of_whole):
         return whole
     part = Attempt(pair, candidates, whole.coverage)
     areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]

@@ -14,6 +14,7 @@ from zoomout_core.maps.zoomout import nearest_samples, upsample
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
+from zoomout_core.matching.partial.part_candidates import PartCandidate
 from zoomout_core.matching.scores import (
     EVIDENCE,
     IN_SPACE,
@@ -116,9 +117,8 @@ class Candidate:
             as it does.
         scores: commutativity, frequency, distance, curvature, handedness (see `scores_of`), disagreements with what
             is known, and their total, of which the smallest is the most likely map.
-        part_match: (d,) where one shape is taken for a part of the other, for each of the part's first samples, those
-            that distances are known from, the number of such a sample of the other: the map is then found by bending
-            the part. None for maps of all of both.
+        part_match: where one shape is taken for a part of the other, how this lies on it: the map is then found by
+            bending the part. None for maps of all of both.
     """
 
     origin: str
@@ -131,7 +131,7 @@ class Candidate:
     final_anchors: Anchors | None
     certainty: float
     scores: dict[str, float]
-    part_match: Integers | None = None
+    part_match: PartCandidate | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import zoomout_core as zo
 from zoomout_core.matching import match
 from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.partial.part_match import PART_MATCH
+from zoomout_core.matching.partial.region import REGION
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.runtime.stepping import Progress, Steps, drain
 from zoomout_core.tuning import retuned
@@ -77,6 +78,16 @@ def test_the_surer_map_is_taken_if_that_of_a_part_is_likely_at_all(
     assert gone_on_with(monkeypatch, by_whole, by_part) == (taken, expected)
 
 
+@pytest.mark.parametrize(("by_part", "taken"), [(0.5, "part"), (0.4, "part"), (0.3, "whole")])
+def test_that_a_hand_looks_like_a_whole_body_counts_for_less(
+    monkeypatch: pytest.MonkeyPatch, by_part: float, taken: str
+) -> None:
+    expected = by_part if taken == "part" else 0.7
+    assert gone_on_with(monkeypatch, 0.7, by_part, (1.0, 0.5 * REGION.small)) == (taken, expected)
+    assert gone_on_with(monkeypatch, 0.7, by_part, (1.0, 2 * REGION.small)) == ("whole", 0.7)
+    assert gone_on_with(monkeypatch, 0.02, 0.1, (1.0, 0.5 * REGION.small)) == ("whole", 0.02)
+
+
 @pytest.mark.parametrize("areas", [(1.0, 0.9), (0.9, 1.0)])
 def test_of_shapes_of_nearly_one_area_the_map_as_wholes_is_kept_where_both_agree(
     monkeypatch: pytest.MonkeyPatch, areas: tuple[float, float]
@@ -87,18 +98,20 @@ def test_of_shapes_of_nearly_one_area_the_map_as_wholes_is_kept_where_both_agree
 
 
 @pytest.mark.parametrize(
-    ("unsure", "options", "has_cuts", "tried"),
+    ("unsure", "options", "has_cuts", "tried", "factor"),
     [
-        (1.0, {}, True, True),
-        (0.0, {}, True, False),
-        (1.0, {}, False, False),
-        (1.0, {"partial": "off"}, True, False),
-        (1.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, True, True),
-        (1.0, {"initial": "proximity"}, True, False),
+        (1.0, {}, True, True, 1.0),
+        (0.0, {}, True, False, 1.0),
+        (0.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, True, True, 0.15),
+        (0.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, False, False, 0.15),
+        (1.0, {}, False, False, 1.0),
+        (1.0, {"partial": "off"}, True, False, 1.0),
+        (1.0, {"initial": "landmarks", "landmarks": ([0, 5], [0, 5])}, True, True, 1.0),
+        (1.0, {"initial": "proximity"}, True, False, 1.0),
     ],
 )
 def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missing(
-    monkeypatch: pytest.MonkeyPatch, unsure: float, options: dict[str, Any], has_cuts: bool, tried: bool
+    monkeypatch: pytest.MonkeyPatch, unsure: float, options: dict[str, Any], has_cuts: bool, tried: bool, factor: float
 ) -> None:
     seen = []
 
@@ -109,8 +122,10 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 
     monkeypatch.setattr(match, "_part_attempt_steps", watched)
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(match, "too_coarse", lambda _: False)
     monkeypatch.setattr(match, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
+    target = target.with_vertices(factor * target.vertices)
     with retuned(PART_MATCH, unsure=unsure):
         result = zo.match(source, target, k_final=20, samples=100, **options)
     assert len(seen) == tried
@@ -151,6 +166,7 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch.setattr(match, "_more_steps", saying("more"))
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
     monkeypatch.setattr(match, "units_differ", lambda _: False)
+    monkeypatch.setattr(match, "too_coarse", lambda _: False)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty)])
     options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
     steps, fractions = match._second_steps(first, None, options), []
@@ -187,6 +203,7 @@ def test_shapes_of_very_different_size_are_tried_as_no_part_and_a_note_says_so(
 
     monkeypatch.setattr(match, "_part_attempt_steps", watched)
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(match, "too_coarse", lambda _: False)
     monkeypatch.setattr(match, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     with retuned(PART_MATCH, unsure=1.0):
@@ -194,3 +211,24 @@ def test_shapes_of_very_different_size_are_tried_as_no_part_and_a_note_says_so(
         result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
     assert (match.OTHER_UNITS in result.notes) == told
     assert len(tried) == (factor == 1)
+
+
+@pytest.mark.parametrize(
+    ("coarse", "has_cuts", "told"), [(True, True, True), (False, True, False), (True, False, False)]
+)
+def test_a_note_says_that_a_shape_is_too_coarse_to_be_tried_as_a_part(
+    monkeypatch: pytest.MonkeyPatch, coarse: bool, has_cuts: bool, told: bool
+) -> None:
+    def not_taken(whole: Attempt, *_: object) -> Steps[Attempt]:
+        yield Progress(0.0, "")
+        return whole
+
+    monkeypatch.setattr(match, "_part_attempt_steps", not_taken)
+    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(match, "GUESSES", ())
+    if not coarse:
+        monkeypatch.setattr(match, "too_coarse", lambda _: False)
+    source, target = creature(200).surface, creature(180, seed=1).surface
+    with retuned(PART_MATCH, unsure=1.0):
+        result = zo.match(source, target, k_final=20, samples=100, landmarks=([0, 5], [0, 5]))
+    assert (match.TOO_COARSE in result.notes) == told

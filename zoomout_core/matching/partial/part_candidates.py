@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Integers
 from zoomout_core.geometry.procrustes import Moments, products
-from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, unlikeness
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.landmark_maps import extended
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
+from zoomout_core.matching.partial.region import Region
 from zoomout_core.runtime.stepping import drain, scaled
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
@@ -26,6 +28,7 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     Attributes:
         landmarks: spread over the part.
         regions: of the part, which are searched for on their own,
+        regions_of_small: and of a small part, which is searched for in several regions of the whole,
         landmarks_in_region: by so many each.
         same_map: maps whose images are nearer than this on average are the same.
         registered: maps that the part is bent by roughly, those that promise most.
@@ -43,6 +46,7 @@ class PartCandidateTuning(Tuning, set_by="partial"):
 
     landmarks: int = tuned(9, "landmarks", 3, 100)
     regions: int = tuned(4, "regions", 0, 100)
+    regions_of_small: int = tuned(1, "regions", 0, 100)
     landmarks_in_region: int = tuned(6, "landmarks", 3, 100)
     same_map: float = tuned(0.05, "length", 0, 10)
     registered: int = tuned(12, "maps", 1, 1000)
@@ -63,102 +67,121 @@ PART_CANDIDATES = PartCandidateTuning()
 
 @dataclass(frozen=True, eq=False)
 class PartCandidate:
-    """A map of a part to a whole.
+    """A map of a part to a region of a whole.
 
     Attributes:
-        places: (d_p,) for each place of the part that of the whole.
+        region: the part and the region, which may be all of the whole.
+        places: (d_p,) for each place of the part that of the region.
         registered: the part, bent by it.
         scores: what it promised, those of the registered part, and the fit by these: the smallest is the most likely.
     """
 
+    region: Region
     places: Integers
     registered: RegisteredPart
     scores: dict[str, float]
 
 
-def part_candidates_steps(part: IncompleteShape, whole: IncompleteShape) -> Generator[float, None, list[PartCandidate]]:
+class _Found(NamedTuple):
+    """A map of the places of a part (d_p,) to those of a region, and what it promises, the less the better."""
+
+    promise: float
+    region: Region
+    places: Integers
+
+
+_Map = TypeVar("_Map", _Found, PartCandidate)
+
+
+def part_candidates_steps(regions: Sequence[Region]) -> Generator[float, None, list[PartCandidate]]:
     """Maps of a part to a whole, the most likely first; yields the fraction done.
 
     Of two fragments, each has regions that the other one lacks: landmarks of the whole are placed on the part, too, and
     the best maps of either search are compared, for those that only one finds seldom promise most of both.
+
+    Args:
+        regions: of the whole that the part is looked for in, which compete; or all of it, one region.
     """
-    unlike = unlikeness(part, whole)
-    if not (part.is_fragment and whole.is_fragment):
-        return (yield from _from_landmarks_steps(_searched, landmark_sets(part), unlike, part, whole))
-    there = _from_landmarks_steps(_searched, landmark_sets(part), unlike, part, whole)
-    back = _from_landmarks_steps(_searched_back, landmark_sets(whole), unlike, part, whole)
+    part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
+    sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
+    if is_small or not (part.is_fragment and whole.is_fragment):
+        return (yield from _from_landmarks_steps(_searched, sets, regions))
+    there = _from_landmarks_steps(_searched, sets, regions)
+    back = _from_landmarks_steps(_searched_back, landmark_sets(whole, PART_CANDIDATES.regions), regions)
     found = (yield from scaled(there, 0.0, 0.5)) + (yield from scaled(back, 0.5, 1.0))
     found.sort(key=lambda candidate: candidate.scores["fit"])
-    return [found[number] for number in _differing([one.places for one in found], len(found), whole)]
+    return _differing(found, len(found))
 
 
 def _from_landmarks_steps(
-    search: Callable[[Integers, Floats, IncompleteShape, IncompleteShape], list[Integers]],
-    sets: Sequence[Integers],
-    unlike: Floats,
-    part: IncompleteShape,
-    whole: IncompleteShape,
+    search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
 ) -> Generator[float, None, list[PartCandidate]]:
     """The best maps of those that a search finds by sets of landmarks; yields the fraction done."""
-    _ = part.unaffected, whole.unaffected  # before several threads ask for it
-    searching = for_each(lambda chosen: search(chosen, unlike, part, whole), sets)
-    searched = yield from scaled(searching, 0.0, 0.3)
-    found = sorted((_promise(places, unlike, part, whole), i, places) for i, places in enumerate(chain(*searched)))
-    ahead = _differing([places for _, _, places in found], PART_CANDIDATES.registered, whole)
-    yield 0.4
-    sifted = yield from scaled(for_each(lambda i: _sifted(found[i][0], found[i][2], part, whole), ahead), 0.4, 0.8)
+    for region in regions:
+        _ = region.unlike, region.part.unaffected, region.whole.unaffected  # before several threads ask for it
+
+    def searched(task: tuple[Region, Integers]) -> list[_Found]:
+        region, landmarks = task
+        return [_Found(_promise(places, region), region, places) for places in search(landmarks, region)]
+
+    tasks = [(region, landmarks) for region in regions for landmarks in sets]
+    found = list(chain(*(yield from scaled(for_each(searched, tasks), 0.0, 0.4))))
+    found.sort(key=lambda one: one.promise)
+    ahead = _differing(found, PART_CANDIDATES.registered)
+    sifted = yield from scaled(for_each(_sifted, ahead), 0.4, 0.8)
     sifted.sort(key=lambda candidate: candidate.scores["fit"])
     # Some have come to lie on the same places.
-    ahead = _differing([one.places for one in sifted], PART_CANDIDATES.compared, whole)
-    compared = yield from scaled(for_each(lambda i: _compared(sifted[i], part, whole), ahead), 0.8, 1.0)
+    compared = yield from scaled(for_each(_compared, _differing(sifted, PART_CANDIDATES.compared)), 0.8, 1.0)
     return sorted(compared, key=lambda candidate: candidate.scores["fit"])
 
 
-def _differing(maps: Sequence[Integers], most: int, whole: IncompleteShape) -> list[int]:
-    """The numbers of the first maps (d_p,) of places that differ from those before them."""
-    kept: list[int] = []
-    for number, places in enumerate(maps):
-        if len(kept) < most and all(
-            images_apart(places, maps[other], whole) > PART_CANDIDATES.same_map for other in kept
-        ):
-            kept.append(number)
+def _differing(maps: Sequence[_Map], most: int) -> list[_Map]:
+    """The first maps that differ from those before them."""
+    kept: list[_Map] = []
+    for one in maps:
+        if len(kept) < most and all(images_apart(one, other) > PART_CANDIDATES.same_map for other in kept):
+            kept.append(one)
     return kept
 
 
-def landmark_sets(part: IncompleteShape) -> list[Integers]:
-    """Places of a part (m,) to search for: spread over all of it, and over regions of it.
+def landmark_sets(part: IncompleteShape, regions: int) -> list[Integers]:
+    """Places of a part (m,) to search for: spread over all of it, and over some regions of it.
 
     Some region is on the whole, should this lack pieces, too, and is like it, should the shapes differ.
     """
-    in_region, regions = PART_CANDIDATES.landmarks_in_region, landmarks_of(part, PART_CANDIDATES.regions)
-    return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in regions)]
+    in_region, around = PART_CANDIDATES.landmarks_in_region, landmarks_of(part, regions)
+    return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in around)]
 
 
-def _searched(landmarks: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape) -> list[Integers]:
+def _searched(landmarks: Integers, region: Region) -> list[Integers]:
     """(d_p,) the place of the whole for each place of the part, by landmarks on each of several places."""
-    placed = assignments(landmarks, unlike, part, whole)
-    return [extended(landmarks, placed[number], unlike, part, whole) for number in distinct(placed, whole)]
+    part, whole = region.part, region.whole
+    placed = assignments(landmarks, region.unlike, part, whole)
+    return [extended(landmarks, placed[number], region.unlike, part, whole) for number in distinct(placed, whole)]
 
 
-def _searched_back(
-    landmarks: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape
-) -> list[Integers]:
+def _searched_back(landmarks: Integers, region: Region) -> list[Integers]:
     """The same by landmarks of the whole on each of several places of the part."""
-    placed = assignments(landmarks, unlike.T, whole, part)
-    return [extended(placed[number], landmarks, unlike, part, whole) for number in distinct(placed, part)]
+    part, whole = region.part, region.whole
+    placed = assignments(landmarks, region.unlike.T, whole, part)
+    return [extended(placed[number], landmarks, region.unlike, part, whole) for number in distinct(placed, part)]
 
 
-def images_apart(places: Integers, other: Integers, whole: IncompleteShape) -> float:
-    """Mean distance along the whole between the images of two maps (d_p,) of places."""
-    return float(whole.between[places, other].mean())
+def images_apart(one: _Found | PartCandidate, other: _Found | PartCandidate) -> float:
+    """Mean distance between the images of two maps, in the unit of their regions: along one region, or across two."""
+    if one.region is other.region:
+        return float(one.region.whole.between[one.places, other.places].mean())
+    images, others = (each.region.in_space(each.places) for each in (one, other))
+    return float(np.linalg.norm(images - others, axis=1).mean() / one.region.unit)
 
 
-def _promise(places: Integers, unlike: Floats, part: IncompleteShape, whole: IncompleteShape) -> float:
+def _promise(places: Integers, region: Region) -> float:
     """How little a map of places promises before the part is bent by it: the least is the best.
 
     The surroundings of each place are turned onto their images by a rotation, which fits that of a mirrored map ill.
     What goes next to a cut of the whole may have no partner, and counts for nothing.
     """
+    part, whole = region.part, region.whole
     here, there = part.shape, whole.shape
     at, images = (shape.search.samples for shape in (here, there))
     at, images = at[: len(places)], images[places]
@@ -179,20 +202,23 @@ def _promise(places: Integers, unlike: Floats, part: IncompleteShape, whole: Inc
         "facing": (weights @ facing / share, 0.01),
         "bend": (weights @ np.linalg.norm(bent, axis=1) / share, 0.003),
         "distance": (weights @ change @ weights / share**2, 0.003),
-        "unlikeness": (weights @ unlike[np.arange(len(places)), places] / share, 0.01),
+        "unlikeness": (weights @ region.unlike[np.arange(len(places)), places] / share, 0.01),
     }
     total = sum(getattr(PART_CANDIDATES, name) * np.log(mean + floor) for name, (mean, floor) in means.items())
     return float(total - PART_CANDIDATES.within * np.log(share))
 
 
-def _sifted(promise: float, places: Integers, part: IncompleteShape, whole: IncompleteShape) -> PartCandidate:
-    registered = drain(registered_steps(places, part, whole, PART_REGISTRATION.coarse))
-    return PartCandidate(_images(registered, part, whole), registered, {"promise": promise} | _fit(registered, part))
+def _sifted(one: _Found) -> PartCandidate:
+    part, whole = one.region.part, one.region.whole
+    registered = drain(registered_steps(one.places, part, whole, PART_REGISTRATION.coarse))
+    scores = {"promise": one.promise} | _fit(registered, part)
+    return PartCandidate(one.region, _images(registered, part, whole), registered, scores)
 
 
-def _compared(one: PartCandidate, part: IncompleteShape, whole: IncompleteShape) -> PartCandidate:
+def _compared(one: PartCandidate) -> PartCandidate:
+    part, whole = one.region.part, one.region.whole
     registered = drain(registered_steps(one.places, part, whole, PART_REGISTRATION.fine, one.registered))
-    return PartCandidate(_images(registered, part, whole), registered, one.scores | _fit(registered, part))
+    return PartCandidate(one.region, _images(registered, part, whole), registered, one.scores | _fit(registered, part))
 
 
 def _images(registered: RegisteredPart, part: IncompleteShape, whole: IncompleteShape) -> Integers:

@@ -22,10 +22,12 @@ from zoomout_core.matching.partial.part_candidates import (
     part_candidates_steps,
 )
 from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
+from zoomout_core.matching.partial.region import REGION, Region, is_small, regions_steps
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Fit, fine_enough
 from zoomout_core.matching.scores import EVIDENCE, Disagreement, nothing_known
+from zoomout_core.runtime.stepping import scaled
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -46,8 +48,8 @@ class PartMatchTuning(Tuning, set_by="partial"):
         nearly_whole: ratio of the areas from which the map of whole shapes is kept where both find the same: it is the
             more exact one then (a body in a fight, 21 against 28), and the less exact one where much is missing (two
             people, both cut, 73 against 29).
-        largest_ratio: of the scales of two shapes, beyond which their units differ: a hand is 7 times smaller than its
-            body, and a foot 5 to 6.
+        largest_ratio: of the scales of two shapes, beyond which their units differ: a hand is 7 to 10 times smaller
+            than its body, and a foot 5 to 7.
         residual: distance from the whole beyond which a place of the part has no partner.
         another_map: maps whose images are farther apart on average rival each other.
         rivalry: rate at which the odds of a rival fall with the lead in score.
@@ -59,7 +61,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
     unsure: float = tuned(0.8, "probability", 0, 1)
     likely: float = tuned(0.15, "probability", 0, 1)
     nearly_whole: float = tuned(0.8, "1", 0, 1)
-    largest_ratio: float = tuned(8.0, "1", 1, 1000)
+    largest_ratio: float = tuned(11.0, "1", 1, 1000)
     residual: float = tuned(0.03, "length", 0, 10)
     another_map: float = tuned(0.1, "length", 0, 2)
     rivalry: float = tuned(10.0, "1", 0, 100)
@@ -72,17 +74,32 @@ PART_MATCH = PartMatchTuning()
 
 
 def may_be_part(pair: Pair) -> bool:
-    """Whether pieces may be missing on either shape of a pair, of which both can be bent."""
+    """Whether pieces may be missing on either shape of a pair."""
     shapes = pair.source_shape, pair.target_shape
-    if any(shape.proxy.full.is_skin for shape in shapes) or not fine_enough(*shapes):
+    if any(shape.proxy.full.is_skin for shape in shapes):
         return False
     return any(np.isfinite(IncompleteShape(shape).cut_distance).any() for shape in shapes)
 
 
+def too_coarse(pair: Pair) -> bool:
+    """Whether a pair has too few vertices for one shape to be bent onto the other; small parts are subdivided."""
+    return not fine_enough(pair.source_shape, pair.target_shape) and not sizes_differ(pair)
+
+
+def sizes_differ(pair: Pair) -> bool:
+    """Whether one shape of a pair is as small beside the other as a hand or a foot, if their units are the same."""
+    return _ratio(pair) ** -2 < REGION.small and not units_differ(pair)
+
+
 def units_differ(pair: Pair) -> bool:
     """Whether the shapes of a pair are of such different size that their units cannot be the same."""
+    return _ratio(pair) > PART_MATCH.largest_ratio
+
+
+def _ratio(pair: Pair) -> float:
+    """The larger scale of the two shapes over the smaller one."""
     scales = [shape.proxy.full.scale for shape in (pair.source_shape, pair.target_shape)]
-    return max(scales) > PART_MATCH.largest_ratio * min(scales)
+    return max(scales) / min(scales)
 
 
 def in_one_unit(pair: Pair) -> Pair:
@@ -110,11 +127,15 @@ def part_match_steps(pair: Pair, disagreement: Disagreement = nothing_known) -> 
         pair: the two shapes.
         disagreement: with what is known of the map.
     """
-    part, whole = (IncompleteShape(shape) for shape in part_of(pair))
-    found = yield from part_candidates_steps(part, whole)
+    part, whole = part_of(pair)
+    if is_small(part, whole):
+        regions = yield from scaled(regions_steps(part, whole), 0.0, 0.2)
+    else:
+        regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
+    found = yield from scaled(part_candidates_steps(regions), 0.2, 1.0)
     candidates = [_candidate(one, pair, disagreement) for one in found]
     candidates.sort(key=lambda candidate: candidate.scores["total"])
-    return [replace(each, certainty=_certainty(each, candidates, whole)) for each in candidates]
+    return [replace(each, certainty=_certainty(each, candidates)) for each in candidates]
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,31 +157,36 @@ def part_fit_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, P
     """Bend the part of a pair in one unit onto the other by a candidate; yields the fraction done."""
     assert candidate.part_match is not None
     part, whole = part_of(pair)
-    shapes = IncompleteShape(part), IncompleteShape(whole)
-    registered = yield from registered_steps(candidate.part_match, *shapes, NONRIGID.levels)
-    on_whole = registered.closest
-    of_part = (registered.residual < PART_MATCH.residual) & (registered.agreement > 0) & registered.is_near
-    on_part, of_whole = _on_part(registered, part, whole)
+    region = candidate.part_match.region
+    in_region = yield from registered_steps(candidate.part_match.places, region.part, region.whole, NONRIGID.levels)
+    registered = region.carried(in_region)
+    residual = PART_MATCH.residual * region.unit
+    of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near
+    on_part, of_whole = _on_part(registered, part, whole, residual)
+    of_whole &= region.contains
     if part is pair.target_shape:
-        fit = Fit(on_whole, registered.positions, registered.rotations, of_part)
+        fit = Fit(registered.closest, registered.positions, registered.rotations, of_part)
         return PartFit(fit, on_part, Partners(of_part, of_whole))
-    return PartFit(Fit.unfitted(on_part), on_whole, Partners(of_whole, of_part))
+    return PartFit(Fit.unfitted(on_part), registered.closest, Partners(of_whole, of_part))
 
 
-def _on_part(registered: RegisteredPart, part: ShapeAnalysis, whole: ShapeAnalysis) -> tuple[SurfaceMap, Booleans]:
+def _on_part(
+    registered: RegisteredPart, part: ShapeAnalysis, whole: ShapeAnalysis, residual: float
+) -> tuple[SurfaceMap, Booleans]:
     """The closest points of a bent part to the vertices of the whole, and (n,) whether these are near."""
     positions, normals = whole.mesh.vertices, whole.mesh.vertex_normals
     found = Surroundings.bent(part, registered.positions, registered.normals).closest(positions, normals)
     distance = np.linalg.norm(found.interpolate(registered.positions) - positions, axis=1)
     facing = np.einsum("nx,nx->n", found.interpolate(registered.normals), normals) > 0
-    return found, (distance < PART_MATCH.residual) & facing
+    return found, (distance < residual) & facing
 
 
 def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Candidate:
     """The map of a part as one of the pair; how sure it is, its rivals will tell."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
-    bent, still = one.registered.positions[part.search.samples], whole.mesh.vertices[whole.search.samples]
+    bent = one.region.carried(one.registered).positions[part.search.samples]
+    still = whole.mesh.vertices[whole.search.samples]
     from_target, onto_source = (still, bent) if part is source else (bent, still)
     sample_map = np.asarray(cKDTree(onto_source).query(from_target)[1])
     most = min(len(shape.basis.eigenvalues) for shape in (source, target))
@@ -185,23 +211,28 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
         None,
         0.0,
         one.scores | against | {"total": total},
-        one.places,
+        one,
     )
 
 
-def _certainty(one: Candidate, found: Sequence[Candidate], whole: IncompleteShape) -> float:
+def _certainty(one: Candidate, found: Sequence[Candidate]) -> float:
     """Probability that a candidate is right: its share among its rivals, times that of its fit on so much area."""
-    rivals = 0.0
+    assert one.part_match is not None
+    everywhere = one.part_match.region.is_everywhere
+    rivals, rivalry = 0.0, PART_MATCH.rivalry if everywhere else REGION.rivalry
     for other in found:
-        if other is not one and _apart(one, other, whole) > PART_MATCH.another_map:
+        if other is not one and _apart(one, other) > PART_MATCH.another_map:
             lead = other.scores["total"] - one.scores["total"]
-            rivals += np.exp(-PART_MATCH.rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
-    odds = -PART_MATCH.misfit - PART_MATCH.misfit_rate * one.scores["fit"]
-    odds += PART_MATCH.extent * np.log(one.scores["extent"] + 0.01)
+            rivals += np.exp(-rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
+    if everywhere:
+        odds = -PART_MATCH.misfit - PART_MATCH.misfit_rate * one.scores["fit"]
+        odds += PART_MATCH.extent * np.log(one.scores["extent"] + 0.01)
+    else:
+        odds = -REGION.misfit - REGION.misfit_rate * one.scores["fit"]
     return float(expit(odds) / (1 + rivals))
 
 
-def _apart(one: Candidate, other: Candidate, whole: IncompleteShape) -> float:
+def _apart(one: Candidate, other: Candidate) -> float:
     assert one.part_match is not None
     assert other.part_match is not None
-    return images_apart(one.part_match, other.part_match, whole)
+    return images_apart(one.part_match, other.part_match)

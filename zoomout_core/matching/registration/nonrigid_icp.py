@@ -114,10 +114,14 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
+def fewest_vertices() -> int:
+    """How many vertices the nodes of the schedule need."""
+    return NONRIGID.vertices_per_node * max(level.nodes for level in NONRIGID.levels)
+
+
 def fine_enough(*shapes: ShapeAnalysis) -> bool:
     """Whether meshes have the vertices that the nodes of the schedule need."""
-    fewest = NONRIGID.vertices_per_node * max(level.nodes for level in NONRIGID.levels)
-    return all(len(shape.mesh.vertices) >= fewest for shape in shapes)
+    return all(len(shape.mesh.vertices) >= fewest_vertices() for shape in shapes)
 
 
 def fit_steps(

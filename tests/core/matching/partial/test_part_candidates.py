@@ -12,6 +12,7 @@ from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
     _differing,
+    _Found,
     _sifted,
     images_apart,
     landmark_sets,
@@ -24,7 +25,7 @@ from zoomout_core.tuning import retuned
 @pytest.fixture(scope="module")
 def found(lower: PartAndWhole) -> list[PartCandidate]:
     with retuned(PART_CANDIDATES, regions=2, registered=8, compared=3):
-        return drain(part_candidates_steps(lower.part, lower.whole))
+        return drain(part_candidates_steps([lower.everywhere]))
 
 
 def test_the_right_place_comes_first(lower: PartAndWhole, found: list[PartCandidate]) -> None:
@@ -34,20 +35,21 @@ def test_the_right_place_comes_first(lower: PartAndWhole, found: list[PartCandid
 
 
 def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: PartAndWhole) -> None:
-    true = lower.true_places()
+    true, region = lower.true_places(), lower.everywhere
     shaken = np.where(np.random.default_rng(0).random(len(true)) < 0.2, np.roll(true, 1), true)
-    assert images_apart(true, shaken, lower.whole) > PART_CANDIDATES.same_map
-    bent = [_sifted(0.0, places, lower.part, lower.whole).places for places in (true, shaken)]
-    assert images_apart(*bent, lower.whole) < PART_CANDIDATES.same_map
-    assert _differing(bent, 2, lower.whole) == [0]
-    assert _differing([true, shaken], 2, lower.whole) == [0, 1]
-    assert _differing([true, shaken], 1, lower.whole) == [0]
+    found = [_Found(0.0, region, places) for places in (true, shaken)]
+    assert images_apart(*found) > PART_CANDIDATES.same_map
+    bent = [_sifted(each) for each in found]
+    assert images_apart(*bent) < PART_CANDIDATES.same_map
+    assert _differing(bent, 2) == bent[:1]
+    assert _differing(found, 2) == found
+    assert _differing(found, 1) == found[:1]
 
 
 def test_the_best_of_those_that_are_bent_roughly_are_bent_further(lower: PartAndWhole) -> None:
     with retuned(PART_CANDIDATES, regions=1, registered=4, compared=1):
-        (alone,) = drain(part_candidates_steps(lower.part, lower.whole))
-    roughly = _sifted(0.0, alone.places, lower.part, lower.whole).registered
+        (alone,) = drain(part_candidates_steps([lower.everywhere]))
+    roughly = _sifted(_Found(0.0, alone.region, alone.places)).registered
     assert np.mean(roughly.residual) > np.mean(alone.registered.residual)
 
 
@@ -63,7 +65,7 @@ def test_the_score_is_of_normals_strain_and_what_is_not_beyond_a_cut(
 
 
 def test_regions_are_searched_one_by_one(lower: PartAndWhole) -> None:
-    spread, *regions = landmark_sets(lower.part)
+    spread, *regions = landmark_sets(lower.part, PART_CANDIDATES.regions)
     assert len(spread) == PART_CANDIDATES.landmarks
     assert [len(each) for each in regions] == [PART_CANDIDATES.landmarks_in_region] * PART_CANDIDATES.regions
     width = [np.mean(lower.part.between[np.ix_(each, each)]) for each in (spread, *regions)]
@@ -83,10 +85,10 @@ def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
             retuned(PART_CANDIDATES, regions=1, registered=4, compared=2),
         ):
             pair = PartAndWhole(made_part, made_whole, *(IncompleteShape(shape) for shape in shapes))
-            found = drain(part_candidates_steps(pair.part, pair.whole))
+            found = drain(part_candidates_steps([pair.everywhere]))
         errors[fragment] = np.median(pair.errors(found[0].registered.closest.vertex[has_partner], has_partner))
         for number, one in enumerate(found):
             for other in found[:number]:
-                assert images_apart(one.places, other.places, pair.whole) > PART_CANDIDATES.same_map
+                assert images_apart(one, other) > PART_CANDIDATES.same_map
     assert errors[INCOMPLETE.fragment] < 0.05
     assert errors[100.0] > 0.2

@@ -21,7 +21,9 @@ from zoomout_core.matching.partial.part_match import (
     in_one_unit,
     may_be_part,
     part_of,
+    too_coarse,
 )
+from zoomout_core.matching.partial.region import REGION
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.tuning import retuned
 
@@ -120,7 +122,7 @@ def pair_of(source: Surface, target: Surface) -> Pair:
     return Pair(source, target, shape_of(source), shape_of(target), 60, 20)
 
 
-def test_only_shapes_with_cuts_that_can_be_bent_are_tried(made: tuple[Creature, Creature]) -> None:
+def test_only_shapes_with_cuts_are_tried_and_those_that_can_be_bent(made: tuple[Creature, Creature]) -> None:
     part, whole = made
     assert may_be_part(pair_of(whole.surface, part.surface))
     assert may_be_part(pair_of(part.surface, whole.surface))
@@ -128,7 +130,12 @@ def test_only_shapes_with_cuts_that_can_be_bent_are_tried(made: tuple[Creature, 
     assert not may_be_part(pair_of(closed, closed))
     coarse = lower_half(400)[0]
     assert len(coarse.directions) < 400
-    assert not may_be_part(pair_of(whole.surface, coarse.surface))
+    assert may_be_part(pair_of(whole.surface, coarse.surface))
+    assert too_coarse(pair_of(whole.surface, coarse.surface))
+    assert too_coarse(pair_of(coarse.surface, whole.surface))
+    assert not too_coarse(pair_of(whole.surface, part.surface))
+    with retuned(REGION, small=1.0):  # which is made finer
+        assert not too_coarse(pair_of(whole.surface, coarse.surface))
     pair = pair_of(whole.surface, part.surface)
     skin = replace(pair.target_shape.proxy.full, is_skin=True)
     around = replace(pair.target_shape, proxy=replace(pair.target_shape.proxy, full=skin))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,9 +22,9 @@ from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
     _fit,
+    _Found,
     _promise,
     _sifted,
-    images_apart,
     part_candidates_steps,
 )
 from zoomout_core.matching.partial.part_match import (
@@ -37,6 +37,7 @@ from zoomout_core.matching.partial.part_match import (
     units_differ,
 )
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
+from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.scores import EVIDENCE
 from zoomout_core.runtime.stepping import drain
@@ -92,6 +93,13 @@ def test_assignments_differ_by_a_mean_distance_and_so_many_are_kept() -> None:
 # --- what a map promises ------------------------------------------------------------------------------------
 
 
+def region_of(part: IncompleteShape, whole: IncompleteShape, unlike: Floats) -> Region:
+    """All of a whole, of whose places it is given how unlike the part's they are."""
+    region = Region.everywhere(part, whole)
+    region.__dict__["unlike"] = unlike
+    return region
+
+
 def at_mirror_images(pair: PartAndWhole) -> Integers:
     """(d,) for each place of the part the place of the whole on the other side of its true image."""
     directions = pair.made_whole.directions[pair.whole.shape.search.samples[: len(pair.whole.between)]]
@@ -101,22 +109,20 @@ def at_mirror_images(pair: PartAndWhole) -> Integers:
 
 @pytest.mark.parametrize("term", ["facing", "bend", "distance", "unlikeness"])
 def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartAndWhole, term: str) -> None:
-    part, whole = lower.part, lower.whole
-    unlike = unlikeness(part, whole)
     lead, weight = [], getattr(PART_CANDIDATES, term)
     for tried in (0.0, weight):
         with retuned(PART_CANDIDATES, **{term: tried}):
-            right, wrong = (_promise(m, unlike, part, whole) for m in (lower.true_places(), at_mirror_images(lower)))
+            right, wrong = (_promise(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
         lead.append(wrong - right)
     assert lead[1] > lead[0] + 0.1 * weight
 
 
 def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole) -> None:
     none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
-    unlike, promises = unlikeness(lower.part, lower.whole), []
+    promises = []
     for width in (PART_CANDIDATES.surroundings, 1.2):
         with retuned(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
-            promises.append(_promise(lower.true_places(), unlike, lower.part, lower.whole))
+            promises.append(_promise(lower.true_places(), lower.everywhere))
     # Limbs bend, so that one rotation leaves a fifth more of the true map.
     assert promises[0] < promises[1] - np.log(1.2)
 
@@ -130,7 +136,7 @@ def test_where_nothing_is_off_a_term_is_the_logarithm_of_its_floor(
     every = np.arange(len(lower.whole.between))
     none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
     with retuned(PART_CANDIDATES, **none | {term: 1.0}):
-        promise = _promise(every, 1 - np.eye(len(every)), lower.whole, lower.whole)
+        promise = _promise(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
     assert promise == pytest.approx(np.log(floor), abs=1e-3)
 
 
@@ -142,7 +148,8 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
         whole, promises = IncompleteShape(at_scale(lower.whole.shape, factor)), []
         for doubt in (SEARCH.doubt, 1.0):
             with retuned(SEARCH, doubt=doubt):
-                promises.append(_promise(match, unlike if of is part else np.zeros_like(whole.between), of, whole))
+                known = unlike if of is part else np.zeros_like(whole.between)
+                promises.append(_promise(match, region_of(of, whole, known)))
         return promises[1] - promises[0]
 
     longer = gained(lower.true_places(), part, 0.7)
@@ -157,21 +164,21 @@ def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lowe
 def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: list[Integers]) -> list[Integers]:
     """What is left of maps to be bent by, if these are found, each promising less than the one before it."""
 
-    def sifted(promise: float, places: Integers, *_: object) -> PartCandidate:
+    def sifted(one: _Found) -> PartCandidate:
         nothing: Any = None
-        return PartCandidate(places, nothing, {"promise": promise, "fit": promise})
+        return PartCandidate(one.region, one.places, nothing, {"promise": one.promise, "fit": one.promise})
 
-    def promised(places: Integers, *_: object) -> float:
+    def promised(places: Integers, _: Region) -> float:
         return float(next(i for i, each in enumerate(maps) if each is places))
 
     monkeypatch.setattr(part_candidates, "_searched", lambda *_: maps[::-1])
     monkeypatch.setattr(part_candidates, "_promise", promised)
     monkeypatch.setattr(part_candidates, "_sifted", sifted)
-    monkeypatch.setattr(part_candidates, "_compared", lambda one, *_: one)
+    monkeypatch.setattr(part_candidates, "_compared", lambda one: one)
     results: list[list[PartCandidate]] = []
 
     def steps() -> Generator[float, None, None]:
-        results.append((yield from part_candidates_steps(pair.part, pair.whole)))
+        results.append((yield from part_candidates_steps([pair.everywhere])))
 
     with retuned(PART_CANDIDATES, regions=0, registered=3, compared=3):
         fractions = [0.0, *steps(), 1.0]
@@ -187,7 +194,8 @@ def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
     some = np.random.default_rng(0).permutation(len(right))
     nearly[some[: len(some) // 25]] = other[some[: len(some) // 25]]
     off[some[: len(some) // 3]] = other[some[: len(some) // 3]]
-    assert 0 < images_apart(nearly, right, lower.whole) < 0.05 < images_apart(off, right, lower.whole)
+    small, large = (lower.whole.between[each, right].mean() for each in (nearly, off))
+    assert 0 < small < 0.05 < large
     found = candidates_of(monkeypatch, lower, [nearly, right, off, other, np.roll(right, 50)])
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
 
@@ -195,9 +203,10 @@ def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
 def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, nothing = on_a_line(0.0, 0.1, 0.2, 0.3), Any
     whole.is_fragment = True
+    region: Any = SimpleNamespace(part=whole, whole=whole, is_everywhere=True)
 
     def of_places(fit: float, *places: int) -> PartCandidate:
-        return PartCandidate(np.array(places), nothing, {"fit": fit})  # type: ignore[arg-type]
+        return PartCandidate(region, np.array(places), nothing, {"fit": fit})  # type: ignore[arg-type]
 
     there, back = [of_places(1.0, 0, 1), of_places(4.0, 2, 3)], [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
 
@@ -205,13 +214,12 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
         yield from (0.0, 0.5, 1.0)
         return there if search is part_candidates._searched else back
 
-    monkeypatch.setattr(part_candidates, "unlikeness", lambda *_: None)
     monkeypatch.setattr(part_candidates, "landmark_sets", lambda *_: [])
     monkeypatch.setattr(part_candidates, "_from_landmarks_steps", from_landmarks_steps)
     results: list[list[PartCandidate]] = []
 
     def steps() -> Generator[float, None, None]:
-        results.append((yield from part_candidates_steps(whole, whole)))
+        results.append((yield from part_candidates_steps([region])))
 
     assert list(steps()) == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
     assert [one.scores["fit"] for one in results[0]] == [1.0, 2.0, 4.0]
@@ -233,14 +241,17 @@ def surface_and_shapes(pair: PartAndWhole, part_is_target: bool = True) -> Pair:
     return Pair(source.surface, target.surface, *shapes[::step], 60, 20)
 
 
-def candidate(match: Integers, fit: float = 0.0, size: tuple[int, int] = (20, 40), extent: float = 1.0) -> Candidate:
-    scores = {"fit": fit, "total": fit, "extent": extent}
-    return Candidate("", False, False, np.eye(*size), np.eye(*size[::-1]), match, None, None, 0.0, scores, match)
+def candidate(
+    region: Region, match: Integers, fit: float = 0.0, size: tuple[int, int] = (20, 40), extent: float = 1.0
+) -> Candidate:
+    scores, nothing = {"fit": fit, "total": fit, "extent": extent}, cast(Any, None)
+    placed = PartCandidate(region, match, nothing, scores)
+    return Candidate("", False, False, np.eye(*size), np.eye(*size[::-1]), match, None, None, 0.0, scores, placed)
 
 
 def test_of_the_whole_has_a_partner_what_the_part_lies_on(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     part, whole = lower.part.shape, lower.whole.shape
-    found, has_partner = _on_part(fitted, part, whole)
+    found, has_partner = _on_part(fitted, part, whole, PART_MATCH.residual)
     on_part = np.max(lower.made_whole.directions @ lower.made_part.directions.T, axis=1) > 0.99
     assert 0.2 < on_part.mean() < 0.8
     assert (has_partner == on_part).mean() > 0.9
@@ -248,7 +259,7 @@ def test_of_the_whole_has_a_partner_what_the_part_lies_on(lower: PartAndWhole, f
     assert off[has_partner].max() < PART_MATCH.residual
     # Nor has what faces the other way.
     inside_out = replace(fitted, normals=-fitted.normals)
-    assert _on_part(inside_out, part, whole)[1].mean() < 0.1
+    assert _on_part(inside_out, part, whole, PART_MATCH.residual)[1].mean() < 0.1
 
 
 def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_is_no_other_limb(
@@ -272,12 +283,12 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
         return made
 
     monkeypatch.setattr(part_match, "registered_steps", registered)
-    found = drain(part_fit_steps(surface_and_shapes(lower), candidate(lower.true_places())))
+    found = drain(part_fit_steps(surface_and_shapes(lower), candidate(lower.everywhere, lower.true_places())))
     np.testing.assert_array_equal(found.partners.target, ~(bad(0) | bad(1) | bad(2)))
     np.testing.assert_array_equal(found.fit.fits, found.partners.target)
     assert 0.2 < found.partners.source.mean() < 0.8
     assert found.fit.surface_map is fitted.closest
-    back = drain(part_fit_steps(surface_and_shapes(lower, False), candidate(lower.true_places())))
+    back = drain(part_fit_steps(surface_and_shapes(lower, False), candidate(lower.everywhere, lower.true_places())))
     assert back.back is fitted.closest
     np.testing.assert_array_equal(back.fit.surface_map.triangle, found.back.triangle)
     np.testing.assert_array_equal(back.partners.source, found.partners.target)
@@ -294,7 +305,7 @@ def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
 
     monkeypatch.setattr(part_match, "registered_steps", registered)
     pair = surface_and_shapes(lower, part_is_target)
-    refined = drain(match_module._part_steps(pair, candidate(lower.true_places())))
+    refined = drain(match_module._part_steps(pair, candidate(lower.everywhere, lower.true_places())))
     assert abs(refined.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
     assert refined.functional_map.shape == (20, 40)
 
@@ -303,7 +314,7 @@ def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
 def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the_whole(
     lower: PartAndWhole, part_is_target: bool
 ) -> None:
-    one = _sifted(0.0, lower.true_places(), lower.part, lower.whole)
+    one = _sifted(_Found(0.0, lower.everywhere, lower.true_places()))
     pair = surface_and_shapes(lower, part_is_target)
     found = _candidate(one, pair, lambda *_: {})
     assert not found.mirrored
@@ -325,19 +336,21 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
     at = np.array([0.0, apart])
     shape = SimpleNamespace(nearest_distance_sample=np.arange(2))
     whole: Any = SimpleNamespace(shape=shape, between=np.abs(at[:, None] - at))
-    one, other = (candidate(np.full(10, number), -4.0) for number in (0, 1))
-    alone = _certainty(one, [one], whole)
+    region: Any = SimpleNamespace(whole=whole, is_everywhere=True)
+    one, other = (candidate(region, np.full(10, number), -4.0) for number in (0, 1))
+    alone = _certainty(one, [one])
     assert alone > 0.9
-    assert _certainty(one, [one, other], whole) == pytest.approx(alone / 2 if rivals else alone)
+    assert _certainty(one, [one, other]) == pytest.approx(alone / 2 if rivals else alone)
     # A rival that lies behind takes the less; one that lies far ahead leaves nothing.
-    behind = _certainty(one, [one, replace(other, scores={"fit": -3.9, "total": -3.9})], whole)
-    ahead = _certainty(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})], whole)
+    behind = _certainty(one, [one, replace(other, scores={"fit": -3.9, "total": -3.9})])
+    ahead = _certainty(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})])
     assert behind > 0.7 * alone
     assert not rivals or ahead < 1e-2
 
 
 def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = [_sifted(0.0, places, lower.part, lower.whole) for places in (at_mirror_images(lower), lower.true_places())]
+    maps = at_mirror_images(lower), lower.true_places()
+    made = [_sifted(_Found(0.0, lower.everywhere, places)) for places in maps]
 
     def found(*_: object) -> Generator[float, None, list[PartCandidate]]:
         yield 0.5
@@ -346,14 +359,14 @@ def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: 
     monkeypatch.setattr(part_match, "part_candidates_steps", found)
     pair = surface_and_shapes(lower)
     first, second = drain(part_match_steps(pair))
-    assert first.part_match is made[1].places
+    assert first.part_match is made[1]
     assert first.certainty > 100 * second.certainty
 
     def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
         return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
 
     known = drain(part_match_steps(pair, against_the_first))
-    assert known[0].part_match is made[0].places
+    assert known[0].part_match is made[0]
     assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE.axes)
     # What is known makes a place unlikely beside others; the fit alone says how likely any is.
     assert known[1].certainty < 1e-9
@@ -362,22 +375,24 @@ def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: 
 
 @pytest.mark.parametrize(("fit", "certainty"), [(-4.0, 0.93), (-2.87, 0.5), (-1.0, 0.013)])
 def test_a_place_is_as_likely_as_its_fit_is_good(fit: float, certainty: float) -> None:
-    nowhere: Any = None
-    one = candidate(np.zeros(10, dtype=np.int64), fit)
-    assert _certainty(one, [one], nowhere) == pytest.approx(certainty, abs=0.01)
+    nowhere: Any = SimpleNamespace(is_everywhere=True)
+    one = candidate(nowhere, np.zeros(10, dtype=np.int64), fit)
+    assert _certainty(one, [one]) == pytest.approx(certainty, abs=0.01)
 
 
 def test_a_place_is_the_less_likely_the_smaller_the_area_that_tells_of_it() -> None:
-    nowhere: Any = None
+    nowhere: Any = SimpleNamespace(is_everywhere=True)
     odds = []
     for extent in (1.0, 0.5, 0.1):
-        one = candidate(np.zeros(10, dtype=np.int64), -4.0, extent=extent)
-        odds.append(1 / (1 / _certainty(one, [one], nowhere) - 1))
+        one = candidate(nowhere, np.zeros(10, dtype=np.int64), -4.0, extent=extent)
+        odds.append(1 / (1 / _certainty(one, [one]) - 1))
     assert odds[1] / odds[0] == pytest.approx(0.5**PART_MATCH.extent, rel=0.02)
     assert 0.1**PART_MATCH.extent < odds[2] / odds[0] < 0.15**PART_MATCH.extent
 
 
-@pytest.mark.parametrize(("ratio", "differ"), [(1.0, False), (7.0, False), (1 / 7, False), (9.0, True), (1 / 9, True)])
+@pytest.mark.parametrize(
+    ("ratio", "differ"), [(1.0, False), (10.0, False), (1 / 10, False), (12.0, True), (1 / 12, True)]
+)
 def test_units_differ_where_one_shape_is_smaller_than_a_hand(lower: PartAndWhole, ratio: float, differ: bool) -> None:
     pair = surface_and_shapes(lower)
     factor = ratio * pair.target_shape.proxy.full.scale / pair.source_shape.proxy.full.scale
@@ -394,9 +409,10 @@ def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWho
     for distance in (1.5 * PART_CANDIDATES.near_cut, 0.5 * PART_CANDIDATES.near_cut):
         whole = IncompleteShape(lower.whole.shape)
         whole.__dict__["cut_distance"] = np.where(on_cut, distance, 1.0)
-        promises.append([_promise(each, unlike, part, whole) for each in (places, wrong)])
+        region = region_of(part, whole, unlike)
+        promises.append([_promise(each, region) for each in (places, wrong)])
         with retuned(PART_CANDIDATES, within=0.0):
-            promises[-1].append(_promise(wrong, unlike, part, whole))
+            promises[-1].append(_promise(wrong, region))
     (_, unaware, _), (_, aware, without_share) = promises
     assert aware < unaware - 0.5
     assert without_share < aware - 0.1

@@ -1,0 +1,237 @@
+"""Small parts are looked for in regions of the whole, each prepared at its own size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from creatures import Creature, directions, true_vertex
+from pieces import analysed, piece_of
+from scipy.spatial import ConvexHull
+from scipy.special import expit
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
+from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, PartCandidate, _Found, images_apart
+from zoomout_core.matching.partial.part_match import (
+    _certainty,
+    in_one_unit,
+    part_fit_steps,
+    part_match_steps,
+    part_of,
+    sizes_differ,
+)
+from zoomout_core.matching.partial.part_registration import RegisteredPart
+from zoomout_core.matching.partial.region import REGION, Region, is_small, regions_steps
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+# Of a body with a hand at either side: the directions of the fingers of the left one, and their lengths.
+FINGERS, LENGTHS = (
+    np.array([[1, 0, 0.3], [1, 0.3, 0.1], [1, 0.3, -0.25], [1, -0.35, -0.1]]),
+    np.array([1.2, 0.7, 0.4, 0.9]),
+)
+# How far from its middle a hand is cut off, as a cosine.
+WRIST = 0.87
+
+
+def two_handed(count: int, seed: int) -> Creature:
+    """A ball with fingers at its left, their mirror images at its right, and a head."""
+    where = directions(count, seed)
+    # More of them where the hands are.
+    where[:, 0] *= 1.7
+    where /= np.linalg.norm(where, axis=1, keepdims=True)
+    left = FINGERS / np.linalg.norm(FINGERS, axis=1, keepdims=True)
+    fingers = np.concatenate([left, left * [-1, 1, 1]])
+    radius = 1 + np.exp(90 * (where @ fingers.T - 1)) @ np.tile(LENGTHS, 2) + np.exp(4 * (where[:, 2] - 1))
+    triangles = ConvexHull(where).simplices
+    a, b, c = (where[triangles[:, i]] for i in range(3))
+    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) > 0
+    triangles = np.where(outward[:, None], triangles, triangles[:, ::-1])
+    return Creature(Surface(where * radius[:, None] * [1, 1.6, 2.0], triangles), where)
+
+
+def paired(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
+    """The left hand of one mesh of the body, another mesh of it, and both in one unit."""
+    other, body = two_handed(count, 1), two_handed(of_body, 0)
+    hand = piece_of(other, other.directions[:, 0] > WRIST)
+    return hand, body, in_one_unit(Pair(body.surface, hand.surface, analysed(body), analysed(hand), 60, 20))
+
+
+@pytest.fixture(scope="module")
+def made() -> tuple[Creature, Creature, Pair]:
+    return paired(3000, 2500)
+
+
+@pytest.fixture(scope="module")
+def regions(made: tuple[Creature, Creature, Pair]) -> list[Region]:
+    return drain(regions_steps(*part_of(made[2])))
+
+
+@pytest.fixture(scope="module")
+def found(made: tuple[Creature, Creature, Pair]) -> list[Candidate]:
+    with retuned(REGION, small=0.15):
+        return drain(part_match_steps(made[2]))
+
+
+def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.ndarray:
+    """(n,) distance between images of the hand's vertices and their places on the body, at unit area of this."""
+    hand, body, pair = made
+    points = pair.source_shape.mesh.vertices
+    return np.asarray(np.linalg.norm(images.interpolate(points) - points[true_vertex(body, hand)], axis=1))
+
+
+def placed(one: Candidate) -> SurfaceMap:
+    assert one.part_match is not None
+    return one.part_match.region.carried(one.part_match.registered).closest
+
+
+def test_a_hand_is_found_on_the_right_side_and_is_sure(
+    made: tuple[Creature, Creature, Pair], found: list[Candidate]
+) -> None:
+    assert np.median(errors_of(placed(found[0]), made)) < 0.02
+    assert found[0].certainty > 0.9
+    assert max(other.certainty for other in found[1:]) < 0.1
+    # As usual parts are looked for, it is not.
+    with retuned(REGION, small=0.0), retuned(PART_CANDIDATES, regions=1):
+        usual = drain(part_match_steps(made[2]))
+    assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
+
+
+def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
+    made: tuple[Creature, Creature, Pair], found: list[Candidate]
+) -> None:
+    fit = drain(part_fit_steps(made[2], found[0]))
+    assert np.median(errors_of(fit.fit.surface_map, made)) < 0.02
+    assert fit.partners.target.mean() > 0.95
+    on_hand = made[1].directions[:, 0] > WRIST
+    both, either = fit.partners.source & on_hand, fit.partners.source | on_hand
+    assert both.sum() > 0.8 * either.sum()
+    # In the body's frame and unit.
+    true = made[2].source_shape.mesh.vertices[true_vertex(made[1], made[0])]
+    assert np.median(np.linalg.norm(fit.fit.positions - true, axis=1)) < 0.02
+    assert fit.fit.rotations.shape == (len(true), 3, 3)
+
+
+def test_regions_are_few_apart_and_as_large_as_the_part_needs(
+    made: tuple[Creature, Creature, Pair], regions: list[Region]
+) -> None:
+    hand, body, pair = made
+    assert 2 <= len(regions) <= REGION.most
+    on_hand = true_vertex(body, hand)
+    assert max(region.contains[on_hand].mean() for region in regions) == 1
+    for region in regions:
+        areas = [each.shape.basis.areas.sum() for each in (region.part, region.whole)]
+        assert areas[0] == pytest.approx(REGION.part_area)
+        assert areas[0] < areas[1] < 0.9 / region.unit**2
+        assert region.unit**2 * areas[0] == pytest.approx(part_of(pair)[0].basis.areas.sum())
+        assert not region.is_everywhere
+    for retuning in ({"most": 1}, {"apart": 10.0}):
+        with retuned(REGION, **retuning):
+            assert len(drain(regions_steps(*part_of(pair)))) == 1
+    with retuned(REGION, most=1, radius=2.5):
+        (larger,) = drain(regions_steps(*part_of(pair)))
+    assert larger.contains.sum() > 1.5 * regions[0].contains.sum()
+    with retuned(REGION, most=1, vertices=300):
+        (coarser,) = drain(regions_steps(*part_of(pair)))
+    assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
+
+
+def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
+    hand, _, pair = paired(900, 800)
+    n = len(hand.directions)
+    assert n < fewest_vertices()
+    with retuned(REGION, most=1):
+        (region,) = drain(regions_steps(*part_of(pair)))
+    for shape in (region.part.shape, region.whole.shape):
+        assert len(shape.mesh.vertices) >= fewest_vertices()
+    np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)
+    assert len(region.carried(bent_onto(region)).positions) == n
+
+
+def bent_onto(region: Region) -> RegisteredPart:
+    """A part whose vertices lie on vertices of a region, one after the other."""
+    mesh, n = region.whole.shape.mesh, len(region.part.shape.mesh.vertices)
+    triangle = np.arange(n) % len(mesh.triangles)
+    closest = SurfaceMap(triangle, np.tile([1.0, 0, 0], (n, 1)), mesh.triangles)
+    corner, turn, flags = mesh.triangles[triangle, 0], np.tile(np.eye(3), (n, 1, 1)), np.ones(n, dtype=bool)
+    ones = np.ones(n)
+    return RegisteredPart(
+        mesh.vertices[corner], mesh.vertex_normals[corner], turn, closest, 0.5 * ones, ones, flags, ~flags, 0.1
+    )
+
+
+def test_what_is_bent_onto_a_region_is_bent_onto_the_whole(
+    made: tuple[Creature, Creature, Pair], regions: list[Region]
+) -> None:
+    region, whole = regions[0], made[2].source_shape
+    bent = bent_onto(region)
+    carried = region.carried(bent)
+    assert region.vertex is not None
+    np.testing.assert_allclose(carried.positions, whole.mesh.vertices[region.vertex[bent.closest.vertex]], atol=1e-12)
+    np.testing.assert_allclose(carried.closest.interpolate(whole.mesh.vertices), carried.positions, atol=1e-6)
+    np.testing.assert_allclose(carried.residual, 0.5 * region.unit)
+    places = np.arange(20)
+    samples = region.vertex[region.whole.shape.search.samples[:20]]
+    np.testing.assert_allclose(region.in_space(places), whole.mesh.vertices[samples], atol=1e-12)
+
+
+def test_maps_into_two_regions_are_compared_in_space(regions: list[Region]) -> None:
+    region, places = regions[0], np.arange(50)
+    assert region.vertex is not None
+    same = replace(region)
+    elsewhere = replace(region, vertex=region.vertex)
+    elsewhere.__dict__["whole"] = IncompleteShape(moved_by(region.whole.shape, np.array([0.3, 0, 0])))
+    here = _Found(0.0, region, places)
+    assert images_apart(here, _Found(0.0, same, places)) == pytest.approx(0, abs=1e-12)
+    assert images_apart(here, _Found(0.0, elsewhere, places)) == pytest.approx(0.3)
+
+
+def moved_by(shape: ShapeAnalysis, shift: np.ndarray) -> ShapeAnalysis:
+    """A shape that is elsewhere in its surface's frame."""
+    full = shape.proxy.full
+    full = replace(full, origin=full.origin + full.scale * shift)
+    return replace(shape, proxy=replace(shape.proxy, full=full))
+
+
+@pytest.mark.parametrize(("ratio", "small"), [(0.5, False), (0.3, False), (0.25, True), (0.1, True), (0.08, False)])
+def test_hands_and_feet_are_small_and_what_is_in_another_unit_is_not(
+    made: tuple[Creature, Creature, Pair], ratio: float, small: bool
+) -> None:
+    pair = made[2]
+    factor = ratio * pair.source_shape.proxy.full.scale / pair.target_shape.proxy.full.scale
+    target = at_scale(pair.target_shape, 1 / factor)
+    full = replace(target.proxy.full, scale=ratio * pair.source_shape.proxy.full.scale)
+    of_size = replace(pair, target_shape=replace(target, proxy=replace(target.proxy, full=full)))
+    assert sizes_differ(of_size) == small
+    for share in (0.5 * REGION.small, 2 * REGION.small):
+        part, whole = (
+            cast(ShapeAnalysis, SimpleNamespace(basis=SimpleNamespace(areas=np.full(4, area / 4))))
+            for area in (share, 1.0)
+        )
+        assert is_small(part, whole) == (share < REGION.small)
+
+
+def test_a_small_part_is_the_less_sure_the_nearer_its_rivals_are() -> None:
+    region: Any = SimpleNamespace(is_everywhere=False, whole=SimpleNamespace(between=1 - np.eye(3)))
+
+    def candidate(place: int, fit: float) -> Candidate:
+        nothing = cast(Any, None)
+        scores = {"fit": fit, "total": fit, "extent": 0.4}
+        at = PartCandidate(region, np.full(5, place), nothing, scores)
+        return Candidate("", False, False, nothing, nothing, nothing, None, None, 0.0, scores, at)
+
+    one = candidate(0, -5.5)
+    alone = _certainty(one, [one])
+    assert alone == pytest.approx(expit(REGION.misfit_rate * 5.5 - REGION.misfit))
+    behind = _certainty(one, [one, candidate(1, -5.3)])
+    assert behind == pytest.approx(alone / (1 + np.exp(-0.2 * REGION.rivalry)))
+    assert behind < 0.8 < 0.9 < alone
