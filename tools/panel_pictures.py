@@ -52,10 +52,10 @@ def matching() -> Story:
     hero, scan = pair()
     yield from begin(scan, hero)
     picture("panel_fresh")
-    hero.hide_viewport = True
+    bpy.context.scene.zoomout.source = scan
     yield KNOWN
     picture("panel_warning")
-    hero.hide_viewport = False
+    bpy.context.scene.zoomout.source = None
     yield DRAWN
     call(bpy.ops.zoomout.match, "INVOKE_DEFAULT")
     while activity.running is not None and activity.running.fraction < 0.25:
