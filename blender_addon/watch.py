@@ -1,4 +1,4 @@
-"""Handlers of Blender's: cached facts are dropped after edits, and the preview follows what moves."""
+"""Handlers of Blender's: cached facts and landmarks go with what they are of, and the preview follows what moves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
-from .scene import mesh_facts
+from .scene import landmarks, mesh_facts
 from .services import candidates, previews
 from .viewport import overlay, preview
 
@@ -21,6 +21,8 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
     overlay.repose(one.session_uid for one in changed if isinstance(one, Object))
     preview.follow_edit(meshes)
     preview.follow_selection()
+    if depsgraph.id_type_updated("SCENE"):  # as where objects are removed
+        landmarks.forget_removed_objects(scene)
 
 
 @persistent

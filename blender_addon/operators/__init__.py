@@ -4,6 +4,7 @@ from . import select_faults, symmetry
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .choose_data import ZOOMOUT_OT_choose_data
+from .clear_data import ZOOMOUT_OT_clear_match_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
 from .landmarks import (
     ZOOMOUT_OT_clear_landmarks,
@@ -26,6 +27,7 @@ CLASSES = (
     *select_faults.CLASSES,
     ZOOMOUT_OT_preview,
     ZOOMOUT_OT_clear_preview,
+    ZOOMOUT_OT_clear_match_data,
     ZOOMOUT_OT_choose_data,
     ZOOMOUT_OT_transfer,
     ZOOMOUT_OT_bind_to_rig,

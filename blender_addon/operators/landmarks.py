@@ -10,7 +10,7 @@ import zoomout_core as zo
 
 from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
-from ..scene.landmarks import next_number, obstacle, remove_landmark, set_landmark, surface_points_on
+from ..scene.landmarks import next_number, obstacle, remove_landmark, remove_landmarks_on, set_landmark
 from ..scene.selection import participants
 from ..services.landmark_import import import_landmarks
 
@@ -123,10 +123,8 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove them."""
-        numbers = sorted(set().union(*(surface_points_on(context.scene, obj) for obj in objects)))
-        for number in numbers:
-            remove_landmark(context.scene, number, objects)
-        return f"Removed {len(numbers)} landmark{'' if len(numbers) == 1 else 's'}"
+        count = remove_landmarks_on(context.scene, objects)
+        return f"Removed {count} landmark{'' if count == 1 else 's'}"
 
 
 def _selected(obj: Object) -> list[int]:

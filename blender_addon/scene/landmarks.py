@@ -151,6 +151,14 @@ def remove_landmark(scene: Scene, number: int, objects: Sequence[Object]) -> Non
     forget_removed_objects(scene)
 
 
+def remove_landmarks_on(scene: Scene, objects: Sequence[Object]) -> int:
+    """Take all landmarks off some objects; how many landmarks were on any."""
+    numbers = sorted(set().union(*(surface_points_on(scene, obj) for obj in objects)))
+    for number in numbers:
+        remove_landmark(scene, number, objects)
+    return len(numbers)
+
+
 def forget_removed_objects(scene: Scene) -> None:
     """Drop places on objects that are no longer in the scene, and landmarks that have no place."""
     landmarks = scene.zoomout.landmarks
@@ -159,7 +167,9 @@ def forget_removed_objects(scene: Scene) -> None:
             landmark.places.remove(i)
     for index in reversed([i for i, landmark in enumerate(landmarks) if not landmark.places]):
         landmarks.remove(index)
-    scene.zoomout.active_landmark = max(0, min(scene.zoomout.active_landmark, len(landmarks) - 1))
+    active = max(0, min(scene.zoomout.active_landmark, len(landmarks) - 1))
+    if active != scene.zoomout.active_landmark:  # writing it would tag the scene as changed
+        scene.zoomout.active_landmark = active
 
 
 def _landmark(scene: Scene, number: int) -> ZOOMOUT_PG_landmark:

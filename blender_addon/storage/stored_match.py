@@ -145,6 +145,15 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
     return json.loads(mesh[PROPERTY])
 
 
+def remove(mesh: Mesh) -> None:
+    """Remove the match from a mesh, or what is left of one."""
+    for name in (*MATCH_ATTRIBUTES, HAS_PARTNER):
+        if name in mesh.attributes:
+            mesh.attributes.remove(mesh.attributes[name])
+    if PROPERTY in mesh:
+        del mesh[PROPERTY]
+
+
 def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The objects that a target maps to besides its source, as `_described` describes them."""
     return stored.get("others", [])

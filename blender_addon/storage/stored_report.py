@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from bpy.types import Object
+from bpy.types import Mesh, Object
 
 PROPERTY = "zoomout_report"
 
@@ -13,6 +13,12 @@ PROPERTY = "zoomout_report"
 def write(target: Object, report: dict[str, Any]) -> None:
     """Store a report in place of an earlier one."""
     target.data[PROPERTY] = json.dumps(report)
+
+
+def remove(mesh: Mesh) -> None:
+    """Remove the report from a mesh, if it has one."""
+    if PROPERTY in mesh:
+        del mesh[PROPERTY]
 
 
 def transfer_report(target: Object) -> dict[str, Any] | None:

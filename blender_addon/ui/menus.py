@@ -10,6 +10,7 @@ from bpy.types import Context, Menu, Operator, UILayout
 from ..operators import landmarks, select_faults, symmetry
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
@@ -46,6 +47,9 @@ class ZOOMOUT_MT_object(Menu):
         layout.separator()
         layout.menu(ZOOMOUT_MT_landmarks.__name__)
         layout.menu(ZOOMOUT_MT_symmetry.__name__)
+        layout.separator()
+        layout.operator(ZOOMOUT_OT_clear_match_data.bl_idname)
+        layout.operator(ZOOMOUT_OT_clear_match_data.bl_idname, text="Clear Match Data of File").whole_file = True
 
 
 class ZOOMOUT_MT_landmarks(Menu):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel
 
+from ...operators.clear_data import ZOOMOUT_OT_clear_match_data
 from ...properties.match import CONSTRAINTS, NEARNESS
 from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, split_properties
@@ -38,3 +39,6 @@ class ZOOMOUT_PT_match_advanced(SidebarPanel, Panel):
         settings = context.scene.zoomout
         for name in NEARNESS if settings.initial == "NEAREST" else ("k_final",):
             self.layout.prop(settings, name)
+        row = self.layout.row(align=True)
+        row.operator(ZOOMOUT_OT_clear_match_data.bl_idname)
+        row.operator(ZOOMOUT_OT_clear_match_data.bl_idname, text="Of File").whole_file = True

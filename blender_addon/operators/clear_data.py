@@ -1,0 +1,61 @@
+"""Remove what is kept of matches, of some meshes or of the whole file.
+
+Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+"""
+
+from bpy.props import BoolProperty
+from bpy.types import Context, Event, OperatorProperties
+
+from zoomout_core.runtime.stepping import Progress, Steps
+
+from ..services.clear_data import clear_file, clear_match_data
+from . import activity
+from .stepped import SteppedOperator
+
+OF_FILE = (
+    "Remove all matches, candidates, reports, symmetries and landmarks from all meshes and scenes of this file. "
+    "What was transferred stays"
+)
+
+
+class ZOOMOUT_OT_clear_match_data(SteppedOperator):
+    bl_idname = "zoomout.clear_match_data"
+    bl_label = "Clear Match Data"
+    bl_description = (
+        "Remove matches, candidates, reports, symmetries and landmarks from the active mesh and the other selected "
+        "ones. What was transferred stays"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    whole_file: BoolProperty(
+        name="Whole File",
+        description=OF_FILE,
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+
+    @classmethod
+    def description(cls, context: Context, properties: OperatorProperties) -> str:
+        """Of what a button clears."""
+        return OF_FILE if properties.whole_file else cls.bl_description
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether nothing else is at work."""
+        if activity.running:
+            cls.poll_message_set(activity.AT_WORK)
+        return not activity.running
+
+    def invoke(self, context: Context, event: Event) -> set[str]:
+        """Ask before a whole file is cleared."""
+        if self.whole_file:
+            return context.window_manager.invoke_confirm(self, event)
+        return super().invoke(context, event)
+
+    def steps(self, context: Context) -> Steps[str]:
+        yield Progress(0.0, "Clearing")
+        if self.whole_file:
+            return clear_file(context)
+        active = context.active_object
+        chosen = dict.fromkeys([*([active] if active else []), *context.selected_objects])
+        return clear_match_data(context, chosen)

@@ -1,0 +1,66 @@
+"""Remove what matching, transfers and symmetries keep on meshes and in scenes, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bpy.types import Context, Mesh, Object
+
+import zoomout_core as zo
+
+from ..scene.landmarks import remove_landmarks_on
+from ..storage import stored_candidates, stored_match, stored_report, stored_symmetry
+from ..viewport import preview
+
+
+def clear_match_data(context: Context, objects: Iterable[Object]) -> str:
+    """Remove matches, their candidates, reports and symmetries from meshes, and landmarks from objects.
+
+    What was transferred stays, and so does the data of others: the match of a target is on its mesh, not its source's.
+
+    Args:
+        context: Blender's.
+        objects: of any kind, in Object Mode; those whose meshes are of other files are left as they are.
+
+    Returns:
+        A sentence for the user.
+
+    Raises:
+        MeshError: a mesh is being edited; nothing was removed.
+    """
+    meshes = [obj for obj in objects if obj.type == "MESH"]
+    return _clear(context, dict.fromkeys(obj.data for obj in meshes), meshes)
+
+
+def clear_file(context: Context) -> str:
+    """The same for all meshes and scenes of the file."""
+    return _clear(context, context.blend_data.meshes, [obj for obj in context.blend_data.objects if obj.type == "MESH"])
+
+
+def _clear(context: Context, meshes: Iterable[Mesh], objects: list[Object]) -> str:
+    own = [mesh for mesh in meshes if mesh.library is None and mesh.override_library is None]
+    for mesh in own:
+        if mesh.is_editmode:
+            raise zo.MeshError(f"The mesh '{mesh.name}' is being edited: leave its Edit Mode.")
+    cleared = [mesh for mesh in own if _clear_mesh(mesh)]
+    landmarks = sum(remove_landmarks_on(scene, objects) for scene in context.blend_data.scenes if not scene.library)
+    shown = preview.current()
+    if shown is not None and shown.object_uid in {obj.session_uid for obj in objects if obj.data in cleared}:
+        preview.clear()
+    return (
+        f"Cleared {len(cleared)} mesh{'' if len(cleared) == 1 else 'es'} "
+        f"and {landmarks} landmark{'' if landmarks == 1 else 's'}"
+    )
+
+
+def _clear_mesh(mesh: Mesh) -> bool:
+    """Remove all that is stored on a mesh; whether there was anything."""
+    before = len(mesh.attributes), len(mesh.keys())
+    stored_match.remove(mesh)
+    stored_candidates.remove(mesh)
+    stored_report.remove(mesh)
+    stored_symmetry.forget(mesh)
+    if (len(mesh.attributes), len(mesh.keys())) == before:
+        return False
+    mesh.update()
+    return True
