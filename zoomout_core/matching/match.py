@@ -39,6 +39,7 @@ from zoomout_core.matching.options import Initial, MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
+    PartFit,
     in_one_unit,
     may_be_part,
     part_fit_steps,
@@ -467,9 +468,24 @@ def _part_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, Refi
     functional_map = target.basis.coefficients(images)[:k_target]
     known = found.partners.target
     confidence, over = confidence_of(there, found.back, functional_map, source, target, False, known)
+    if is_small(source, target):
+        confidence, over = _confidence_by_part(pair, found, (k_target, k_source))
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
     return Refined(fit, found.partners, functional_map, confidence, over)
+
+
+def _confidence_by_part(pair: Pair, found: PartFit, size: tuple[int, int]) -> tuple[Floats, float]:
+    """`confidence_of` the map of a whole to a small part, as told by the map of the part.
+
+    What the rest of the whole does, all of which goes to the part as well, would outweigh the part's own place.
+    """
+    (k_target, k_source), source, target = size, pair.source_shape, pair.target_shape
+    images = found.back.interpolate(target.basis.eigenvectors[:, :k_target])
+    functional_map = source.basis.coefficients(images)[:k_source]
+    has_partner = found.partners.source
+    of_part, over = confidence_of(found.back, found.fit.surface_map, functional_map, target, source, False, has_partner)
+    return found.partners.target * found.fit.surface_map.interpolate(of_part), over
 
 
 def fitted_steps(

@@ -15,6 +15,7 @@ from scipy.special import expit
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.match import _part_steps
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, PartCandidate, _Found, images_apart
@@ -119,6 +120,23 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     true = made[2].source_shape.mesh.vertices[true_vertex(made[1], made[0])]
     assert np.median(np.linalg.norm(fit.fit.positions - true, axis=1)) < 0.02
     assert fit.fit.rotations.shape == (len(true), 3, 3)
+
+
+def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
+    made: tuple[Creature, Creature, Pair], found: list[Candidate]
+) -> None:
+    pair = made[2]
+    swapped = replace(pair, source=pair.target, target=pair.source)
+    swapped = replace(swapped, source_shape=pair.target_shape, target_shape=pair.source_shape)
+    with retuned(REGION, small=0.15):
+        one = replace(found[0], functional_map=np.eye(60, 20))
+        refined = drain(_part_steps(swapped, one))
+    on_hand = made[1].directions[:, 0] > WRIST
+    assert np.median(refined.confidence[on_hand]) > 0.5
+    assert np.median(refined.confidence[~on_hand]) == 0
+    with retuned(REGION, small=0.0):
+        by_whole = drain(_part_steps(swapped, one)).confidence
+    assert np.median(by_whole[on_hand]) < 0.3
 
 
 def test_regions_are_few_apart_and_as_large_as_the_part_needs(
