@@ -65,8 +65,8 @@ def test_maps_grow_along_the_schedule_and_no_larger_than_asked_for(shape: ShapeA
 
 def test_beyond_the_schedule_maps_grow_by_the_step(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    refined(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 14)))
-    assert rounds.sizes == [10, 12, 14, 21, 28, 35]
+    refined(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 13, 14)))
+    assert rounds.sizes == [10, 12, 13, 14, 21, 28, 35]
 
 
 def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, monkeypatch) -> None:
