@@ -10,10 +10,11 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
-from ..properties.transfer import BindOptions, BlendOptions
+from ..properties.transfer import BLENDING, NAMING, BindOptions, BlendOptions
 from ..scene.selection import sources_of_targets
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps, summary
+from ..viewport import preview
 from .stepped import SteppedOperator
 
 
@@ -27,14 +28,25 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
     )
     bl_options = {"REGISTER", "UNDO"}
 
+    def draw(self, context: Context) -> None:
+        """What can be adjusted: the match is what it was."""
+        self.layout.use_property_split = True
+        for names in (BindOptions.__annotations__, BLENDING, NAMING):
+            column = self.layout.box().column()
+            for name in names:
+                column.prop(self, name)
+
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
         source_of = sources_of_targets(context, self.source)
         settings, options, binding = self.settings(), self.match_options(), self.how_to_bind()
 
         def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return prepare_transfer_steps(context, source_of[target], target, (), settings, binding, **options)
+            return prepare_transfer_steps(
+                context, source_of[target], target, (), settings, binding, self.options.is_repeat, **options
+            )
 
         outcome = yield from each_target_steps(list(source_of), work)
+        preview.clear_passing()
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())

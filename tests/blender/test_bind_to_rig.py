@@ -8,13 +8,16 @@ import pytest
 from drawing import Context, Layout
 from mathutils import Euler, Matrix
 from rigged import BONES, OTHER, POSE, mesh_object, posed_target, rig, seen, set_pose, sheared, source_and_rig, truth
-from scenes import activate, add_uv_map, key_shape, set_weights, snapshot, weight_array
+from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, snapshot, weight_array
 from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon import api
+from blender_addon.scene.pair import read_pair_steps
 from blender_addon.services.transfer import summary
 from blender_addon.storage import stored_match
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.runtime.stepping import drain
 
 PLACES = {
     "at the origin": (None, None, None),
@@ -204,6 +207,34 @@ def test_a_source_with_a_subdivision_is_read_at_rest():
     bind(source, target)
     set_pose(armature, {})
     assert np.median(off(target, armature, at_rest)) < 0.015
+
+
+def test_a_target_that_lies_on_two_objects_is_bound_as_by_both():
+    source, armature = source_and_rig()
+    target, at_rest = posed_target(source, armature)
+    triangles = np.array([list(p.vertices) for p in source.data.polygons if len(p.vertices) == 4])
+    middle = seen(source)[triangles].mean(axis=1)[:, 2]
+    parts = []
+    for name, chosen in (("Below", middle < 3), ("Above", middle >= 3)):
+        used, faces = np.unique(triangles[chosen], return_inverse=True)
+        part = from_pydata(name, seen(source)[used].tolist(), faces.reshape(-1, 4).tolist())
+        for bone in BONES:
+            set_weights(part, bone, weight_array(source, bone)[used])
+        part.parent = armature
+        part.modifiers.new("Armature", "ARMATURE").object = armature
+        parts.append(part)
+    bpy.context.view_layer.update()
+    pair = drain(read_pair_steps(bpy.context, "Below", "Target", ["Above"]))
+    found = zo.SurfaceMap(
+        *closest_points(at_rest.astype(float), pair.source.vertices, pair.source.triangles), pair.source.triangles
+    )
+    kept = stored_match.StoredMatch(found, np.ones(len(at_rest)), (), others=("Above",))
+    stored_match.write(target.data, kept, pair, {})
+    set_pose(armature, OTHER)
+    report = bind(parts[0], target)
+    set_pose(armature, {})
+    assert report["others"] == ["Above"]
+    assert np.median(off(target, armature, at_rest)) < 3e-3
 
 
 def test_children_stay_where_they_are_and_what_hangs_from_bones_is_left_alone():

@@ -28,6 +28,7 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import DATA
+from blender_addon.operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from blender_addon.operators.match import ZOOMOUT_OT_match
 from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
 from blender_addon.properties.match import MatchOptions
@@ -433,11 +434,11 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, targe
 
 def test_only_what_can_be_adjusted_is_drawn_and_no_match(target):
     drawn = []
-    for operator in (ZOOMOUT_OT_transfer, ZOOMOUT_OT_match):
+    for operator in (ZOOMOUT_OT_transfer, ZOOMOUT_OT_match, ZOOMOUT_OT_bind_to_rig):
         rna = getattr(bpy.ops.zoomout, operator.bl_idname.split(".")[1]).get_rna_type()
         operator.draw(SimpleNamespace(layout=Layout(drawn), bl_rna=rna), bpy.context)
     names = {text for kind, text, _ in drawn if kind == "prop"}
-    assert {"uv_maps", "fill_below", "limit"} <= names
+    assert {"uv_maps", "fill_below", "limit", "binding"} <= names
     assert not names & MatchOptions.__annotations__.keys()
 
 
