@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bmesh
-import bpy
 from bpy.types import Context, Object, Operator
 
 import zoomout_core as zo
@@ -13,6 +12,7 @@ from ..properties.landmarks import ImportOptions
 from ..scene.landmarks import next_number, obstacle, remove_landmark, remove_landmarks_on, set_landmark
 from ..scene.selection import participants
 from ..services.landmark_import import import_landmarks
+from . import modes
 
 # More vertices are not selected to mark places one by one.
 MOST_SELECTED = 64
@@ -22,12 +22,11 @@ class LandmarkOperator(Operator):
     """The base of operators on the landmarks of the source and the targets, which `change` and say what they did."""
 
     bl_options = {"REGISTER", "UNDO"}
-    mode = "OBJECT"
 
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether there are objects that may have landmarks."""
-        reason = obstacle(context, cls.mode)
+        reason = obstacle(context)
         if reason:
             cls.poll_message_set(reason)
         return not reason
@@ -38,6 +37,10 @@ class LandmarkOperator(Operator):
 
     def execute(self, context: Context) -> set[str]:
         """Change them, and report."""
+        left = modes.leave(context, self)
+        return modes.come_back_after(context, left, self, self._changed(context))
+
+    def _changed(self, context: Context) -> set[str]:
         try:
             source, targets = participants(context)
             self.report({"INFO"}, self.change(context, [source, *targets]))
@@ -54,18 +57,19 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
         "Place a landmark on each selected vertex of the source and of the target, in the order of the selection: "
         "the first of one corresponds to the first of the other"
     )
-    bl_options = {"REGISTER"}  # see `execute`
-    mode = "EDIT_MESH"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Whether vertices of objects that may have landmarks can be selected."""
+        if context.mode != "EDIT_MESH":
+            cls.poll_message_set("Switch to Edit Mode")
+            return False
+        return super().poll(context)
 
     def execute(self, context: Context) -> set[str]:
-        """Change them in Object Mode, for what happens in Edit Mode is undone for the mesh alone."""
+        """Note what is selected before Edit Mode is left."""
         self._selected = {obj.name: _selected(obj) for obj in context.objects_in_mode}
-        bpy.ops.object.mode_set(mode="OBJECT")
-        done = super().execute(context)
-        if done == {"FINISHED"}:
-            bpy.ops.ed.undo_push(message=self.bl_label)
-        bpy.ops.object.mode_set(mode="EDIT")
-        return done
+        return super().execute(context)
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them on the objects whose vertices are selected."""

@@ -32,8 +32,6 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
             reason = activity.AT_WORK
         elif settings.source_collection is None or settings.target_collection is None:
             reason = "Choose both collections in the sidebar"
-        elif context.mode != "OBJECT":
-            reason = "Switch to Object Mode"
         if reason:
             cls.poll_message_set(reason)
         return not reason

@@ -14,7 +14,7 @@ from ..mesh_data import SurfacePoint, raycast_surface_point
 from ..scene.landmarks import next_number, obstacle, remove_landmark, set_landmark, surface_points_on
 from ..scene.selection import participants
 from ..viewport.landmark_dots import dot_at, dots
-from . import modal
+from . import modal, modes
 
 
 class Pointed(NamedTuple):
@@ -47,6 +47,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         if not modal.can_begin(context.window):
             self.report({"ERROR"}, "Landmarks are placed with the mouse: move it over a 3D view, and try again")
             return {"CANCELLED"}
+        self._left = modes.leave(context, self)
         self._objects = [obj.name for obj in _clickable(context)]
         self._dragged: tuple[int, str] | None = None
         self._placed: list[tuple[int, str]] = []
@@ -59,8 +60,9 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     def modal(self, context: Context, event: Event) -> set[str]:
         """Place, drag or end; other events pass through to the view."""
         if event.type in ("ESC", "RIGHTMOUSE", "RET") and event.value == "PRESS":
-            self.cancel(context)
-            return {"FINISHED"} if self._placed else {"CANCELLED"}
+            self._end(context)
+            result = {"FINISHED"} if self._placed else {"CANCELLED"}
+            return modes.come_back_after(context, self._left, self, result)
         if event.type == "BACK_SPACE" and event.value == "PRESS" and self._placed:
             return self._take_back(context)
         pointed = _pointed(context, event)
@@ -73,7 +75,11 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         return {"PASS_THROUGH"}
 
     def cancel(self, context: Context) -> None:
-        """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
+        """Leave nothing behind: Blender calls this when a file is loaded or the window closes."""
+        self._end(context)
+        modes.come_back_later(context, self._left)
+
+    def _end(self, context: Context) -> None:
         modal.end(self)
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)

@@ -1,4 +1,7 @@
-"""Operators whose work is a generator: with a window it runs in slices that ESC can end, else straight through."""
+"""Operators whose work is a generator: with a window it runs in slices that ESC can end, else straight through.
+
+They run in Object Mode: another mode is left before, and comes back at the end, whatever that is.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from zoomout_core.runtime.stepping import Progress, Steps, drain
 from ..scene.redraw import redraw_sidebars
 from ..services.preflight import obstacle
 from ..services.targets import Outcome
-from . import activity, modal
+from . import activity, modal, modes
 
 # Seconds of work between two events; the step that is then running may take up to a tenth of a second more.
 SLICE = 0.05
@@ -55,15 +58,21 @@ class SteppedOperator(Operator):
 
     def execute(self, context: Context) -> set[str]:
         """Run to the end."""
+        left = modes.leave(context, self)
+        result = {"CANCELLED"}
         try:
-            return self._finished(drain(self.steps(context)))
+            result = self._finished(drain(self.steps(context)))
         except zo.MeshError as error:
-            return self._failed(error)
+            result = self._failed(error)
+        finally:
+            modes.come_back_after(context, left, self, result)
+        return result
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Begin to work in slices, or run to the end where there is no window to watch, or none that lets it."""
         if bpy.app.background or not modal.can_begin(context.window):
             return self.execute(context)
+        self._left = modes.leave(context, self)
         self._steps = self.steps(context)
         _show_progress(context, Progress(0.0, "Beginning"))
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
@@ -73,9 +82,9 @@ class SteppedOperator(Operator):
     def modal(self, context: Context, event: Event) -> set[str]:
         """Work for a slice at each tick of the timer; ESC ends it."""
         if event.type == "ESC":
-            self.cancel(context)
+            self._end(context)
             self.report({"INFO"}, "Cancelled; nothing was changed")
-            return {"CANCELLED"}
+            return modes.come_back_after(context, self._left, self, {"CANCELLED"})
         if event.type != "TIMER":
             return {"PASS_THROUGH" if event.type in LOOKING else "RUNNING_MODAL"}
         try:
@@ -90,11 +99,15 @@ class SteppedOperator(Operator):
         else:
             _show_progress(context, progress)
             return {"RUNNING_MODAL"}
-        self.cancel(context)
-        return result
+        self._end(context)
+        return modes.come_back_after(context, self._left, self, result)
 
     def cancel(self, context: Context) -> None:
-        """Leave nothing behind; Blender calls this, too, when a file is loaded or the window closes."""
+        """Leave nothing behind: Blender calls this when a file is loaded or the window closes."""
+        self._end(context)
+        modes.come_back_later(context, self._left)
+
+    def _end(self, context: Context) -> None:
         modal.end(self)
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)

@@ -21,9 +21,6 @@ from ..mesh_data.arrays import hash_of
 from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
 from .selection import participants
 
-# Modes as Blender's interface calls them.
-MODES = {"OBJECT": "Object Mode", "EDIT_MESH": "Edit Mode"}
-
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPairs:
@@ -81,10 +78,8 @@ def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
     return hash_of(repr(common))
 
 
-def obstacle(context: Context, mode: str = "OBJECT") -> str:
+def obstacle(context: Context) -> str:
     """Why the landmarks of the source and the targets cannot be changed now, in words for a button, or nothing."""
-    if context.mode != mode:
-        return f"Switch to {MODES[mode]}"
     try:
         participants(context)
     except zo.MeshError as error:

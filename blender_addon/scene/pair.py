@@ -26,8 +26,8 @@ from ..mesh_data.arrays import hash_of
 READING = Progress(0.0, "Reading the meshes")
 
 
-def find_mesh(context: Context, name: str) -> Object:
-    """The mesh object of a name, ready to be read.
+def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
+    """The mesh object of a name, ready to be read; or `edited` in Edit Mode, which operators leave before they read.
 
     Raises:
         MeshError: there is none in the scene, or more than one, or it is being edited.
@@ -39,7 +39,7 @@ def find_mesh(context: Context, name: str) -> Object:
         raise zo.MeshError(f"There are several objects '{name}' in the scene, of other files: rename the one of this.")
     if obj.type != "MESH":
         raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
-    if obj.data.is_editmode:  # of this object, or of another one that shares the mesh
+    if obj.data.is_editmode and not (edited and obj.mode == "EDIT"):  # or another object that shares the mesh
         raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
     return obj
 

@@ -10,16 +10,16 @@ from ..storage import stored_match
 from .pair import find_mesh
 
 
-def choose_source(context: Context, target: Object, named: str = "") -> Object:
+def choose_source(context: Context, target: Object, named: str = "", edited: bool = False) -> Object:
     """The source for a target.
 
     It is the object that is named, else the one chosen in the scene, else the one mesh that is selected
-    besides the target, else the one that the target was matched with.
+    besides the target, else the one that the target was matched with. It may be `edited`, see `find_mesh`.
 
     Raises:
         MeshError: it is not a mesh that can be read, or there is no telling which it is.
     """
-    return find_mesh(context, source_name(context, target, named))
+    return find_mesh(context, source_name(context, target, named), edited)
 
 
 def source_name(context: Context, target: Object, named: str = "") -> str:

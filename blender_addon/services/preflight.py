@@ -50,9 +50,7 @@ def obstacle(context: Context) -> str:
     target = context.active_object
     if target is None or target.type != "MESH":
         return NO_TARGET
-    if context.mode != "OBJECT":
-        return "Switch to Object Mode"
-    if target.data.is_editmode:
+    if target.data.is_editmode and target.mode != "EDIT":
         return "The active mesh is edited through another object: leave its Edit Mode"
     if target.library is not None or target.data.library is not None:
         return "The active mesh is linked from another file: Object > Relations > Make Local"
@@ -62,7 +60,7 @@ def obstacle(context: Context) -> str:
 def likely_source(context: Context) -> Object | None:
     """The source that an operator would choose for the active object, or None where it would refuse."""
     try:
-        return choose_source(context, context.active_object)
+        return choose_source(context, context.active_object, edited=True)
     except zo.MeshError:
         return None
 
@@ -77,7 +75,7 @@ def findings(context: Context) -> list[Finding]:
     if several:
         return []
     try:
-        source = choose_source(context, target)
+        source = choose_source(context, target, edited=True)
         check_distinct(source, target)
         check_writable(target)
     except zo.MeshError as error:
@@ -100,7 +98,12 @@ def _is_any_chosen(context: Context) -> bool:
 
 
 def evaluated_data(context: Context, obj: Object) -> Mesh | None:
-    """An object's mesh as its modifiers leave it, or None where it is disabled; it is up to date before drawing."""
+    """An object's mesh as its modifiers leave it, or None where it is disabled; it is up to date before drawing.
+
+    In Edit Mode it is the object's own, as it was before: the other one has nothing to be counted.
+    """
+    if obj.mode == "EDIT":
+        return obj.data
     evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
     return evaluated.data if evaluated.is_evaluated else None
 

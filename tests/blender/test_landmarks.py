@@ -174,8 +174,10 @@ class Screen:
 class Placing:
     """The operator, driven by hand: the `bpy` module has no window that could send it events."""
 
-    for _name in ("invoke", "modal", "cancel", "_press", "_drag", "_let_go", "_take_back", "_present", "_show"):
+    for _name in ("invoke", "modal", "cancel", "_end", "_press", "_drag", "_let_go", "_take_back", "_present", "_show"):
         locals()[_name] = getattr(ZOOMOUT_OT_place_landmarks, _name)
+
+    bl_options = ZOOMOUT_OT_place_landmarks.bl_options
 
     def __init__(self, screen):
         self.screen, self.reports = screen, []
@@ -199,6 +201,18 @@ def placing(source, target):
     operator = Placing(Screen())
     yield operator
     modal.end(operator)
+
+
+def test_landmarks_are_placed_out_of_other_modes_which_come_back(source, target):
+    bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+    for obj, x in ((source, -1.0), (target, 1.0)):
+        obj.location.x, obj.scale = x, (0.5,) * 3
+    bpy.context.view_layer.update()
+    operator = Placing(Screen())
+    assert bpy.context.mode == "OBJECT"
+    operator.event("LEFTMOUSE", 0.8, 0.05)
+    assert operator.event("ESC") == {"FINISHED"}
+    assert (bpy.context.mode, numbers(target)) == ("PAINT_WEIGHT", [1])
 
 
 def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_next(source, target, placing):

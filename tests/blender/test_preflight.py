@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import activate, ellipsoid, from_pydata, positions
+from scenes import activate, ellipsoid, from_pydata, linked, positions
 
 from blender_addon.mesh_data import content_hash
 from blender_addon.scene import mesh_facts
@@ -21,6 +21,15 @@ def found():
     return [one.text for one in everything if one.blocks], [one.text for one in everything if not one.blocks]
 
 
+def edit_through_another_object(target, source):
+    other = linked("Other", target.data)
+    activate(other)
+    bpy.ops.object.mode_set(mode="EDIT")
+    other.select_set(False)
+    source.select_set(True)
+    bpy.context.view_layer.objects.active = target
+
+
 def test_nothing_is_said_where_nothing_is_wrong(target):
     assert found() == ([], [])
 
@@ -30,7 +39,7 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
     [
         ("no target", "Select the mesh that has the data, then with Shift the one that is to receive it."),
         ("no target of a source", "Make the mesh active that is to receive the data."),
-        ("edit mode", "Switch to Object Mode."),
+        ("edited elsewhere", "The active mesh is edited through another object: leave its Edit Mode."),
         ("no source", "Select the mesh that has the data, then with Shift the one that is to receive it."),
         ("many", "2 meshes are selected besides the active one: select the source alone, or choose it in the sidebar."),
         ("itself", "'Target' cannot be its own source: choose another source, or make another mesh active."),
@@ -45,8 +54,8 @@ def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
     elif defect == "no target of a source":
         bpy.context.view_layer.objects.active = None
         bpy.context.scene.zoomout.source = source
-    elif defect == "edit mode":
-        bpy.ops.object.mode_set(mode="EDIT")
+    elif defect == "edited elsewhere":
+        edit_through_another_object(target, source)
     elif defect == "no source":
         activate(target)
     elif defect == "many":

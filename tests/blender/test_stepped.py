@@ -20,6 +20,7 @@ class Window:
         self.window_manager = self.workspace = self
         self.window = SimpleNamespace(modal_operators=[])
         self.timers, self.handlers, self.status, self.windows = [], 0, None, []
+        self.active_object = None
 
     def event_timer_add(self, interval, window):
         self.timers.append(object())
@@ -38,9 +39,11 @@ class Window:
 class Work:
     """An operator whose steps are given; it writes at the end."""
 
-    execute, invoke, modal, cancel, _finished, _failed = (
-        getattr(SteppedOperator, name) for name in ("execute", "invoke", "modal", "cancel", "_finished", "_failed")
+    execute, invoke, modal, cancel, _end, _finished, _failed = (
+        getattr(SteppedOperator, name)
+        for name in ("execute", "invoke", "modal", "cancel", "_end", "_finished", "_failed")
     )
+    bl_label, bl_options = "Work", {"REGISTER", "UNDO"}
 
     def __init__(self, count=3, error=None):
         self.count, self.error, self.written, self.closed, self.reports = count, error, False, False, []
