@@ -15,7 +15,7 @@ from .armatures import (
     stands_as_modelled,
     unbind,
 )
-from .base import read_target_faces, read_target_surface
+from .base import carried_values, read_target_faces, read_target_surface
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .joined import (
@@ -126,6 +126,7 @@ __all__ = [
     "armatures_of",
     "bind_like",
     "can_be_put",
+    "carried_values",
     "content_hash",
     "count_layers",
     "deforming_bones",

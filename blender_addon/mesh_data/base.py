@@ -13,7 +13,10 @@ import numpy as np
 from bpy.types import Depsgraph, Object
 
 import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.transfer import Attribute, Domain, Kind
 
+from .layers import Layer, Role, read_layer, write_layer
 from .surfaces import (
     VERTEX_PRESERVING,
     Faces,
@@ -25,6 +28,8 @@ from .surfaces import (
     world_surface,
 )
 
+# Name of an attribute on a temporary mesh.
+CARRIED = "zoomout_carried"
 # Modifiers that pose whatever mesh they are given: behind one that adds vertices, they move the base alike.
 POSING = frozenset({"ARMATURE", "LATTICE"})
 
@@ -78,6 +83,27 @@ def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
     """
     check_evaluated(obj, depsgraph)
     return read_faces(obj.data)
+
+
+def carried_values(obj: Object, depsgraph: Depsgraph, values: Floats) -> Floats | None:
+    """What all modifiers of an object make of values of its own vertices (n, 3) or corners (c, 2).
+
+    Returns:
+        Values of the elements of the evaluated mesh; None where modifiers lose them, as *Remesh* does.
+    """
+    domain = Domain.POINT if values.shape[1] == 3 else Domain.CORNER
+    vectors = np.zeros((len(values), 3), np.float32)
+    vectors[:, : values.shape[1]] = values
+    with temporary_copy(obj, depsgraph) as copy:
+        copy.data = mesh = obj.data.copy()
+        write_layer(mesh, Layer(Attribute(CARRIED, domain, Kind.VECTOR, vectors), Role.GENERIC, "FLOAT_VECTOR"))
+        depsgraph.view_layer.update()
+        with evaluated_mesh(copy, depsgraph) as (_, made):
+            kept = made.attributes.get(CARRIED)
+            lost = kept is None or kept.domain != domain.name
+            found = None if lost else read_layer(made, CARRIED).attribute.values[:, : values.shape[1]]
+    bpy.data.meshes.remove(mesh)
+    return found
 
 
 def remove_generating(obj: Object) -> None:

@@ -1,14 +1,15 @@
 """Colours drawn over objects in the 3D views: nothing of the file is touched, so nothing has to be put back.
 
 An overlay is drawn on the evaluated mesh of an object, with a small depth offset towards the viewer, in any viewport
-shading; it follows the object's transform, pose and name. It is hidden with the viewport's other overlays, while its
+shading; it follows the object's transform, pose and name. Where the modifiers make other vertices, they make its
+colours, too, see `carried`. It is hidden with the viewport's other overlays, while its
 mesh is being edited, painted or sculpted, and while a mesh is not the one that its overlay was computed for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -23,6 +24,7 @@ from zoomout_core.arrays import Floats
 from ..mesh_data.arrays import read_array
 from ..scene.mesh_facts import facts
 from ..scene.redraw import redraw_views
+from . import carried
 
 # Depth offset of overlays towards the viewer, as a fraction of the depth range.
 NEARER = 2e-5
@@ -61,7 +63,8 @@ class Overlay:
 
     Attributes:
         object_uid: `session_uid` of the object, which renaming does not change.
-        values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the mesh that its modifiers leave.
+        values: (n, 3) colours of vertices, or (c, 2) UVs of face corners, of the object's own mesh, or of the one that
+            its modifiers leave.
         content: of the object's own mesh, see `mesh_data.content_hash`.
     """
 
@@ -76,8 +79,8 @@ class Overlay:
 
 
 _overlays: tuple[Overlay, ...] = ()
-# GPU batches of overlays, by the object's `session_uid`; None where the overlay does not fit the mesh.
-_batches: dict[int, gpu.types.GPUBatch | None] = {}
+# GPU batches of overlays that fit the mesh, by the object's `session_uid`.
+_batches: dict[int, gpu.types.GPUBatch] = {}
 # Names of objects when they were last found, by their `session_uid`.
 _names: dict[int, str] = {}
 _handler: Any = None
@@ -88,6 +91,7 @@ def show(overlays: Sequence[Overlay]) -> None:
     global _overlays, _handler
     _overlays = tuple(overlays)
     _batches.clear()
+    carried.clear()
     if _handler is None:
         _handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
     redraw_views()
@@ -102,6 +106,7 @@ def clear() -> None:
     _overlays, _handler = (), None
     _batches.clear()
     _names.clear()
+    carried.clear()
     redraw_views()
 
 
@@ -132,9 +137,25 @@ def visible() -> list[tuple[Overlay, Object]]:
     return [] if is_outdated() else [(overlay, obj) for overlay, obj in _found() if obj.mode == "OBJECT"]
 
 
+def is_hidden() -> bool:
+    """Whether an object is in a mode in which its overlay is not drawn."""
+    return any(obj.mode != "OBJECT" for _, obj in _found())
+
+
+def is_lost() -> bool:
+    """Whether an overlay is known not to be carried through the modifiers of its object."""
+    return any(carried.is_lost(obj) for _, obj in _found())
+
+
 def is_outdated() -> bool:
     """Whether one of the meshes is known to be another one than its overlay was computed for."""
     return any((known := facts(obj)) is not None and known.content != overlay.content for overlay, obj in _found())
+
+
+def seen_surface(overlay: Overlay, obj: Object, evaluated: Object) -> dict[str, np.ndarray] | None:
+    """`surface_of` the evaluated mesh of an object, which may have other vertices than the overlay has colours."""
+    values = carried.values_on(obj, evaluated, overlay.values)
+    return None if values is None else surface_of(evaluated.data, replace(overlay, values=values))
 
 
 def surface_of(mesh: Mesh, overlay: Overlay) -> dict[str, np.ndarray] | None:
@@ -169,18 +190,18 @@ def _draw() -> None:
     gpu.state.depth_mask_set(True)
     for overlay, obj in visible():
         if obj.visible_in_viewport_get(context.space_data):
-            _draw_overlay(overlay, obj.evaluated_get(context.evaluated_depsgraph_get()))
+            _draw_overlay(overlay, obj, obj.evaluated_get(context.evaluated_depsgraph_get()))
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
 
 
-def _draw_overlay(overlay: Overlay, evaluated: Object) -> None:
+def _draw_overlay(overlay: Overlay, obj: Object, evaluated: Object) -> None:
     if overlay.object_uid not in _batches:
-        surface = surface_of(evaluated.data, overlay)
-        _batches[overlay.object_uid] = None if surface is None else _batch(surface)
+        surface = seen_surface(overlay, obj, evaluated)
+        if surface is None:
+            return
+        _batches[overlay.object_uid] = _batch(surface)
     batch = _batches[overlay.object_uid]
-    if batch is None:
-        return
     seen_from = bpy.context.region_data.view_rotation @ Vector((0, 0, 1))
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(evaluated.matrix_world)

@@ -20,6 +20,8 @@ from .overlay import Overlay
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
 OUTDATED = "Hidden: a mesh was changed since"
+LOST = "Hidden: modifiers leave nothing to color"
+HIDDEN = "Hidden in this mode: it is shown in Object Mode"
 
 
 class Kind(NamedTuple):
@@ -104,7 +106,11 @@ def shown(obj: Object | None) -> Preview | None:
 
 def legend(preview: Preview) -> str:
     """What the colours of the preview that is shown mean, or that they are hidden."""
-    return OUTDATED if overlay.is_outdated() else preview.legend
+    if overlay.is_hidden():
+        return HIDDEN
+    if overlay.is_outdated():
+        return OUTDATED
+    return LOST if overlay.is_lost() else preview.legend
 
 
 def current() -> Preview | None:

@@ -1,0 +1,86 @@
+"""Colours of overlays on what modifiers make of a mesh, such as a finer one or its mirror image.
+
+They are computed by the modifiers themselves, on a copy, which cannot be made while the views are drawn: they are asked
+for then, made when Blender is idle, and kept as long as the object has the same modifiers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import NamedTuple
+
+import bpy
+from bpy.types import Object
+
+from zoomout_core.arrays import Floats
+
+from ..mesh_data import carried_values
+from ..scene.redraw import redraw_views
+
+
+class _Carried(NamedTuple):
+    """Values as modifiers leave them; None where these lose them."""
+
+    of: Floats
+    state: Hashable
+    values: Floats | None
+
+
+# By the `session_uid` of objects: what is known, and what is asked for.
+_known: dict[int, _Carried] = {}
+_wanted: dict[int, Floats] = {}
+
+
+def values_on(obj: Object, evaluated: Object, values: Floats) -> Floats | None:
+    """Values of an object's own vertices (n, 3) or corners (c, 2) on those of its evaluated mesh.
+
+    None where they are not known yet, or cannot be: then the views are drawn again once they are.
+    """
+    counts = [len(mesh.vertices if values.shape[1] == 3 else mesh.loops) for mesh in (obj.data, evaluated.data)]
+    if len(values) == counts[1]:
+        return values
+    if len(values) != counts[0]:
+        return None
+    known = _known.get(obj.session_uid)
+    if known is None or known.of is not values or known.state != _state(obj, evaluated):
+        _wanted[obj.session_uid] = values
+        if not (bpy.app.background or bpy.app.timers.is_registered(_tick)):
+            bpy.app.timers.register(_tick, first_interval=0)
+        return None
+    return known.values
+
+
+def is_lost(obj: Object) -> bool:
+    """Whether the modifiers of an object are known to lose values."""
+    known = _known.get(obj.session_uid)
+    return known is not None and known.values is None
+
+
+def carry_now() -> None:
+    """Compute what was asked for."""
+    while _wanted:
+        uid, values = _wanted.popitem()
+        obj = next((one for one in bpy.context.view_layer.objects if one.session_uid == uid), None)
+        if obj is None or obj.mode != "OBJECT":
+            continue
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        state = _state(obj, obj.evaluated_get(depsgraph))
+        _known[uid] = _Carried(values, state, carried_values(obj, depsgraph, values))
+
+
+def clear() -> None:
+    """Forget everything."""
+    _known.clear()
+    _wanted.clear()
+
+
+def _tick() -> None:
+    """Blender calls this when it is idle."""
+    carry_now()
+    redraw_views()
+
+
+def _state(obj: Object, evaluated: Object) -> Hashable:
+    """What differs where modifiers make something else of the same mesh."""
+    made = len(evaluated.data.vertices), len(evaluated.data.loops)
+    return made, tuple((modifier.name, modifier.type, modifier.show_viewport) for modifier in obj.modifiers)
