@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse import csc_array, csr_array, dia_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, Integers
@@ -98,6 +98,32 @@ class Skin:
         return np.asarray((turned @ self.rest.ravel()).reshape(-1, 3))
 
 
+class PinnedSystem:
+    """A sparse symmetric positive definite system, whose solutions meet pins.
+
+    Args:
+        matrix: (n, n).
+        pins: what must be met.
+    """
+
+    def __init__(self, matrix: csc_array | dia_array, pins: Pins) -> None:
+        self.factors: SuperLU = factorised(matrix)
+        self._pins = pins
+        self._answer, self._compliance = np.zeros((matrix.shape[0], 0)), np.zeros((0, 0))
+        if len(pins.positions):
+            self._answer = self.free(pins.matrix.T.toarray())
+            self._compliance = np.linalg.pinv(pins.matrix @ self._answer, hermitian=True)
+
+    def free(self, loads: Floats) -> Floats:
+        """(n, d) solutions for loads (n, d), whatever is pinned."""
+        return np.asarray(self.factors.solve(np.asfortranarray(loads)))
+
+    def solve(self, loads: Floats) -> Floats:
+        """(n, 3) solutions for loads (n, 3), moved as little, by the system, as it takes to meet the pins."""
+        free = self.free(loads)
+        return np.asarray(free + self._answer @ (self._compliance @ (self._pins.positions - self._pins.matrix @ free)))
+
+
 class Elastic:
     """The linear system of a skin whose vertices are drawn somewhere.
 
@@ -112,18 +138,12 @@ class Elastic:
         self._skin = skin
         self._pull = (np.maximum(pull, LEAST_PULL) * skin.areas)[:, None]
         self._holding = length**2
-        self._factors: SuperLU = factorised(diags_array(self._pull[:, 0]) + length**2 * skin.stiffness)
-        self._averaging = self._factors if length > skin.averaged_over else skin.averaging
-        self._pins = pins
-        self._answer, self._compliance = np.zeros((len(pull), 0)), np.zeros((0, 0))
-        if len(pins.positions):
-            self._answer = self._solved(pins.matrix.T.toarray())
-            self._compliance = np.linalg.pinv(pins.matrix @ self._answer, hermitian=True)
+        self._system = PinnedSystem(diags_array(self._pull[:, 0]) + length**2 * skin.stiffness, pins)
+        self._averaging = self._system.factors if length > skin.averaged_over else skin.averaging
 
     def solve(self, feet: Floats, loads: Floats) -> Floats:
         """(n, 3) positions that are drawn to feet (n, 3), while edges hold: `Skin.loads`."""
-        free = self._solved(self._pull * feet + self._holding * loads)
-        return np.asarray(free + self._answer @ (self._compliance @ (self._pins.positions - self._pins.matrix @ free)))
+        return self._system.solve(self._pull * feet + self._holding * loads)
 
     def turns(self, positions: Floats) -> Floats:
         """(n, 3, 3) how the skin has turned where it is at positions (n, 3), on average around each vertex."""
@@ -133,7 +153,4 @@ class Elastic:
 
     def spread(self, values: Floats) -> Floats:
         """Values (n, d), smoothed as far as vertices are drawn, and going on where they are not."""
-        return self._solved(self._pull * values)
-
-    def _solved(self, loads: Floats) -> Floats:
-        return np.asarray(self._factors.solve(np.asfortranarray(loads)))
+        return self._system.free(self._pull * values)

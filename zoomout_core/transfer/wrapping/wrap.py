@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +19,8 @@ from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
 from zoomout_core.runtime.threads import alone, in_background
 from zoomout_core.transfer.rules import Match, map_target
-from zoomout_core.transfer.wrapping.elastic import Pins, no_pins
+from zoomout_core.transfer.wrapping.cage import cage_of
+from zoomout_core.transfer.wrapping.elastic import Pins
 from zoomout_core.transfer.wrapping.feet import FEET
 from zoomout_core.transfer.wrapping.fit import Fit
 from zoomout_core.transfer.wrapping.loose_parts import moves_as_a_whole, with_loose_parts
@@ -55,6 +57,7 @@ def wrap(
     detail: float = 1.0,
     mask: ArrayLike | None = None,
     landmarks: tuple[ArrayLike, ArrayLike] | None = None,
+    subdivided: bool = False,
 ) -> Wrapped:
     """Give the target's topology the source's shape.
 
@@ -73,14 +76,24 @@ def wrap(
             given.
         landmarks: for the source and for the target either vertex numbers (m,) or points (m, 3), which stand for the
             closest point of the surface; those of the target come to lie exactly on those of the source.
+        subdivided: whether the target is the cage of a subdivision surface (Catmull and Clark 1978): then the surface
+            that it tends to comes to lie on the source, and landmarks are places of that.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing of the target would be wrapped.
         ValueError: a number is out of its range, or landmarks do not come in pairs.
     """
-    return drain(
-        wrap_steps(result, source, target, smoothness=smoothness, detail=detail, mask=mask, landmarks=landmarks)
+    steps = wrap_steps(
+        result,
+        source,
+        target,
+        smoothness=smoothness,
+        detail=detail,
+        mask=mask,
+        landmarks=landmarks,
+        subdivided=subdivided,
     )
+    return drain(steps)
 
 
 def wrap_steps(
@@ -92,12 +105,13 @@ def wrap_steps(
     detail: float = 1.0,
     mask: ArrayLike | None = None,
     landmarks: tuple[ArrayLike, ArrayLike] | None = None,
+    subdivided: bool = False,
 ) -> Steps[Wrapped]:
     """`wrap` as a generator."""
     for name, value in (("smoothness", smoothness), ("detail", detail)):
         if not 0 <= value <= 1:
             raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
-    mapped = map_target(result, source, target)
+    mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
     weight = _checked_mask(mask, len(target.vertices))
     mapped = replace(mapped, confidence=mapped.confidence * weight)
     if mapped.has_partner is not None:
@@ -107,7 +121,8 @@ def wrap_steps(
     # Only a match knows, not a map.
     given: Booleans | None = getattr(result, "source_has_partner", None)
     given = np.ones(len(source.vertices), dtype=bool) if given is None else given
-    pins = _pins(landmarks, source, target)
+    places = _places_of_landmarks(landmarks, source, target)
+    pins = _pins(places, target.working.vertex_of[places[0]], len(target.working.vertices), unit)
 
     fit = yield from spread(in_background(lambda: Fit(mapped, weight, given, pins, smoothness)), 0, READ, STAGE)
     yield from spread(alone(fit.steps()), READ, FITTED, STAGE)
@@ -120,8 +135,14 @@ def wrap_steps(
             form = fit.form()
             found = form + detail * (found - form)
         turned_over = int(unfolding.turned_over(found).sum())
-        found = pins.met(with_loose_parts(fit, found))
-        return Wrapped(_on_surface(fit, found, target) * np.sqrt(source.area), turned_over, _notes(fit, turned_over))
+        found = unit * _on_surface(fit, pins.met(with_loose_parts(fit, found)), target)
+        if subdivided:
+            number = target.working.vertex_of
+            on_source = np.where(moves_as_a_whole(fit.working, fit.weight), 0.0, fit.weight)[number]
+            on_source[number < 0] = 0
+            at_limit = _pins(places, places[0], len(found), 1.0)
+            found = cage_of(mapped, found, fit.feet.triangle[number], on_source, detail, at_limit)
+        return Wrapped(found, turned_over, _notes(fit, turned_over))
 
     return (yield from spread(in_background(finished), UNFOLDED, 1, STAGE))
 
@@ -192,25 +213,34 @@ def _checked_mask(mask: ArrayLike | None, count: int) -> Floats:
     return weight
 
 
-def _pins(landmarks: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Pins:
-    """Landmarks as places of the target's working mesh, and where they must come to at unit area of the source."""
-    n = len(target.working.vertices)
-    if landmarks is None:
-        return no_pins(n)
-    on_source, on_target = (
-        _places(role, surface, given)
-        for role, surface, given in zip(("source", "target"), (source, target), landmarks, strict=True)
+# Landmarks: (m, 3) vertices of the target and (m, 3) their weights, and (m, 3) where they are on the source.
+Landmarks: TypeAlias = tuple[Integers, Floats, Floats]
+
+
+def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Landmarks:
+    if given is None:
+        return np.empty((0, 3), dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
+    (corners, weights), on_target = (
+        _places(role, surface, each)
+        for role, surface, each in zip(("source", "target"), (source, target), given, strict=True)
     )
-    if len(on_source[0]) != len(on_target[0]):
+    if len(corners) != len(on_target[0]):
         raise ValueError(
-            f"{len(on_source[0])} source and {len(on_target[0])} target landmarks were given: they come in pairs."
+            f"{len(corners)} source and {len(on_target[0])} target landmarks were given: they come in pairs."
         )
-    corners, weights = on_target
-    rows = np.repeat(np.arange(len(corners)), 3)
-    matrix = csr_array((weights.ravel(), (rows, target.working.vertex_of[corners].ravel())), shape=(len(corners), n))
+    return *on_target, np.einsum("mc,mcx->mx", weights, source.vertices[corners])
+
+
+def _pins(landmarks: Landmarks, vertices: Integers, n: int, unit: float) -> Pins:
+    """Landmarks as places on a mesh of n vertices, which has the target's under other numbers (m, 3).
+
+    Positions are in a unit of the source's.
+    """
+    _, weights, there = landmarks
+    rows = np.repeat(np.arange(len(there)), 3)
+    matrix = csr_array((weights.ravel(), (rows, vertices.ravel())), shape=(len(there), n))
     matrix.eliminate_zeros()
-    positions = np.einsum("mc,mcx->mx", on_source[1], source.vertices[on_source[0]])
-    return Pins(matrix, positions / np.sqrt(source.area))
+    return Pins(matrix, there / unit)
 
 
 def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Floats]:

@@ -1,0 +1,73 @@
+"""The cage of a subdivision surface that lies on the source: its limit points do, and not its vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array, diags_array
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.wrapping.elastic import PinnedSystem, Pins
+from zoomout_core.transfer.wrapping.subdivision import limit_points
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class CageTuning(Tuning, set_by="judgement"):
+    """How a cage is found.
+
+    Attributes:
+        rounds: in which the limit's feet on the source are sought anew.
+        fairness: of differences between how a vertex and its neighbours move, against distances of the limit from its
+            feet, squared: what no limit point tells apart, such as every second vertex up and down, stays as it is.
+        staying: of each vertex's own motion, against the same.
+    """
+
+    rounds: int = tuned(4, "rounds", 1, 100)
+    fairness: float = tuned(3e-3, "1", 1e-12, 100)
+    staying: float = tuned(1e-4, "1", 1e-12, 100)
+
+
+CAGE = CageTuning()
+
+
+def cage_of(
+    mapped: MappedTarget, positions: Floats, triangle: Integers, weight: Floats, detail: float, pins: Pins
+) -> Floats:
+    """(n_t, 3) vertices of a cage whose limit surface lies where vertices at some positions would.
+
+    Least squares over points of the limit at vertices, edges and faces, beside how far the cage moves.
+
+    Args:
+        mapped: the target, which is the cage, on the source.
+        positions: (n_t, 3) of its vertices on the source, in the source's frame and unit.
+        triangle: (n_t,) the source's triangles beside these.
+        weight: (n_t,) how far vertices lie on the source, in [0, 1]; the others stay.
+        detail: how far from the polygons between the positions to the source the limit goes, in [0, 1].
+        pins: places of the limit, as mixtures of its points at the vertices, that must come to given positions.
+    """
+    cage, source, n = mapped.target, mapped.source, len(positions)
+    points = limit_points(cage)
+    pull = csc_array(points.limit.T @ diags_array(np.maximum(points.limit @ weight, 0)))
+    fair = csc_array(CAGE.fairness * _differences(cage) + CAGE.staying * diags_array(np.ones(n)))
+    system = PinnedSystem(pull @ points.limit + fair, Pins(csr_array(pins.matrix @ points.limit[:n]), pins.positions))
+    flat, found, at = points.flat @ positions, positions, triangle[points.near]
+    for _ in range(CAGE.rounds):
+        at, barycentric, _ = mapped.whole.walk(at, points.limit @ found)
+        feet = np.einsum("qc,qcx->qx", barycentric, source.vertices[source.triangles[at]])
+        found = system.solve(pull @ (flat + detail * (feet - flat)) + fair @ positions)
+    return found
+
+
+def _differences(cage: Surface) -> csr_array:
+    """(n, n) what gives the sum of squared differences between vertices and the means of their neighbours."""
+    graph = edge_graph(cage.vertices, cage.triangles)
+    graph.data[:] = 1
+    count = np.asarray(graph.sum(axis=1)).ravel()
+    means = diags_array(1 / np.maximum(count, 1)) @ graph
+    differences = diags_array((count > 0).astype(np.float64)) - means
+    return csr_array(differences.T @ differences)
