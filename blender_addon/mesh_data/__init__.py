@@ -15,7 +15,7 @@ from .armatures import (
     stands_as_modelled,
     unbind,
 )
-from .base import carried_values, read_target_faces, read_target_surface
+from .base import carried_values, is_cage, read_target_faces, read_target_surface
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .joined import (
@@ -136,6 +136,7 @@ __all__ = [
     "extent",
     "facts_steps",
     "fits",
+    "is_cage",
     "is_flat",
     "is_mirrored",
     "joined_shape_keys",

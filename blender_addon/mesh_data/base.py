@@ -63,6 +63,16 @@ def read_base_positions(obj: Object, depsgraph: Depsgraph) -> np.ndarray:
             return read_positions(mesh)
 
 
+def is_cage(obj: Object) -> bool:
+    """Whether a Catmull-Clark subdivision is the last modifier that is shown, and the only one that adds vertices."""
+    adding = [each for each in obj.modifiers if each.show_viewport and each.type not in VERTEX_PRESERVING]
+    if [each.type for each in adding] != ["SUBSURF"]:
+        return False
+    (subdivision,) = adding
+    shown = [each for each in obj.modifiers if each.show_viewport]
+    return shown[-1] == subdivision and subdivision.subdivision_type == "CATMULL_CLARK" and bool(subdivision.levels)
+
+
 def read_target_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface:
     """The surface of an object's own mesh, its vertices at `read_base_positions`, in world space.
 

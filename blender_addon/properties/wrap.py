@@ -71,6 +71,15 @@ class WrapOptions:
         default=True,
         options=ONCE,
     )
+    wrap_subdivided: BoolProperty(
+        name="Through Subdivision",
+        description=(
+            "Where a Subdivision modifier is the last one, the smooth surface that it shows comes to lie on the shape, "
+            "instead of the mesh itself"
+        ),
+        default=True,
+        options=ONCE,
+    )
 
     def wrap_options(self) -> dict[str, Any]:
         """Arguments of `wrap_objects`."""

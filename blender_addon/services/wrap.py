@@ -42,6 +42,7 @@ class Wrapping:
         detail: how far the detail of the shape is followed, in [0, 1].
         mask: the vertex group of what is wrapped outside of which it keeps its form; empty for none.
         landmarks: whether landmarks that both have are met.
+        subdivided: whether the surface that a Subdivision modifier shows lies on the shape, instead of its cage.
     """
 
     result: Literal["shape_key", "mesh", "object"] = "shape_key"
@@ -50,6 +51,7 @@ class Wrapping:
     detail: float = 1.0
     mask: str = ""
     landmarks: bool = True
+    subdivided: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,7 @@ class _Given:
         onto: that of the latter.
         mask: (n,) how far vertices are wrapped; None for all.
         landmarks: those that both have.
+        is_cage: whether what is seen of the former is a subdivision surface, which is to lie on the latter.
     """
 
     wrapped: str
@@ -71,6 +74,7 @@ class _Given:
     onto: zo.Surface
     mask: Floats | None
     landmarks: LandmarkPairs | None
+    is_cage: bool
 
 
 def wrap_objects(
@@ -172,7 +176,8 @@ def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
     if mask is not None and not np.any(mask):
         raise zo.MeshError(f"The vertex group '{wrapping.mask}' of '{obj.name}' is empty: choose another mask.")
     landmarks = _landmarks(context, source, target, wrapping, seen, rest) if wrapping.landmarks else None
-    return _Given(obj.name, other.name, rest, onto, None if mask is None else np.asarray(mask), landmarks)
+    is_cage = wrapping.subdivided and mesh_data.is_cage(obj)
+    return _Given(obj.name, other.name, rest, onto, None if mask is None else np.asarray(mask), landmarks, is_cage)
 
 
 def _check_reverse(context: Context, pair: ObjectPair, source: Object) -> None:
@@ -220,6 +225,7 @@ def _wrapped_steps(match: stored_match.Match, pair: ObjectPair, given: _Given, w
     if given.landmarks is not None and given.landmarks.numbers:
         landmarks = given.landmarks.source, given.landmarks.target
     options: dict[str, Any] = {"smoothness": wrapping.smoothness, "detail": wrapping.detail, "mask": given.mask}
+    options["subdivided"] = given.is_cage
     if not wrapping.reverse:
         return (yield from wrap_steps(match, given.onto, given.rest, landmarks=landmarks, **options))
     turned = yield from within(reversed_match_steps(match, pair.source, pair.target), 0, TURNING_ROUND)
@@ -239,7 +245,8 @@ def _write(
         return mesh_data.add_shaped_copy(context, obj, name, vertices - place, place), "", ()
     shape = mesh_data.to_object(obj, vertices - place)
     notes: tuple[str, ...] = ()
-    if any(modifier.show_viewport for modifier in obj.modifiers):
+    shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]
+    if len(shown) > given.is_cage:
         notes = (f"The modifiers of '{obj.name}' act on its new shape as well.",)
     if wrapping.result == "mesh":
         mesh_data.move_vertices(obj.data, shape - mesh_data.read_rest_positions(obj.data))

@@ -202,6 +202,8 @@ MESSAGES = {
     "How evenly edges flow: at 0 vertices stay near where the match sends them, at 1 faces keep their form as far as the surface lets them": "Wie gleichmäßig Kanten verlaufen: bei 0 bleiben Vertices nahe der Stelle, die die Zuordnung ihnen gibt, bei 1 behalten Flächen ihre Form, so weit die Oberfläche es erlaubt",
     "How far the detail of the shape is followed: at 0 its coarse form alone, with the detail that the mesh has, at 1 onto its surface": "Wie weit den Einzelheiten der Form gefolgt wird: bei 0 nur ihrer groben Form, mit den Einzelheiten des Meshs, bei 1 bis auf ihre Oberfläche",
     "A vertex group of the mesh that is wrapped; outside of it vertices keep their form and move along smoothly": "Eine Punktgruppe des Meshs, das angelegt wird; außerhalb behalten Vertices ihre Form und gehen weich mit",
+    "Through Subdivision": "Durch die Unterteilung",
+    "Where a Subdivision modifier is the last one, the smooth surface that it shows comes to lie on the shape, instead of the mesh itself": "Wo ein Unterteilungs-Modifikator der letzte ist, kommt die glatte Oberfläche, die er zeigt, auf die Form zu liegen, statt des Meshs selbst",
     "Hit Landmarks": "Landmarken treffen",
     "Landmarks that both meshes have come to lie exactly on each other": "Landmarken, die beide Meshs haben, kommen genau aufeinander zu liegen",
     "Transfer all UV maps; seams stay where the source has them": "Alle UV-Maps übertragen; Nähte bleiben, wo die Quelle sie hat",

@@ -175,7 +175,7 @@ def test_a_target_is_bound_on_demand(tmp_path):
 
 def test_a_target_is_wrapped(pair, tmp_path, capsys):
     path, both = tmp_path / "report.json", ("--source", "Source", "--target", "Target", "--k-final", 30)
-    line = "--wrap-smoothness 0.7 --wrap-detail 0.9 --wrap-result mesh --no-wrap-landmarks"
+    line = "--wrap-smoothness 0.7 --wrap-detail 0.9 --wrap-result mesh --no-wrap-landmarks --no-wrap-subdivided"
     assert run("wrap", *both, *line.split(), "--report", path) == 0
     assert json.loads(path.read_text())["targets"]["Target"]["object"] == "Target"
     assert run("wrap", *both, "--wrap-mask", "None") == 1

@@ -14,6 +14,7 @@ from scenes import (
     snapshot,
     snapshot_file,
 )
+from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from blender_addon import api
@@ -21,6 +22,7 @@ from blender_addon.scene.pair import read_pair
 from blender_addon.services.wrap import summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.transfer.wrapping.subdivision import limit_points
 
 PLACE = Matrix.LocRotScale((3, -1, 2), Euler((0.5, 0, 0.3)), (2, 2, 2))
 
@@ -176,6 +178,32 @@ def test_landmarks_are_met_unless_they_are_not_wanted(source, target):
     api.wrap_objects(bpy.context, source, target, api.Wrapping("object", reverse=True))
     there = seen_positions(target)[30]
     assert np.abs(seen_positions(bpy.data.objects["Source on Target"])[20] - there).max() < 1e-4
+
+
+@pytest.mark.parametrize("result", ["shape_key", "object"])
+def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
+    target.modifiers.new("Subdivision", "SUBSURF").levels = 2
+    bpy.context.view_layer.update()
+
+    def missed(**wrapping):
+        report = api.wrap_objects(bpy.context, source, target, api.Wrapping(result, **wrapping))
+        assert not report["notes"] or not wrapping.get("subdivided", True)
+        return off(moved_to(bpy.data.objects[report["object"]], source), source)
+
+    cage = missed(subdivided=False)
+    through = missed()
+    assert len(cage) > 2000
+    assert through.mean() < 0.25 * cage.mean()
+    assert np.percentile(through, 90) < 0.003
+    target.modifiers.new("Cast", "CAST").factor = 0  # no longer the last one
+    np.testing.assert_allclose(missed(), cage, atol=1e-4)
+
+
+def test_the_limit_is_that_of_the_modifier(target):
+    surface = read_pair(bpy.context, "Source", "Target").target
+    target.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    wanted = cKDTree(seen_positions(target))
+    assert wanted.query(limit_points(surface).limit @ surface.vertices)[0].max() < 1e-5
 
 
 def test_what_has_no_partner_is_told(source, target):
