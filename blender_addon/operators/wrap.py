@@ -14,6 +14,7 @@ from ..properties.wrap import WrapOptions
 from ..scene.selection import sources_of_targets
 from ..services.targets import Write, each_target_steps
 from ..services.wrap import Wrapping, check_one_target, prepare_wrap_steps, summary
+from ..viewport import preview
 from .stepped import SteppedOperator
 
 
@@ -26,6 +27,12 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, SteppedOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
+    def draw(self, context: Context) -> None:
+        """What can be adjusted: the match is what it was."""
+        self.layout.use_property_split = True
+        for name in WrapOptions.__annotations__:
+            self.layout.prop(self, name)
+
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
         source_of = sources_of_targets(context, self.source)
@@ -33,8 +40,10 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, SteppedOperator):
         check_one_target(wrapping, source_of)
 
         def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return prepare_wrap_steps(context, source_of[target], target, wrapping, **options)
+            repeated = self.options.is_repeat
+            return prepare_wrap_steps(context, source_of[target], target, wrapping, repeated, **options)
 
         outcome = yield from each_target_steps(list(source_of), work)
+        preview.clear_passing()
         self.report_failed(outcome)
         return " ".join(summary(report) for report in outcome.done.values())

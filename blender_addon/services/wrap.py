@@ -23,7 +23,7 @@ from ..scene.pair import check_unedited, check_writable, find_mesh, fingerprint_
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
 from . import previews
-from .candidates import store_match
+from .candidates import cache_made, last_made, store_match
 from .constraints import check_options, matching_steps, settings_to_store
 from .targets import Write
 
@@ -101,9 +101,23 @@ def wrap_objects(
 
 
 def prepare_wrap_steps(
-    context: Context, source_name: str, target_name: str, wrapping: Wrapping, **match_options: Any
+    context: Context,
+    source_name: str,
+    target_name: str,
+    wrapping: Wrapping,
+    adjusted: bool = False,
+    **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
-    """`wrap_objects` as a generator, which holds no Blender data while it is suspended; returns what writes."""
+    """`wrap_objects` as a generator, which holds no Blender data while it is suspended; returns what writes.
+
+    Args:
+        context: Blender's; both objects are in its scene.
+        source_name: of the source.
+        target_name: of the target.
+        wrapping: how.
+        adjusted: whether it is the last wrap once more with other settings, whose match, undone, is taken again.
+        match_options: those of `match_objects`.
+    """
     check_options(match_options)
     pair = yield from stored_pair_steps(context, source_name, target_name)
     given = _given(context, pair, wrapping)
@@ -112,7 +126,9 @@ def prepare_wrap_steps(
     begin = 0.0
     if stored is None:
         made_with, begin = settings_to_store(context, pair, match_options), MATCHING
-        match = yield from within(matching_steps(context, pair, **match_options), 0, begin)
+        made = last_made(pair) if adjusted else None
+        match = made or (yield from within(matching_steps(context, pair, **match_options), 0, begin))
+        cache_made(pair, match)
     else:
         match, made_with = stored, stored.settings
     wrapped = yield from within(_wrapped_steps(match, pair, given, wrapping), begin, 1)

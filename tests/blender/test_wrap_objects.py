@@ -1,8 +1,12 @@
 """Wrapping objects: as a key, as the mesh itself, as a new object, and the other way round."""
 
+from functools import partial
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
+from drawing import Layout
 from mathutils import Euler, Matrix
 from scenes import (
     activate,
@@ -18,10 +22,13 @@ from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from blender_addon import api
+from blender_addon.operators.wrap import ZOOMOUT_OT_wrap
+from blender_addon.properties.wrap import WrapOptions
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.wrap import summary
+from blender_addon.services.wrap import prepare_wrap_steps, summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.runtime.stepping import drain
 from zoomout_core.transfer.wrapping.subdivision import limit_points
 
 PLACE = Matrix.LocRotScale((3, -1, 2), Euler((0.5, 0, 0.3)), (2, 2, 2))
@@ -185,9 +192,11 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
     target.modifiers.new("Subdivision", "SUBSURF").levels = 2
     bpy.context.view_layer.update()
 
+    told = []
+
     def missed(**wrapping):
         report = api.wrap_objects(bpy.context, source, target, api.Wrapping(result, **wrapping))
-        assert not report["notes"] or not wrapping.get("subdivided", True)
+        told.append(any("act on its new shape" in note for note in report["notes"]))
         return off(moved_to(bpy.data.objects[report["object"]], source), source)
 
     cage = missed(subdivided=False)
@@ -197,6 +206,7 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
     assert np.percentile(through, 90) < 0.003
     target.modifiers.new("Cast", "CAST").factor = 0  # no longer the last one
     np.testing.assert_allclose(missed(), cage, atol=1e-4)
+    assert told == [each and result == "shape_key" for each in (True, False, True)]
 
 
 def test_the_limit_is_that_of_the_modifier(target):
@@ -242,9 +252,22 @@ def test_a_target_that_was_not_matched_yet_is_matched_first(source):
     assert off(moved_to(copy, source), source).max() < 1e-5
 
 
-def test_closed_halfway_it_changes_nothing(source, target):
-    from blender_addon.services.wrap import prepare_wrap_steps
+def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, monkeypatch):
+    copy = ellipsoid("Copy", 4)
+    steps = partial(prepare_wrap_steps, bpy.context, "Source", "Copy", initial="same_order")
+    drain(steps(api.Wrapping()))  # as if it had been undone
+    monkeypatch.setattr("blender_addon.services.wrap.matching_steps", None)
+    drain(steps(api.Wrapping(detail=0.5), adjusted=True))()
+    assert copy.data.shape_keys is not None
 
+
+def test_only_what_can_be_adjusted_is_drawn():
+    everything, rna = [], bpy.ops.zoomout.wrap.get_rna_type()
+    ZOOMOUT_OT_wrap.draw(SimpleNamespace(layout=Layout(everything), bl_rna=rna), bpy.context)
+    assert [name for _, name, _ in everything] == list(WrapOptions.__annotations__)
+
+
+def test_closed_halfway_it_changes_nothing(source, target):
     before = snapshot_file()
     steps = prepare_wrap_steps(bpy.context, "Source", "Target", api.Wrapping())
     fractions = [next(steps).fraction for _ in range(12)]
