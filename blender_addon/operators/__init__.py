@@ -8,6 +8,7 @@ from .clear_data import ZOOMOUT_OT_clear_match_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
 from .landmarks import (
     ZOOMOUT_OT_clear_landmarks,
+    ZOOMOUT_OT_confirm_landmarks,
     ZOOMOUT_OT_import_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
@@ -36,6 +37,7 @@ CLASSES = (
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_import_landmarks,
+    ZOOMOUT_OT_confirm_landmarks,
     ZOOMOUT_OT_remove_landmark,
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_match_collections,

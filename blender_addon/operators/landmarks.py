@@ -9,9 +9,17 @@ import zoomout_core as zo
 
 from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
-from ..scene.landmarks import next_number, obstacle, remove_landmark, remove_landmarks_on, set_landmark
+from ..scene.landmarks import (
+    confirm_landmarks,
+    next_number,
+    obstacle,
+    remove_landmark,
+    remove_landmarks_on,
+    set_landmark,
+)
 from ..scene.selection import participants
 from ..services.landmark_import import import_landmarks
+from ..services.propose_partners import propose_partners
 from . import modes
 
 # More vertices are not selected to mark places one by one.
@@ -81,10 +89,15 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
             raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select single ones.")
         depsgraph = context.evaluated_depsgraph_get()
         places = {obj: [surface_point_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
+        numbers = set()
         for obj in objects:
             for place in places[obj]:
-                set_landmark(context.scene, obj, place, next_number(context.scene, obj, objects))
-        return f"Placed {count} landmark{'s' if count > 1 else ''}"
+                number = next_number(context.scene, obj, objects)
+                set_landmark(context.scene, obj, place, number)
+                numbers.add(number)
+        proposed = propose_partners(context, objects, numbers)
+        and_proposed = f", and proposed {proposed} partner{'s' if proposed > 1 else ''}" if proposed else ""
+        return f"Placed {count} landmark{'s' if count > 1 else ''}{and_proposed}"
 
 
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
@@ -96,6 +109,17 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
         """Place them."""
         count = import_landmarks(context, objects, self.what)
         return f"Imported {count} landmark{'s' if count > 1 else ''}"
+
+
+class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
+    bl_idname = "zoomout.confirm_landmarks"
+    bl_label = "Confirm Proposed Landmarks"
+    bl_description = "Take all partners of landmarks that the match proposes, drawn as pale dots, as they are"
+
+    def change(self, context: Context, objects: list[Object]) -> str:
+        """Confirm them."""
+        count = confirm_landmarks(context.scene, objects)
+        return f"Confirmed {count} landmark{'' if count == 1 else 's'}"
 
 
 class ZOOMOUT_OT_remove_landmark(LandmarkOperator):

@@ -11,8 +11,16 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from mathutils import Vector
 
 from ..mesh_data import SurfacePoint, raycast_surface_point
-from ..scene.landmarks import next_number, obstacle, remove_landmark, set_landmark, surface_points_on
+from ..scene.landmarks import (
+    confirm_landmarks,
+    next_number,
+    obstacle,
+    remove_landmark,
+    set_landmark,
+    surface_points_on,
+)
 from ..scene.selection import participants
+from ..services.propose_partners import propose_partners
 from ..viewport.landmark_dots import dot_at, dots
 from . import modal, modes
 
@@ -29,7 +37,8 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     bl_idname = "zoomout.place_landmarks"
     bl_label = "Place Landmarks"
     bl_description = (
-        "Click on the source and on the target, in turn, at places that correspond; drag a dot to move it. "
+        "Click on the source and on the target, in turn, at places that correspond; drag a dot to move it. Where the "
+        "two are matched, the partner is proposed: drag it, or click on it to confirm it. "
         "Backspace takes the last one back, ESC or the right mouse button ends"
     )
     bl_options = {"REGISTER"}  # each click is an undo step of its own
@@ -67,7 +76,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
             return self._take_back(context)
         pointed = _pointed(context, event)
         if event.type == "LEFTMOUSE" and event.value == "RELEASE" and self._dragged:
-            return self._let_go()
+            return self._let_go(context)
         if event.type == "MOUSEMOVE" and self._dragged and pointed:
             return self._drag(context, pointed)
         if event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK") and pointed and not event.alt:
@@ -102,6 +111,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         number = next_number(context.scene, obj, objects)
         set_landmark(context.scene, obj, place, number)
         self._placed.append((number, obj.name))
+        propose_partners(context, objects, [number])
         bpy.ops.ed.undo_push(message=f"Place Landmark {number}")
         return self._show(context)
 
@@ -112,11 +122,15 @@ class ZOOMOUT_OT_place_landmarks(Operator):
             set_landmark(context.scene, *hit, number)
         return self._show(context)
 
-    def _let_go(self) -> set[str]:
-        number, _ = self._dragged
+    def _let_go(self, context: Context) -> set[str]:
+        """Take a proposed one as it is, and propose the partners anew of one that has no other yet."""
+        number, name = self._dragged
         self._dragged = None
+        objects = self._present(context)
+        confirm_landmarks(context.scene, [obj for obj in objects if obj.name == name], [number])
+        propose_partners(context, objects, [number])
         bpy.ops.ed.undo_push(message=f"Move Landmark {number}")
-        return {"RUNNING_MODAL"}
+        return self._show(context)
 
     def _take_back(self, context: Context) -> set[str]:
         number, name = self._placed.pop()
@@ -153,7 +167,9 @@ def _advice(context: Context, objects: list[Object]) -> str:
     ]
     if waiting:
         number, obj = min(waiting, key=lambda entry: entry[0])
-        task = f"Landmark {number}: click on '{obj.name}'"
+        proposed = number in surface_points_on(context.scene, obj, proposed=True)
+        by_dot = ", or drag or click its pale dot" if proposed else ""
+        task = f"Landmark {number}: click on '{obj.name}'{by_dot}"
     else:
         task = "Click on " + " or ".join(f"'{obj.name}'" for obj in objects)
     return f"{task}  |  Drag a dot to move it  |  Backspace: take back  |  ESC or right click: end"

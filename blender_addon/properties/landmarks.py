@@ -26,6 +26,10 @@ class ZOOMOUT_PG_place(PropertyGroup):
     vertices: IntVectorProperty(name="Vertices", description="Three vertices of the face")
     weights: FloatVectorProperty(name="Weights", description="Its barycentric coordinates between them")
     position: FloatVectorProperty(name="Position", description="Where it was when it was set", subtype="XYZ")
+    proposed: BoolProperty(
+        name="Proposed",
+        description="It was set where a match leads, and does not count before it is moved or confirmed",
+    )
     counts: IntVectorProperty(name="Counts", description="Vertices and faces that the mesh had then", size=2)
 
     def take(self, place: SurfacePoint) -> None:

@@ -1,11 +1,13 @@
 """Landmarks: numbered places on objects, of which those of the same number correspond.
 
 They are stored on the scene, each with a place on every object that it was set on: one source may have many targets.
+A place may be a proposal, where a match leads. It is shown, but does not count before it is moved or confirmed: as
+evidence it would prove the match that it followed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,9 +54,9 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
     depsgraph = context.evaluated_depsgraph_get()
     places = {obj: world_positions(obj, surface_points_on(context.scene, obj), depsgraph) for obj in (source, target)}
     for number in sorted({*places[source], *places[target]}):
-        missing = [obj.name for obj in (source, target) if number not in places[obj]]
+        missing = [obj for obj in (source, target) if number not in places[obj]]
         lost = [obj.name for obj in (source, target) if number in places[obj] and places[obj][number] is None]
-        on_one += [f"{number} (missing on '{missing[0]}')"] if missing else []
+        on_one += [f"{number} ({_how_missing(context.scene, missing[0], number)})"] if missing else []
         gone += [f"{number} (on '{lost[0]}')"] if lost and not missing else []
         if not missing and not lost:
             on_both.append(number)
@@ -69,6 +71,12 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
         np.array([places[obj][number] for number in on_both]).reshape(-1, 3) for obj in (source, target)
     )
     return LandmarkPairs(tuple(on_both), of_source, of_target, tuple(notes))
+
+
+def _how_missing(scene: Scene, obj: Object, number: int) -> str:
+    """In what way an object lacks a landmark, for a note."""
+    how = "only proposed" if number in surface_points_on(scene, obj, proposed=True) else "missing"
+    return f"{how} on '{obj.name}'"
 
 
 def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
@@ -87,12 +95,14 @@ def obstacle(context: Context) -> str:
     return ""
 
 
-def surface_points_on(scene: Scene, obj: Object) -> dict[int, SurfacePoint]:
-    """The surface points of all landmarks on an object, by their numbers."""
+def surface_points_on(scene: Scene, obj: Object, proposed: bool = False) -> dict[int, SurfacePoint]:
+    """The surface points of all landmarks on an object, by their numbers; those that are `proposed` if wanted."""
     settings = getattr(scene, "zoomout", None)  # none where the functions are used without the extension
     landmarks = settings.landmarks if settings else ()
     found = ((landmark.number, _stored_place(landmark, obj)) for landmark in landmarks)
-    return {number: stored.place() for number, stored in found if stored is not None}
+    return {
+        number: stored.place() for number, stored in found if stored is not None and (proposed or not stored.proposed)
+    }
 
 
 def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Depsgraph) -> dict[int, Floats | None]:
@@ -115,7 +125,9 @@ def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Dep
     return found
 
 
-def set_landmark(scene: Scene, obj: Object, place: SurfacePoint, number: int, name: str = "") -> None:
+def set_landmark(
+    scene: Scene, obj: Object, place: SurfacePoint, number: int, name: str = "", proposed: bool = False
+) -> None:
     """Give a landmark a place on an object, in place of the one that it may have there."""
     forget_removed_objects(scene)
     landmark = _landmark(scene, number)
@@ -123,13 +135,28 @@ def set_landmark(scene: Scene, obj: Object, place: SurfacePoint, number: int, na
         landmark.name = name
     stored = _stored_place(landmark, obj) or landmark.places.add()
     stored.object = obj
+    stored.proposed = proposed
     stored.take(place)
+
+
+def confirm_landmarks(scene: Scene, objects: Sequence[Object], numbers: Collection[int] | None = None) -> int:
+    """Take the proposed places of landmarks, or of all, on some objects as they are; how many there were."""
+    found = [
+        stored
+        for landmark in scene.zoomout.landmarks
+        for stored in landmark.places
+        if stored.proposed and stored.object in objects and (numbers is None or landmark.number in numbers)
+    ]
+    for stored in found:
+        stored.proposed = False
+    return len(found)
 
 
 def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
     """The number that a landmark gets which is set on an object next.
 
-    It is the lowest that one of the others has and the object lacks, else the first that none of them has.
+    It is the lowest that one of the others has and the object lacks, or has as a proposal, else the first that none of
+    them has.
     """
     own = set(surface_points_on(scene, obj))
     theirs = set().union(*(surface_points_on(scene, other) for other in others if other != obj))
@@ -148,19 +175,21 @@ def remove_landmark(scene: Scene, number: int, objects: Sequence[Object]) -> Non
 
 def remove_landmarks_on(scene: Scene, objects: Sequence[Object]) -> int:
     """Take all landmarks off some objects; how many landmarks were on any."""
-    numbers = sorted(set().union(*(surface_points_on(scene, obj) for obj in objects)))
+    numbers = sorted(set().union(*(surface_points_on(scene, obj, proposed=True) for obj in objects)))
     for number in numbers:
         remove_landmark(scene, number, objects)
     return len(numbers)
 
 
 def forget_removed_objects(scene: Scene) -> None:
-    """Drop places on objects that are no longer in the scene, and landmarks that have no place."""
+    """Drop places on objects that are no longer in the scene, and landmarks that have no place but proposed ones."""
     landmarks = scene.zoomout.landmarks
     for landmark in landmarks:
         for i in reversed([i for i, stored in enumerate(landmark.places) if not _in_scene(scene, stored)]):
             landmark.places.remove(i)
-    for index in reversed([i for i, landmark in enumerate(landmarks) if not landmark.places]):
+    for index in reversed(
+        [i for i, landmark in enumerate(landmarks) if all(stored.proposed for stored in landmark.places)]
+    ):
         landmarks.remove(index)
     active = max(0, min(scene.zoomout.active_landmark, len(landmarks) - 1))
     if active != scene.zoomout.active_landmark:  # writing it would tag the scene as changed

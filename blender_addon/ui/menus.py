@@ -60,6 +60,7 @@ class ZOOMOUT_MT_landmarks(Menu):
         layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname)
         for what, name in (("GROUPS", "Landmarks from Vertex Groups"), ("EMPTIES", "Landmarks from Empties")):
             layout.operator(landmarks.ZOOMOUT_OT_import_landmarks.bl_idname, text=name).what = what
+        layout.operator(landmarks.ZOOMOUT_OT_confirm_landmarks.bl_idname)
         layout.operator(landmarks.ZOOMOUT_OT_remove_landmark.bl_idname)
         layout.operator(landmarks.ZOOMOUT_OT_clear_landmarks.bl_idname)
 

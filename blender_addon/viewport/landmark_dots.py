@@ -26,6 +26,8 @@ ACTIVE_RING, OTHER_RING = (1.0, 1.0, 1.0, 1.0), (0.05, 0.05, 0.05, 1.0)
 TEXT_COLOR = (0.0, 0.0, 0.0, 1.0)
 # Of a dot whose landmark has no partner.
 ALONE = (0.55, 0.55, 0.55)
+# Of the inside of a dot that is proposed, in a ring of its colour.
+PROPOSED, PROPOSED_RING = (0.92, 0.92, 0.92, 1.0), 3.0
 # Hues that follow each other by the golden ratio differ for any number of them.
 GOLDEN = 0.618034
 SEGMENTS = 24
@@ -41,8 +43,9 @@ class Dot:
         number: of the landmark.
         obj: that it lies on.
         place: (2,) in the view's region, in pixels.
-        paired: whether the other side has it, too.
+        paired: whether the other side has it, too, if only as a proposal.
         active: whether it is chosen in the list.
+        proposed: whether it was set where a match leads.
     """
 
     number: int
@@ -50,6 +53,7 @@ class Dot:
     place: Vector
     paired: bool
     active: bool
+    proposed: bool = False
 
 
 def register() -> None:
@@ -72,15 +76,15 @@ def dots(context: Context, region: Region, view: RegionView3D, space: SpaceView3
         return []
     active = settings.active_landmark
     number = settings.landmarks[active].number if active < len(settings.landmarks) else None
-    on_source = surface_points_on(context.scene, source)
-    on_targets = {target: surface_points_on(context.scene, target) for target in targets}
+    on_source = surface_points_on(context.scene, source, proposed=True)
+    on_targets = {target: surface_points_on(context.scene, target, proposed=True) for target in targets}
     on_any = set().union(*on_targets.values())
     depsgraph = context.evaluated_depsgraph_get()
     found = []
     for obj, places in ((source, on_source), *on_targets.items()):
         if not (places and obj.visible_get() and (space.local_view is None or obj.local_view_get(space))):
             continue
-        evaluated = obj.evaluated_get(depsgraph)
+        evaluated, own = obj.evaluated_get(depsgraph), surface_points_on(context.scene, obj)
         for one, place in places.items():
             position = place.on(evaluated.data)
             if position is None:  # the face is unknown, as in Edit Mode
@@ -88,7 +92,7 @@ def dots(context: Context, region: Region, view: RegionView3D, space: SpaceView3
             pixel = location_3d_to_region_2d(region, view, evaluated.matrix_world @ position)
             if pixel is not None:
                 paired = one in (on_any if obj == source else on_source)
-                found.append(Dot(one, obj, pixel, paired, one == number))
+                found.append(Dot(one, obj, pixel, paired, one == number, one not in own))
     return found
 
 
@@ -122,7 +126,10 @@ def _draw_discs(shown: list[Dot], scale: float) -> None:
     for dot in shown:
         ring = ACTIVE_RING if dot.active else OTHER_RING
         inside = (*(color_of(dot.number) if dot.paired else ALONE), 1.0)
-        for radius, color in ((RADIUS + RING, ring), (RADIUS, inside)):
+        discs = [(RADIUS + RING, ring), (RADIUS, inside)]
+        if dot.proposed:
+            discs.append((RADIUS - PROPOSED_RING, PROPOSED))
+        for radius, color in discs:
             positions.append(fan * radius * scale + (*dot.place, 0.0))
             colors.append(np.tile(color, (len(fan), 1)))
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")

@@ -108,6 +108,14 @@ def test_a_mesh_that_is_edited_is_refused_and_nothing_is_removed(source, target)
     assert stored_match.description(target.data) is not None
 
 
+def test_a_mesh_that_is_edited_is_left_and_edited_again(source, target):
+    keep_true_match(target)
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert bpy.ops.zoomout.clear_match_data() == {"FINISHED"}
+    assert bpy.context.mode == "EDIT_MESH"
+    assert stored_match.PROPERTY not in target.data
+
+
 def test_landmarks_vanish_with_their_object(source, target):
     mark(source, target, target)
     scene = bpy.context.scene

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -122,3 +123,13 @@ def test_without_a_match_or_after_an_edit_nothing_is_selected(source, target, op
     with pytest.raises(RuntimeError, match="was edited since"):
         getattr(bpy.ops.zoomout, operator)()
     assert [vertex.select for vertex in target.data.vertices] == before
+
+
+def test_in_edit_mode_what_is_selected_is_seen_at_once(source, target):
+    keep_true_match(target, doubtful=40)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.context.tool_settings.mesh_select_mode = (False, False, True)
+    assert bpy.ops.zoomout.select_doubtful() == {"FINISHED"}
+    assert bpy.context.mode == "EDIT_MESH"
+    chosen = [vert.index for vert in bmesh.from_edit_mesh(target.data).verts if vert.select]
+    assert chosen == list(range(40))

@@ -10,6 +10,7 @@ import zoomout_core as zo
 
 from ...operators.landmarks import (
     ZOOMOUT_OT_clear_landmarks,
+    ZOOMOUT_OT_confirm_landmarks,
     ZOOMOUT_OT_import_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
@@ -23,7 +24,7 @@ from .sidebar import SidebarPanel, sentences
 
 
 class ZOOMOUT_UL_landmarks(UIList):
-    """Landmarks by number, each with marks that say whether the source and the target have it."""
+    """Landmarks by number, each with marks that say whether the source and the target have it, or it is proposed."""
 
     def draw_item(
         self,
@@ -41,9 +42,9 @@ class ZOOMOUT_UL_landmarks(UIList):
         number.ui_units_x = 1.2
         number.label(text=str(landmark.number))
         row.prop(landmark, "name", text="", emboss=False)
-        having = {stored.object for stored in landmark.places}
+        marks = {stored.object: "QUESTION" if stored.proposed else "CHECKMARK" for stored in landmark.places}
         for obj in _pair(context):
-            row.label(text="", icon="CHECKMARK" if obj in having else "REMOVE")
+            row.label(text="", icon=marks.get(obj, "REMOVE"))
 
 
 class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
@@ -64,6 +65,7 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
         row = layout.row()
         row.template_list(ZOOMOUT_UL_landmarks.__name__, "", settings, "landmarks", settings, "active_landmark", rows=4)
         column = row.column(align=True)
+        column.operator(ZOOMOUT_OT_confirm_landmarks.bl_idname, text="", icon="CHECKMARK")
         column.operator(ZOOMOUT_OT_remove_landmark.bl_idname, text="", icon="REMOVE")
         column.operator(ZOOMOUT_OT_clear_landmarks.bl_idname, text="", icon="X")
         column.separator()
