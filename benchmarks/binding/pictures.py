@@ -16,7 +16,7 @@ from benchmarks.binding.cases import positions
 SQUARE, MARGIN = 480, 0.8
 # The camera looks from the front and a little from above and the side, in radians about the axes.
 VIEW = (1.35, 0.0, 0.35)
-SUN, SKY, SAMPLES = (0.7, 0.2, 0.9), (0.2, 0.2, 0.2), 8
+SUN, SKY, SAMPLES = (0.7, 0.2, 0.9), (0.5, 0.5, 0.5), 8
 
 
 def draw(file: Path, objects: Sequence[Object]) -> None:
@@ -48,7 +48,7 @@ def draw(file: Path, objects: Sequence[Object]) -> None:
         camera.location = (len(objects) - 1) / 2 * size * right + np.array(turn.col[2]) * 3 * size
         scene.camera = camera
         sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-        sun.data.energy, sun.rotation_euler = 3, SUN
+        sun.data.energy, sun.rotation_euler = 2, SUN
         scene.collection.objects.link(sun)
         scene.world = bpy.data.worlds.new("Sky")
         scene.world.color = SKY

@@ -5,7 +5,9 @@ from bent_tube import PARENTS, bent, posed, tube, weights_of
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.transfer import map_target
+from zoomout_core.transfer.bone_fit import Pose
 from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
 from zoomout_core.transfer.skinning import moved, skinning_matrices
 from zoomout_core.tuning import retuned
@@ -95,17 +97,34 @@ def test_what_has_no_partner_does_not_count():
     assert not found.mapped.confidence[alone].any()
 
 
-def test_a_target_at_rest_is_put_where_the_source_is_and_stays_if_it_stands_there():
-    source, still = tube(), tube(13, 55, turned=0.4)
+def _standing(scale, turn, shift):
+    """The pose of a target that stands at rest, but elsewhere."""
+    common = Similarities(np.array(scale), turn, np.array(shift))
+    return Pose(Similarities(np.array([scale]), turn[None], np.array([shift])), common, 0.0)
+
+
+def test_a_target_at_rest_is_put_where_the_source_is():
+    still = tube()
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    for scale, shift, moves in ((1.0, 0.01, False), (1.0, 3.0, True), (2.0, 0.0, True)):
-        target = still.with_vertices(scale * still.vertices @ turn.T + shift if moves else still.vertices + shift)
-        found = posed_target(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
-        assert found.pose.is_rest
-        rest = aligned(target, found.pose)
-        np.testing.assert_allclose(rest.positions, still.vertices if moves else target.vertices, atol=0.02)
-        if not moves:
-            np.testing.assert_array_equal(rest.positions, target.vertices)
-            np.testing.assert_array_equal(rest.linear[0], np.eye(3))
-        elif shift:
-            np.testing.assert_allclose(rest.linear[7], turn.T, atol=0.01)
+    pose = _standing(2.0, turn, [3.0, 4, 5])
+    rest = aligned(still.with_vertices(pose.common(still.vertices)), pose)
+    np.testing.assert_allclose(rest.positions, still.vertices, atol=1e-9)
+    np.testing.assert_allclose(rest.linear, np.broadcast_to(turn.T / 2, (656, 3, 3)), atol=1e-12)
+    assert rest.smoothed == 0
+
+
+def test_a_target_at_rest_stays_where_it_stands_if_the_source_is_there():
+    still = tube()  # of a square root of area of about 4.5
+    for shift, stays in ((0.08, True), (0.1, False)):
+        target = still.with_vertices(still.vertices + shift * np.array([1.0, 0, 0]))
+        rest = aligned(target, _standing(1.0, np.eye(3), [shift, 0.0, 0.0]))
+        assert np.array_equal(rest.positions, target.vertices) == stays
+        np.testing.assert_allclose(rest.linear, np.broadcast_to(np.eye(3), (656, 3, 3)), atol=1e-12)
+
+
+def test_a_target_that_stands_elsewhere_is_at_rest():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    target = still.with_vertices(2 * still.vertices + np.array([1.0, 0, 3]))
+    found = posed_target(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    assert found.pose.is_rest
+    np.testing.assert_allclose(aligned(target, found.pose).positions, still.vertices, atol=0.02)

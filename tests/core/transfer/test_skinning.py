@@ -43,6 +43,14 @@ def test_matrices_collapse_where_dual_quaternions_keep_the_volume():
     np.testing.assert_allclose(rigid[0, :, 3], _turned(80, shift=(0.5, 0, 0)).translation[0], atol=0.2)
 
 
+def test_dual_quaternions_are_mixed_by_weight():
+    unequal = csr_array(np.array([[0.8, 0.2]]))
+    turn = skinning_matrices(_turned(0, 100), unequal, preserve_volume=True)[0, :, :3]
+    half = np.radians(50)
+    angle = 2 * np.arctan2(0.2 * np.sin(half), 0.8 + 0.2 * np.cos(half))
+    np.testing.assert_allclose(turn, Rotation.from_euler("z", angle).as_matrix(), atol=1e-12)
+
+
 def test_dual_quaternions_are_blended_along_the_shorter_way():
     # 170 and 190 degrees are 20 apart, but their quaternions point away from each other as scipy gives them.
     matrices = skinning_matrices(_turned(170, 190), BOTH, preserve_volume=True)
