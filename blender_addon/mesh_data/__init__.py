@@ -15,7 +15,7 @@ from .armatures import (
     stands_as_modelled,
     unbind,
 )
-from .base import carried_values, is_cage, read_target_faces, read_target_surface
+from .base import base_mesh, carried_values, is_cage, read_target_faces, read_target_surface
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .joined import (
@@ -124,6 +124,7 @@ __all__ = [
     "SurfacePoint",
     "add_shaped_copy",
     "armatures_of",
+    "base_mesh",
     "bind_like",
     "can_be_put",
     "carried_values",

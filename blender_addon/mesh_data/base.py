@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import bpy
 import numpy as np
-from bpy.types import Depsgraph, Object
+from bpy.types import Depsgraph, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
@@ -53,14 +53,26 @@ def read_base_positions(obj: Object, depsgraph: Depsgraph) -> np.ndarray:
     Raises:
         MeshError: the object is not evaluated.
     """
-    with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        if len(mesh.vertices) == len(obj.data.vertices):
-            return read_positions(mesh)
+    with base_mesh(obj, depsgraph) as (_, mesh):
+        return read_positions(mesh)
+
+
+@contextmanager
+def base_mesh(obj: Object, depsgraph: Depsgraph) -> Iterator[tuple[Object, Mesh]]:
+    """An evaluated object, and its mesh as modifiers leave it that keep its vertices, see `read_base_positions`.
+
+    Raises:
+        MeshError: the object is not evaluated.
+    """
+    with evaluated_mesh(obj, depsgraph) as seen:
+        if read_faces(seen[1]) == read_faces(obj.data):
+            yield seen
+            return
     with temporary_copy(obj, depsgraph) as copy:
         remove_generating(copy)
         depsgraph.view_layer.update()
-        with evaluated_mesh(copy, depsgraph) as (_, mesh):
-            return read_positions(mesh)
+        with evaluated_mesh(copy, depsgraph) as seen:
+            yield seen
 
 
 def is_cage(obj: Object) -> bool:

@@ -21,6 +21,8 @@ class Fingerprint:
         content: of its own mesh, see `mesh_data.content_hash`.
         mirrored: whether its matrix mirrors it.
         size: number of vertices and of faces of its surface.
+        at_base: whether this is its own mesh, before modifiers that were added later give it other vertices; else it
+            is what they leave. Of a target it always is its own mesh.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Fingerprint:
     content: str
     mirrored: bool
     size: tuple[int, int]
+    at_base: bool = False
 
 
 @dataclass(frozen=True, eq=False)

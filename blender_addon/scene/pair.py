@@ -10,8 +10,9 @@ the positions in the meshes themselves. Posing a character leaves it the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 
 import numpy as np
 from bpy.types import Context, Mesh, Object
@@ -88,22 +89,23 @@ def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPai
 
 
 def read_pair_steps(
-    context: Context, source_name: str, target_name: str, others: Sequence[str] = ()
+    context: Context, source_name: str, target_name: str, others: Sequence[str] = (), at_base: Collection[str] = ()
 ) -> Steps[ObjectPair]:
     """`read_pair` as a generator, which holds no Blender data while it is suspended.
 
     Fingerprints are read before the first yield, so that all edits from then on are noticed. There may be others
-    that the target receives from besides the source.
+    that the target receives from besides the source. Sources `at_base` are read as `Fingerprint.at_base` says.
     """
     names = source_name, *others
     for name in names:
         check_distinct(find_mesh(context, name), find_mesh(context, target_name))
-    fingerprints = tuple(fingerprint_source(context, name) for name in names)
+    fingerprints = tuple(fingerprint_source(context, name, name in at_base) for name in names)
     target_fingerprint = fingerprint_target(context, target_name)
     yield READING
     sources = []
     for name in names:
-        sources.append(mesh_data.read_source_surface(find_mesh(context, name), context.evaluated_depsgraph_get()))
+        read = mesh_data.read_target_surface if name in at_base else mesh_data.read_source_surface
+        sources.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
         yield READING
     target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
     pair = ObjectPair(tuple(sources), target, fingerprints, target_fingerprint)
@@ -119,7 +121,7 @@ def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
         MeshError: one of them was removed or edited since.
     """
     for before in pair.source_fingerprints:
-        check_same(before, fingerprint_source(context, before.name))
+        check_same(before, fingerprint_source(context, before.name, before.at_base))
     check_same(pair.target_fingerprint, fingerprint_target(context, pair.target_name))
     return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
 
@@ -144,18 +146,19 @@ def source_mesh(context: Context, pair: ObjectPair) -> Iterator[tuple[Object, Me
 
 @contextmanager
 def evaluated_sources(context: Context, pair: ObjectPair) -> Iterator[list[mesh_data.EvaluatedObject]]:
-    """The sources of a pair, as they are and as the modifiers leave them, for what they carry.
+    """The sources of a pair, as they are and as the modifiers leave them that count, for what they carry.
 
     Raises:
         MeshError: one was removed, or its mesh has other elements since the pair was read.
     """
     with ExitStack() as stack:
         found = []
-        for name, surface in zip(pair.source_names, pair.sources, strict=True):
-            source = find_mesh(context, name)
-            seen = stack.enter_context(mesh_data.evaluated_mesh(source, context.evaluated_depsgraph_get()))
+        for fingerprint, surface in zip(pair.source_fingerprints, pair.sources, strict=True):
+            source = find_mesh(context, fingerprint.name)
+            evaluated = mesh_data.base_mesh if fingerprint.at_base else mesh_data.evaluated_mesh
+            seen = stack.enter_context(evaluated(source, context.evaluated_depsgraph_get()))
             found.append(mesh_data.EvaluatedObject(source, *seen))
-            check_elements(name, surface, found[-1].mesh)
+            check_elements(fingerprint.name, surface, found[-1].mesh)
         yield found
 
 
@@ -183,14 +186,15 @@ def users_of_mesh(context: Context, target: Object) -> int:
     return sum(obj.data == target.data for obj in context.blend_data.objects)
 
 
-def fingerprint_source(context: Context, name: str) -> Fingerprint:
-    """The fingerprint of an object that has data.
+def fingerprint_source(context: Context, name: str, at_base: bool = False) -> Fingerprint:
+    """The fingerprint of an object that has data; `at_base` see there.
 
     Raises:
         MeshError: it cannot be used.
     """
     source = find_mesh(context, name)
-    return _fingerprint(source, mesh_data.read_source_faces(source, context.evaluated_depsgraph_get()))
+    read = mesh_data.read_target_faces if at_base else mesh_data.read_source_faces
+    return replace(_fingerprint(source, read(source, context.evaluated_depsgraph_get())), at_base=at_base)
 
 
 def fingerprint_target(context: Context, name: str) -> Fingerprint:

@@ -20,11 +20,25 @@ def stored_pair_steps(context: Context, source_name: str, target_name: str) -> S
         MeshError: one of them cannot be used, or the target cannot be written to.
     """
     stored = description(find_mesh(context, target_name).data)
-    names = [other["name"] for other in others(stored)] if stored else []
-    if stored and names and stored["source"] != source_name:
-        renamed = fingerprint_source(context, source_name).digest == stored["source_fingerprint"]
-        names = names if renamed else []
-    return (yield from read_pair_steps(context, source_name, target_name, names))
+    if stored is None:
+        return (yield from read_pair_steps(context, source_name, target_name))
+    digests = {other["name"]: other["fingerprint"] for other in others(stored)}
+    if stored["source"] != source_name and not _is_same(context, source_name, stored["source_fingerprint"]):
+        digests = {}
+    names = list(digests)
+    digests[source_name] = stored["source_fingerprint"]
+    at_base = [name for name, digest in digests.items() if _is_at_base(context, name, digest)]
+    return (yield from read_pair_steps(context, source_name, target_name, names, at_base))
+
+
+def _is_same(context: Context, name: str, digest: str) -> bool:
+    """Whether an object has the fingerprint that is stored, as its modifiers leave it or before."""
+    return digest in {fingerprint_source(context, name, at_base).digest for at_base in (False, True)}
+
+
+def _is_at_base(context: Context, name: str, digest: str) -> bool:
+    """Whether only the object's own mesh has the fingerprint that is stored: modifiers were added to it since."""
+    return fingerprint_source(context, name).digest != digest and _is_same(context, name, digest)
 
 
 def read_stored_match_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:

@@ -131,10 +131,11 @@ def stale(context: Context, target: Object) -> str:
 
 
 def _edited(obj: Object, mesh: Mesh | None, then: Mapping[str, Any]) -> bool:
-    """Whether an object, whose mesh is now this one, was other when it was matched."""
+    """Whether an object, whose mesh is now this one, was other when it was matched; its own may have been that."""
     known = facts(obj)
+    sizes = [] if mesh is None else [[len(one.vertices), len(one.polygons)] for one in (mesh, obj.data)]
     return (
-        (mesh is not None and [len(mesh.vertices), len(mesh.polygons)] != then["size"])
+        (mesh is not None and then["size"] not in sizes)
         or obj.matrix_world.is_negative != then["mirrored"]
         or (known is not None and known.content != then["content"])
     )

@@ -286,7 +286,8 @@ def _keep_match(
     if wrapping.result == "object" and wrapping.reverse:
         return
     if wrapping.reverse:
-        now = replace(pair, source_fingerprints=(fingerprint_source(context, obj.name),))
+        at_base = pair.source_fingerprints[0].at_base
+        now = replace(pair, source_fingerprints=(fingerprint_source(context, obj.name, at_base),))
         obj = find_mesh(context, pair.target_name)
     else:
         now = replace(pair, target_fingerprint=fingerprint_target(context, obj.name))

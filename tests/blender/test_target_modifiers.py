@@ -78,7 +78,7 @@ def test_the_mesh_itself_is_read_where_modifiers_before_leave_it_and_nothing_els
     activate(target)
     before = snapshot_file()
     surface = mesh_data.read_target_surface(target, depsgraph())
-    if kind == "TRIANGULATE":  # which keeps the vertices
+    if kind == "TRIANGULATE":  # which leaves triangles as they are, so that the last one acts, too
         expected = seen_positions(target)
     np.testing.assert_allclose(surface.vertices, expected, atol=1e-5)
     assert len(surface.face_start) - 1 == len(target.data.polygons)
