@@ -60,13 +60,7 @@ class Settings:
         """
         if not self.mask_group:
             return Blend(self.mode, self.factor)
-        weights = mesh_data.read_weights(target, target.data)
-        if self.mask_group not in weights.labels:
-            raise zo.MeshError(
-                f"'{target.name}' has no vertex group '{self.mask_group}' to use as a mask: choose another one."
-            )
-        column = weights.labels.index(self.mask_group)
-        return Blend(self.mode, self.factor, weights.values[:, [column]].toarray()[:, 0].clip(0, 1))
+        return Blend(self.mode, self.factor, mesh_data.read_mask(target, self.mask_group))
 
 
 DEFAULT = Settings()

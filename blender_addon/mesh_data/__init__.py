@@ -95,6 +95,7 @@ from .surfaces import (
 from .vertex_groups import (
     deforming_bones,
     locked_groups,
+    read_mask,
     read_weights,
     read_weights_steps,
     update_weights,
@@ -165,6 +166,7 @@ __all__ = [
     "read_layer",
     "read_layers",
     "read_marks",
+    "read_mask",
     "read_materials",
     "read_own_normals",
     "read_own_shape_keys",

@@ -15,7 +15,8 @@ import numpy as np
 from bpy.types import Mesh, Object, VertexGroup
 from scipy.sparse import csc_array, csr_array
 
-from zoomout_core.arrays import Indices, SingleFloats
+import zoomout_core as zo
+from zoomout_core.arrays import Floats, Indices, SingleFloats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 # A weight of a vertex in a group, as it is read.
@@ -32,6 +33,18 @@ def read_weights(obj: Object, mesh: Mesh) -> Attribute:
         mesh: its mesh, original or evaluated.
     """
     return _weights(_group_names(obj), len(mesh.vertices), [_entries(mesh, 0, len(mesh.vertices))])
+
+
+def read_mask(obj: Object, name: str) -> Floats:
+    """(n,) the weights of the vertex group of a name, in [0, 1].
+
+    Raises:
+        MeshError: the object has none.
+    """
+    weights = read_weights(obj, obj.data)
+    if name not in weights.labels:
+        raise zo.MeshError(f"'{obj.name}' has no vertex group '{name}' to use as a mask: choose another one.")
+    return weights.values[:, [weights.labels.index(name)]].toarray()[:, 0].clip(0, 1)
 
 
 def read_weights_steps(

@@ -9,7 +9,7 @@ from bpy.types import Context
 from zoomout_core.matching.match import NOTES
 from zoomout_core.runtime.stepping import Steps
 
-from ..properties.match import MatchOptions
+from ..properties.match import MatchOptions, RedoOptions
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import sources_of_targets
 from ..services.match import prepare_match_steps
@@ -18,7 +18,7 @@ from ..storage import stored_match
 from .stepped import SteppedOperator
 
 
-class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
+class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, SteppedOperator):
     bl_idname = "zoomout.match"
     bl_label = "Match"
     bl_description = (
@@ -35,7 +35,7 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, SteppedOperator):
     def steps(self, context: Context) -> Steps[str]:
         take_settings(self, context.scene.zoomout)
         active = context.active_object.name
-        source_of, options = sources_of_targets(context, self.source), self.match_options()
+        source_of, options = sources_of_targets(context, self.source), self.match_options() | self.redo_options()
         outcome = yield from each_target_steps(
             list(source_of),
             lambda target: prepare_match_steps(context, source_of[target], target, seen=target == active, **options),

@@ -156,6 +156,29 @@ class MatchOptions:
         return {"initial": self.initial.lower(), "detail": self.detail.lower(), **chosen}
 
 
+class RedoOptions:
+    """Where a target that was matched is matched again."""
+
+    redo_group: StringProperty(
+        name="Redo Only",
+        description=(
+            "Vertex group of the target where matching again replaces the match, which stays elsewhere, with a smooth "
+            "transition; if empty, all of it is replaced"
+        ),
+        options=ONCE,
+    )
+    redo_keeps: BoolProperty(
+        name="Keep",
+        description="The vertex group says what is kept, and all else is matched again",
+        default=False,
+        options=ONCE,
+    )
+
+    def redo_options(self) -> dict[str, Any]:
+        """The arguments of `match_objects` that are chosen here."""
+        return {"redo_group": self.redo_group, "redo_keeps": self.redo_keeps}
+
+
 def option_label(name: str) -> str:
     """What an argument of `match_objects` is called in the interface, or its name if it is not there."""
     option = MatchOptions.__annotations__.get(name)

@@ -8,7 +8,7 @@ from bpy.types import Object, Operator, PropertyGroup
 
 from .collections import CollectionSettings
 from .landmarks import LandmarkSettings
-from .match import MatchOptions
+from .match import MatchOptions, RedoOptions
 from .once import ONCE
 from .symmetry import ZOOMOUT_PG_symmetry
 from .transfer import BindChoice, BindOptions, BlendOptions, TransferOptions
@@ -45,6 +45,7 @@ def _may_be_source(settings: PropertyGroup, obj: Object) -> bool:
 
 class ZOOMOUT_PG_settings(
     MatchOptions,
+    RedoOptions,
     TransferOptions,
     BlendOptions,
     BindChoice,

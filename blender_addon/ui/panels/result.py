@@ -81,6 +81,9 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         row.label(text="", icon="RESTRICT_SELECT_OFF")
         for operator, text in SELECTED.items():
             row.operator(operator.bl_idname, text=text)
+        row, settings = usable.row(align=True), context.scene.zoomout
+        row.prop_search(settings, "redo_group", target, "vertex_groups")
+        row.prop(settings, "redo_keeps", toggle=True)
         if listing is not None:
             _draw_candidates(usable, listing)
         # What changes with the candidate stands below the buttons, which stay where they are.

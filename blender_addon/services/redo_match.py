@@ -1,0 +1,72 @@
+"""Match again in a part of the target, and keep the match of the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from bpy.types import Context
+
+import zoomout_core as zo
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.maps.redo import redo_shares, redone
+
+from .. import mesh_data
+from ..mesh_data import ObjectPair
+from ..scene.pair import target_mesh
+from ..storage import stored_match
+from ..storage.stored_match import Match, StoredMatch
+
+# Share of the new match from which on it says whether a vertex has a partner.
+MOSTLY = 0.5
+
+
+def kept_match(context: Context, pair: ObjectPair) -> StoredMatch | None:
+    """The match of these two that is stored on the target; None without one, or if one of them was edited since."""
+    with target_mesh(context, pair) as (_, mesh):
+        try:
+            return stored_match.read(mesh, pair)
+        except zo.MeshError:
+            return None
+
+
+def read_mask(context: Context, pair: ObjectPair, group: str, keeps: bool) -> Floats:
+    """(n_t,) where a vertex group of the target lets the match be replaced, in [0, 1].
+
+    Raises:
+        MeshError: there is no such group, or it leaves nothing to be replaced.
+    """
+    with target_mesh(context, pair) as (target, _):
+        weights = mesh_data.read_mask(target, group)
+    mask = 1 - weights if keeps else weights
+    if not mask.any():
+        what = "covers all" if keeps else "is empty"
+        raise zo.MeshError(f"The vertex group '{group}' {what}, so nothing would be matched again: paint it.")
+    return mask
+
+
+def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floats) -> StoredMatch:
+    """The match that is a new one where a mask (n_t,) says so, an earlier one elsewhere, and between these a blend."""
+    shares = redo_shares(mask, pair.target)
+    surface_map = redone(before.surface_map, after.surface_map, shares, pair.source)
+    has_partner, of_source = before.has_partner, before.source_has_partner
+    new_of_source = None if isinstance(after, zo.ProximityMatch) else after.source_has_partner
+    without = None
+    if has_partner is None or of_source is None or after.has_partner is None or new_of_source is None:
+        has_partner = of_source = None
+    else:
+        has_partner = np.where(shares >= MOSTLY, after.has_partner, has_partner)
+        of_source = np.where(_reached_anew(pair, surface_map, shares), new_of_source, of_source)
+        without = pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_source)
+    note = f"{pair.target.share_of_area(shares > 0):.0%} of the area was matched again, the rest kept."
+    return StoredMatch(
+        surface_map,
+        (1 - shares) * before.confidence + shares * after.confidence,
+        (note, *after.notes),
+        has_partner=has_partner,
+        source_has_partner=of_source,
+        without_partner=without,
+    )
+
+
+def _reached_anew(pair: ObjectPair, surface_map: zo.SurfaceMap, shares: Floats) -> Booleans:
+    """(n_s,) whether the nearest image to a vertex of the source is one that was matched again."""
+    return np.asarray(surface_map.invert(pair.source, pair.target).interpolate(shares) >= MOSTLY)

@@ -1,0 +1,64 @@
+"""A map that is replaced in a part of the target, and kept elsewhere."""
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.maps.redo import REDO, redo_shares, redone
+
+BODY = creature(1500, seed=1, bend=0.3).surface
+X = BODY.vertices[:, 0]
+
+
+def test_nothing_is_taken_outside_the_mask_and_all_deep_inside():
+    right = np.median(X) < X
+    mask = right.astype(float)
+    shares = redo_shares(mask, BODY)
+    assert (shares[mask == 0] == 0).all()
+    assert shares.max() == 1
+    ends = BODY.edges
+    across = np.abs(shares[ends[:, 0]] - shares[ends[:, 1]])
+    long = np.linalg.norm(np.ptp(BODY.vertices[ends], axis=1), axis=1)
+    assert (across <= 1.5 * long / (REDO.width * np.sqrt(BODY.area)) + 1e-9).all()  # the steepest of a smooth step
+
+
+def test_a_mask_narrower_than_the_transition_still_takes_all_in_its_middle():
+    length = np.linalg.norm(np.ptp(BODY.vertices[BODY.edges], axis=1), axis=1)
+    longest = np.zeros(len(X))
+    np.maximum.at(longest, BODY.edges.ravel(), np.repeat(length, 2))
+    seed = longest.argmin()
+    ring = np.zeros(len(X))
+    ring[BODY.edges[(BODY.edges == seed).any(axis=1)]] = 1
+    reach = np.linalg.norm(BODY.vertices[ring > 0] - BODY.vertices[seed], axis=1).max()
+    assert reach < 0.7 * REDO.width * np.sqrt(BODY.area)
+    assert redo_shares(ring, BODY).max() == 1
+
+
+def test_a_part_that_is_all_masked_and_soft_paint_are_taken_as_they_are():
+    both = zo.Surface.joined([BODY, BODY])
+    mask = np.r_[np.zeros(len(X)), np.full(len(X), 0.5)]
+    np.testing.assert_array_equal(redo_shares(mask, both), mask)
+    np.testing.assert_array_equal(redo_shares(np.ones(len(X)), BODY), 1)
+
+
+def test_images_are_the_old_and_the_new_ones_exactly_and_between_them_in_between():
+    before = zo.SurfaceMap.from_vertices(np.arange(len(X)), BODY)
+    after = zo.SurfaceMap.from_vertices(np.full(len(X), 7), BODY)
+    shares = np.linspace(0, 1, len(X))
+    made = redone(before, after, shares, BODY)
+    for at, kept in ((0, before), (-1, after)):
+        assert made.triangle[at] == kept.triangle[at]
+        np.testing.assert_array_equal(made.barycentric[at], kept.barycentric[at])
+    assert 0 < np.linalg.norm(made.interpolate(BODY.vertices)[len(X) // 2] - BODY.vertices[7]) < np.ptp(X)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.75])
+def test_between_old_and_new_lies_the_mixture(share):
+    ends = BODY.edges[::7]
+    of_target = np.zeros(len(X), int), np.zeros(len(X), int)
+    of_target[0][: len(ends)], of_target[1][: len(ends)] = ends.T
+    before, after = (zo.SurfaceMap.from_vertices(vertex, BODY) for vertex in of_target)
+    made = redone(before, after, np.full(len(X), share), BODY).interpolate(BODY.vertices)[: len(ends)]
+    wanted = (1 - share) * BODY.vertices[ends[:, 0]] + share * BODY.vertices[ends[:, 1]]  # on the edges themselves
+    np.testing.assert_allclose(made, wanted, atol=1e-9)

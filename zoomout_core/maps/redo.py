@@ -1,0 +1,72 @@
+"""A map that is replaced by another one in a part of the target, and kept elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse.csgraph import dijkstra
+
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class RedoTuning(Tuning, set_by="judgement"):
+    """How one map goes over into the other.
+
+    Attributes:
+        width: how far inside the part that is replaced.
+        most: the largest part of the depth of what is replaced that this may be.
+    """
+
+    width: float = tuned(0.06, "at unit area", 0, 1)
+    most: float = tuned(0.5, "1", 0, 1)
+
+
+REDO = RedoTuning()
+
+
+def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
+    """(n_t,) how much of the new map each vertex takes, in [0, 1]: nothing outside of a mask, and from there ever more.
+
+    Args:
+        mask: (n_t,) in [0, 1]; 0 where the map is kept.
+        target: the surface that it is of.
+    """
+    weights = np.asarray(mask, dtype=np.float64)
+    kept = np.flatnonzero(weights == 0)
+    if not len(kept):
+        return weights
+    inside = dijkstra(edge_graph(target.vertices, target.triangles), indices=kept, min_only=True)
+    depth = inside[np.isfinite(inside)].max(initial=0)
+    width = min(REDO.width * np.sqrt(target.area), REDO.most * depth)
+    if width == 0:
+        return weights
+    along = np.minimum(inside / width, 1)
+    return np.asarray(weights * along**2 * (3 - 2 * along))
+
+
+def redone(before: SurfaceMap, after: SurfaceMap, shares: Floats, source: Surface) -> SurfaceMap:
+    """The map that takes some of another one at each vertex; their images are mixed in space.
+
+    Args:
+        before: what is kept where the share is 0, exactly.
+        after: what it is replaced by where the share is 1, exactly.
+        shares: (n_t,) in [0, 1].
+        source: the surface that both lie on.
+    """
+    triangle = np.where(shares == 1, after.triangle, before.triangle)
+    barycentric = np.where((shares == 1)[:, None], after.barycentric, before.barycentric)
+    mixed = np.flatnonzero((shares > 0) & (shares < 1))
+    if len(mixed):
+        part: Floats = shares[mixed, None]
+        old, new = (each.interpolate(source.vertices)[mixed] for each in (before, after))
+        points = np.asarray((1 - part) * old + part * new, dtype=np.float64)
+        triangle[mixed], barycentric[mixed] = closest_points(points, source.vertices, source.triangles)
+    return SurfaceMap(triangle, barycentric, source.triangles)
