@@ -29,11 +29,12 @@ class UnposeTuning(Tuning, set_by="binding"):
     Attributes:
         least_extent: the least singular value of a vertex's skinning matrix, over the scale: below, the blend of bones
             has collapsed.
-        most_strain: of an edge by the inverse, or most shrinking; beyond, weights are wrong.
+        most_strain: of an edge by the inverse, or most shrinking; beyond, weights are wrong. At 3, which the inner side
+            of an elbow reaches, a fifth more vertices are smoothed, for 3 % more error.
     """
 
     least_extent: float = tuned(0.3, "1", 0, 1)
-    most_strain: float = tuned(3.0, "1", 1, 1000)
+    most_strain: float = tuned(6.0, "1", 1, 1000)
 
 
 UNPOSE = UnposeTuning()
