@@ -188,6 +188,7 @@ def test_a_match_that_is_out_of_date_says_so_in_passing(source, target, edit):
         source.data.vertices[3].co.x += 0.1
     elif edit == "source divided":
         source.data.vertices.add(1)
+        source.data.update()
     elif edit == "target mirrored":
         target.scale.x = -1
     else:
