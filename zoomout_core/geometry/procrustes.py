@@ -23,6 +23,9 @@ from zoomout_core.arrays import Floats, Integers
 SMALLEST = 1e-300
 # Variances that are differences of means, of places at unit area, are exact up to this rounding.
 LEAST_SPREAD = 1e-12
+# Newton's method takes this number of steps to single precision for a blend of rotations whose determinant is larger
+# than this part of its cubed norm.
+NEWTON_STEPS, CLEAR_BLEND = 5, 0.05
 
 
 def nearest_rotations(matrices: Floats, handedness: ArrayLike | None = 1.0) -> Floats:
@@ -35,6 +38,30 @@ def nearest_rotations(matrices: Floats, handedness: ArrayLike | None = 1.0) -> F
     if handedness is not None:
         U[..., -1] *= (np.sign(handedness) * np.sign(np.linalg.det(U @ Vt)))[..., None]
     return np.asarray(U @ Vt)
+
+
+def rotations_of_blends(matrices: Floats) -> Floats:
+    """(n, 3, 3) the rotations nearest to many blends of rotations: polar factors by Newton's method (Higham 1986).
+
+    Where the determinant is small, as of blends of opposite rotations, they are taken from the singular value
+    decomposition, which takes several times as long.
+    """
+    size = np.linalg.norm(matrices, axis=(1, 2))
+    clear = np.linalg.det(matrices) > CLEAR_BLEND * size**3
+    rotations = np.empty_like(matrices)
+    rotations[~clear] = nearest_rotations(matrices[~clear])
+    rows = np.ascontiguousarray(np.moveaxis(matrices[clear] * np.sqrt(3) / size[clear, None, None], 0, -1))
+    for _ in range(NEWTON_STEPS):
+        a, b, c = rows
+        cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
+        rows = (rows + cofactors / (a * cofactors[0]).sum(axis=0)) / 2
+    rotations[clear] = np.moveaxis(rows, -1, 0)
+    return rotations
+
+
+def _cross(x: Floats, y: Floats) -> Floats:
+    """(3, n) cross products of vectors given by their coordinates (3, n)."""
+    return np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])
 
 
 def procrustes(

@@ -14,16 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
+from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products, rotations_of_blends
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.tuning import Tuning, tuned
-
-# Newton's method takes this number of steps to single precision for a blend of rotations whose determinant is larger
-# than this part of its cubed norm.
-NEWTON_STEPS, CLEAR_BLEND = 5, 0.05
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, a
     centres, image_centres = np.hsplit(eigenvectors[rows, :k] @ both, 2)
     blending = np.exp(-(RIGID_ALIGNMENT.blend_width**2) * eigenvalues[:, None])
     field = eigenvectors[rows] @ (blending * (target.cell_coefficients @ turns.reshape(-1, 9)))
-    rotations = _rotations_of_blends(field.reshape(-1, 3, 3))
+    rotations = rotations_of_blends(field.reshape(-1, 3, 3))
     vertices, normals = target.mesh.vertices[rows] * sense, target.mesh.vertex_normals[rows] * sense
     offsets, normals = np.einsum("nij,cnj->cni", rotations, np.stack([vertices - centres, normals]))
     return Alignment(image_centres + offsets, normals)
@@ -201,27 +197,3 @@ def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floa
         parent = np.argmax(np.where(near[reached] & done, reliable, -1), axis=1)
         turns[reached] = nearest_rotations(moments[reached] + RIGID_ALIGNMENT.coherence * turns[parent])
         done[reached] = True
-
-
-def _rotations_of_blends(matrices: Floats) -> Floats:
-    """(n, 3, 3) the same for many blends of rotations: polar factors by Newton's method (Higham 1986).
-
-    Where the determinant is small, as of blends of opposite rotations, they are taken from the singular value
-    decomposition, which takes several times as long.
-    """
-    size = np.linalg.norm(matrices, axis=(1, 2))
-    clear = np.linalg.det(matrices) > CLEAR_BLEND * size**3
-    rotations = np.empty_like(matrices)
-    rotations[~clear] = nearest_rotations(matrices[~clear])
-    rows = np.ascontiguousarray(np.moveaxis(matrices[clear] * np.sqrt(3) / size[clear, None, None], 0, -1))
-    for _ in range(NEWTON_STEPS):
-        a, b, c = rows
-        cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
-        rows = (rows + cofactors / (a * cofactors[0]).sum(axis=0)) / 2
-    rotations[clear] = np.moveaxis(rows, -1, 0)
-    return rotations
-
-
-def _cross(x: Floats, y: Floats) -> Floats:
-    """(3, n) cross products of vectors given by their coordinates (3, n)."""
-    return np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.geometry.procrustes import Moments, Similarities, nearest_rotations, procrustes, products
+from zoomout_core.geometry.procrustes import (
+    CLEAR_BLEND,
+    Moments,
+    Similarities,
+    nearest_rotations,
+    procrustes,
+    products,
+    rotations_of_blends,
+)
 
 POINTS = np.random.default_rng(0).normal(size=(4, 30, 3)) * [3.0, 2.0, 1.0] + [5.0, 0, 0]
 
@@ -111,3 +119,17 @@ def test_the_nearest_orthogonal_matrix_may_have_either_handedness() -> None:
     free = nearest_rotations(matrices, None)
     both = [np.linalg.norm(matrices - nearest_rotations(matrices, sense), axis=(1, 2)) for sense in (1, -1)]
     np.testing.assert_allclose(np.linalg.norm(matrices - free, axis=(1, 2)), np.minimum(*both))
+
+
+def test_blends_become_the_nearest_rotations_clear_or_not() -> None:
+    random = np.random.default_rng(0)
+    turns = Rotation.random(400, random_state=1).as_matrix().reshape(100, 4, 3, 3)
+    weights = random.dirichlet([0.5] * 4, 100)
+    blends = np.einsum("nb,nbij->nij", weights, turns)
+    np.testing.assert_allclose(rotations_of_blends(blends), nearest_rotations(blends), atol=1e-5)
+    clear = np.einsum("nb,nbij->nij", np.tile([0.9, 0.1, 0, 0], (100, 1)), turns)
+    np.testing.assert_allclose(rotations_of_blends(1e-3 * clear), nearest_rotations(clear), atol=1e-6)
+    # The least clear of those that are, which takes longest.
+    barely = np.diag([1, 1, 0.144])[None]
+    assert np.linalg.det(barely) > CLEAR_BLEND * np.linalg.norm(barely) ** 3 > 0.99 * np.linalg.det(barely)
+    np.testing.assert_allclose(rotations_of_blends(barely), [np.eye(3)], atol=5e-5)

@@ -7,13 +7,10 @@ import pytest
 from creatures import creature, true_vertex
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.local_rigid_alignment import (
-    CLEAR_BLEND,
     Alignment,
-    _rotations_of_blends,
     align,
     beside_places,
 )
@@ -89,20 +86,6 @@ def test_the_nearest_vertex_is_found_around_the_nearest_sample(shape: ShapeAnaly
     queries = shape.mesh.vertices + np.random.default_rng(0).normal(scale=0.01, size=shape.mesh.vertices.shape)
     exact = np.linalg.norm(queries[:, None] - shape.mesh.vertices, axis=2).argmin(axis=1)
     assert (_nearest_near_samples(queries, shape.mesh.vertices, shape) == exact).mean() > 0.99
-
-
-def test_blends_become_the_nearest_rotations_clear_or_not() -> None:
-    random = np.random.default_rng(0)
-    turns = Rotation.random(400, random_state=1).as_matrix().reshape(100, 4, 3, 3)
-    weights = random.dirichlet([0.5] * 4, 100)
-    blends = np.einsum("nb,nbij->nij", weights, turns)
-    np.testing.assert_allclose(_rotations_of_blends(blends), nearest_rotations(blends), atol=1e-5)
-    clear = np.einsum("nb,nbij->nij", np.tile([0.9, 0.1, 0, 0], (100, 1)), turns)
-    np.testing.assert_allclose(_rotations_of_blends(1e-3 * clear), nearest_rotations(clear), atol=1e-6)
-    # The least clear of those that are, which takes longest.
-    barely = np.diag([1, 1, 0.144])[None]
-    assert np.linalg.det(barely) > CLEAR_BLEND * np.linalg.norm(barely) ** 3 > 0.99 * np.linalg.det(barely)
-    np.testing.assert_allclose(_rotations_of_blends(barely), [np.eye(3)], atol=5e-5)
 
 
 def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_target(shape: ShapeAnalysis) -> None:

@@ -13,9 +13,10 @@ from scipy.sparse import csc_array, csr_array, dia_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import rotations_of_blends
 from zoomout_core.geometry.sparse_solve import factorised
-from zoomout_core.transfer.frames import Frames, products_of_gradients, turned_gradients
+from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.transfer.frames import Frames, products_of_gradients
 
 # What draws a vertex that nothing draws, so that parts of which this is true of all vertices have a place.
 LEAST_PULL = 1e-6
@@ -57,7 +58,9 @@ class Skin:
     """The target's working mesh at rest, and how it is to be scaled.
 
     Attributes:
-        rest: (n, 3) its vertices.
+        rest: (n, 3) its vertices,
+        normals: (n, 3) and their normals.
+        corners: (m, 3) its triangles, wound outwards.
         stiffness: (n, n) of its edges.
         areas: (n,) of its vertices.
         scales: (n,) how long its edges should be, over what they are at rest.
@@ -67,6 +70,8 @@ class Skin:
     """
 
     rest: Floats
+    normals: Floats
+    corners: Integers
     stiffness: csc_array
     areas: Floats
     scales: Floats
@@ -86,7 +91,8 @@ class Skin:
         turns = np.linalg.det(frames.turns)
         scales = working.scale / np.sqrt(frames.mapped.source.area) / np.cbrt(np.abs(turns))
         averaging = factorised(diags_array(areas) + averaged_over**2 * stiffness)
-        return cls(working.vertices, stiffness, areas, scales, np.sign(turns), averaged_over, averaging)
+        shape = working.vertices, working.vertex_normals, working.oriented_triangles
+        return cls(*shape, stiffness, areas, scales, np.sign(turns), averaged_over, averaging)
 
     def averaged(self, values: Floats) -> Floats:
         """Values (n, d), averaged along the surface by area."""
@@ -94,8 +100,12 @@ class Skin:
 
     def loads(self, rotations: Floats) -> Floats:
         """(n, 3) what the stiffness makes of positions whose edges are those at rest, turned (n, 3, 3) and scaled."""
-        turned = turned_gradients(self.stiffness, self.scales[:, None, None] * rotations)
-        return np.asarray((turned @ self.rest.ravel()).reshape(-1, 3))
+        # As `turned_gradients` makes them, which takes many times as long to put together.
+        turns = self.scales[:, None, None] * rotations
+        turned = np.einsum("nij,nj->ni", turns, self.rest)
+        around = (self.stiffness @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
+        own = np.einsum("nij,nj->ni", turns, self.stiffness @ self.rest)
+        return np.asarray((own + self.stiffness @ turned - np.einsum("nij,nj->ni", around, self.rest)) / 2)
 
 
 class PinnedSystem:
@@ -147,9 +157,15 @@ class Elastic:
 
     def turns(self, positions: Floats) -> Floats:
         """(n, 3, 3) how the skin has turned where it is at positions (n, 3), on average around each vertex."""
-        products = products_of_gradients(self._skin.stiffness, positions, self._skin.rest)
-        averaged = self._averaging.solve(np.asfortranarray(products.reshape(-1, 9)))
-        return nearest_rotations(averaged.reshape(-1, 3, 3), self._skin.handedness)
+        skin = self._skin
+        products = products_of_gradients(skin.stiffness, positions, skin.rest)
+        # Nothing of a flat patch says how its normals turn, but they themselves.
+        size = skin.areas * skin.scales * skin.handedness
+        normals = vertex_normals(positions, skin.corners)
+        products += size[:, None, None] * normals[:, :, None] * skin.normals[:, None, :]
+        averaged = self._averaging.solve(np.asfortranarray(products.reshape(-1, 9))).reshape(-1, 3, 3)
+        sense = skin.handedness[:, None, None]
+        return sense * rotations_of_blends(sense * averaged)
 
     def spread(self, values: Floats) -> Floats:
         """Values (n, d), smoothed as far as vertices are drawn, and going on where they are not."""

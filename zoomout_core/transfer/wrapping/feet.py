@@ -27,7 +27,7 @@ class FeetTuning(Tuning, set_by="wrap"):
         facing: cosine of the angle between normals from which on a vertex goes all the way onto its foot.
     """
 
-    normal_weight: float = tuned(0.02, "at unit area", 0, 10)
+    normal_weight: float = tuned(0.03, "at unit area", 0, 10)
     robust_scale: float = tuned(0.1, "at unit area", 1e-6, 10)
     most_points: int = tuned(20_000, "points", 0, 10_000_000)
     facing: float = tuned(0.5, "1", 1e-6, 1)
