@@ -22,17 +22,17 @@ COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
     shape_keys.collect,
 )
 
-# The kinds of data that can be chosen, as options and as lists in the report, and what one of them is called.
+# The kinds of data that can be chosen, as options and as lists in the report, and what one and several are called.
 NOUNS = {
-    "uv_maps": "UV map",
-    "color_attributes": "color attribute",
-    "attributes": "attribute",
-    "vertex_groups": "vertex group",
-    "shape_keys": "shape key",
-    "materials": "material",
-    "edges": "kind of edge mark",
-    "custom_normals": "layer of custom normals",
-    "shape": "shape",
+    "uv_maps": ("{} UV map", "{} UV maps"),
+    "color_attributes": ("{} color attribute", "{} color attributes"),
+    "attributes": ("{} attribute", "{} attributes"),
+    "vertex_groups": ("{} vertex group", "{} vertex groups"),
+    "shape_keys": ("{} shape key", "{} shape keys"),
+    "materials": ("{} material", "{} materials"),
+    "edges": ("{} kind of edge mark", "{} kinds of edge marks"),
+    "custom_normals": ("{} layer of custom normals", "{} layers of custom normals"),
+    "shape": ("{} shape", "{} shapes"),
 }
 DATA = tuple(NOUNS)
 # Those that are transferred unless others are asked for: the source's shape is no data that a target lacks.

@@ -108,9 +108,12 @@ def _deforming_groups(
     weighted = [number not in lacking for number in range(len(request.sources))]
     rows = np.repeat(weighted, [len(source.mesh.vertices) for source in request.sources])
     skin = sum_to_one(weights.values[rows])
+    name = request.source.name
     remarks.notes.append(
-        f"No armature has bones with the names of the vertex groups of '{request.source.name}', which "
-        + ("sum to one on every vertex: they were taken for skin weights." if skin else "were taken for masks.")
+        f"No armature has bones with the names of the vertex groups of '{name}', which sum to one on every vertex: "
+        "they were taken for skin weights."
+        if skin
+        else f"No armature has bones with the names of the vertex groups of '{name}', which were taken for masks."
     )
     return set(weights.labels) if skin else set()
 

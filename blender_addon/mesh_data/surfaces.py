@@ -206,5 +206,5 @@ def without_faces(obj: Object) -> str:
     making = [m.name for m in obj.modifiers if m.show_viewport and m.type not in VERTEX_PRESERVING]
     if not making:
         return f"'{obj.name}' has no faces: choose a mesh with a surface."
-    names = " and ".join(f"'{name}'" for name in making)
+    names = ", ".join(f"'{name}'" for name in making)
     return f"Apply {names} on '{obj.name}': data is written to the mesh itself, which has no faces without it."

@@ -9,6 +9,7 @@ from bpy.types import Context, Event, OperatorProperties
 from zoomout_core.runtime.stepping import Progress, Steps
 
 from ..services.clear_data import clear_file, clear_match_data
+from ..translations import translated
 from . import activity
 from .stepped import SteppedOperator
 
@@ -37,13 +38,13 @@ class ZOOMOUT_OT_clear_match_data(SteppedOperator):
     @classmethod
     def description(cls, context: Context, properties: OperatorProperties) -> str:
         """Of what a button clears."""
-        return OF_FILE if properties.whole_file else cls.bl_description
+        return translated(OF_FILE if properties.whole_file else cls.bl_description)
 
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether nothing else is at work."""
         if activity.running:
-            cls.poll_message_set(activity.AT_WORK)
+            cls.poll_message_set(translated(activity.AT_WORK))
         return not activity.running
 
     def invoke(self, context: Context, event: Event) -> set[str]:

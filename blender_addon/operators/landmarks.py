@@ -11,6 +11,7 @@ from ..mesh_data import surface_point_of_vertex
 from ..properties.landmarks import ImportOptions
 from ..scene.landmarks import (
     confirm_landmarks,
+    landmarks_in_words,
     next_number,
     obstacle,
     remove_landmark,
@@ -20,6 +21,7 @@ from ..scene.landmarks import (
 from ..scene.selection import participants
 from ..services.landmark_import import import_landmarks
 from ..services.propose_partners import propose_partners
+from ..translations import reported, translated
 from . import modes
 
 # More vertices are not selected to mark places one by one.
@@ -36,7 +38,7 @@ class LandmarkOperator(Operator):
         """Whether there are objects that may have landmarks."""
         reason = obstacle(context)
         if reason:
-            cls.poll_message_set(reason)
+            cls.poll_message_set(translated(reason))
         return not reason
 
     def change(self, context: Context, objects: list[Object]) -> str:
@@ -51,9 +53,9 @@ class LandmarkOperator(Operator):
     def _changed(self, context: Context) -> set[str]:
         try:
             source, targets = participants(context)
-            self.report({"INFO"}, self.change(context, [source, *targets]))
+            self.report({"INFO"}, reported(self.change(context, [source, *targets])))
         except zo.MeshError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, reported(str(error)))
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -70,7 +72,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
     def poll(cls, context: Context) -> bool:
         """Whether vertices of objects that may have landmarks can be selected."""
         if context.mode != "EDIT_MESH":
-            cls.poll_message_set("Switch to Edit Mode")
+            cls.poll_message_set(translated("Switch to Edit Mode"))
             return False
         return super().poll(context)
 
@@ -96,8 +98,10 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
                 set_landmark(context.scene, obj, place, number)
                 numbers.add(number)
         proposed = propose_partners(context, objects, numbers)
-        and_proposed = f", and proposed {proposed} partner{'s' if proposed > 1 else ''}" if proposed else ""
-        return f"Placed {count} landmark{'s' if count > 1 else ''}{and_proposed}"
+        placed = f"Placed {landmarks_in_words(count)}"
+        if not proposed:
+            return placed
+        return f"{placed}, and proposed 1 partner" if proposed == 1 else f"{placed}, and proposed {proposed} partners"
 
 
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
@@ -108,7 +112,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them."""
         count = import_landmarks(context, objects, self.what)
-        return f"Imported {count} landmark{'s' if count > 1 else ''}"
+        return f"Imported {landmarks_in_words(count)}"
 
 
 class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
@@ -118,8 +122,7 @@ class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Confirm them."""
-        count = confirm_landmarks(context.scene, objects)
-        return f"Confirmed {count} landmark{'' if count == 1 else 's'}"
+        return f"Confirmed {landmarks_in_words(confirm_landmarks(context.scene, objects))}"
 
 
 class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
@@ -132,7 +135,7 @@ class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
         """Whether one is chosen."""
         settings = context.scene.zoomout
         if settings.active_landmark >= len(settings.landmarks):
-            cls.poll_message_set("Choose a landmark in the list")
+            cls.poll_message_set(translated("Choose a landmark in the list"))
             return False
         return super().poll(context)
 
@@ -151,8 +154,7 @@ class ZOOMOUT_OT_clear_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove them."""
-        count = remove_landmarks_on(context.scene, objects)
-        return f"Removed {count} landmark{'' if count == 1 else 's'}"
+        return f"Removed {landmarks_in_words(remove_landmarks_on(context.scene, objects))}"
 
 
 def _selected(obj: Object) -> list[int]:

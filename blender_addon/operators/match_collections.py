@@ -11,6 +11,7 @@ from zoomout_core.runtime.stepping import Steps
 from ..services.collection_match import match_collections_steps
 from ..services.transfer import and_others
 from ..storage import stored_match
+from ..translations import translated
 from . import activity
 from .stepped import SteppedOperator
 
@@ -33,7 +34,7 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
         elif settings.source_collection is None or settings.target_collection is None:
             reason = "Choose both collections in the sidebar"
         if reason:
-            cls.poll_message_set(reason)
+            cls.poll_message_set(translated(reason))
         return not reason
 
     def steps(self, context: Context) -> Steps[str]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import bpy
 from bpy.types import Context, Object, Operator, Window
 
+from ..translations import translated
+
 # Modes whose undo steps are not of the whole file: what an operator did is pushed before these are entered again.
 OWN_UNDO = frozenset({"EDIT", "PARTICLE_EDIT", "TEXTURE_PAINT"})
 # What the history of undo calls the state before an operator.
@@ -44,7 +46,7 @@ def leave(context: Context, operator: Operator) -> Left | None:
     others = frozenset(other.session_uid for other in context.objects_in_mode if other != obj)
     left = Left(obj.mode, obj.session_uid, others)
     if left.mode == "SCULPT" and "UNDO" in operator.bl_options:
-        bpy.ops.ed.undo_push(message=BEFORE)
+        bpy.ops.ed.undo_push(message=translated(BEFORE))
     bpy.ops.object.mode_set(mode="OBJECT")
     return left
 
@@ -89,7 +91,7 @@ def come_back_after(context: Context, left: Left | None, operator: Operator, res
     if left is None or left.mode not in OWN_UNDO or not done:
         come_back(context, left)
     elif bpy.app.background:  # where nothing is pushed, and no timer runs
-        bpy.ops.ed.undo_push(message=operator.bl_label)
+        bpy.ops.ed.undo_push(message=translated(operator.bl_label))
         come_back(context, left)
     else:
         come_back_later(context, left)

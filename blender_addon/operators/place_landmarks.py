@@ -21,6 +21,7 @@ from ..scene.landmarks import (
 )
 from ..scene.selection import participants
 from ..services.propose_partners import propose_partners
+from ..translations import reported, translated
 from ..viewport.landmark_dots import dot_at, dots
 from . import modal, modes
 
@@ -48,13 +49,14 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         """Whether there are objects to click on."""
         reason = obstacle(context)
         if reason:
-            cls.poll_message_set(reason)
+            cls.poll_message_set(translated(reason))
         return not reason
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Begin to follow the mouse."""
         if not modal.can_begin(context.window):
-            self.report({"ERROR"}, "Landmarks are placed with the mouse: move it over a 3D view, and try again")
+            text = "Landmarks are placed with the mouse: move it over a 3D view, and try again"
+            self.report({"ERROR"}, reported(text))
             return {"CANCELLED"}
         self._left = modes.leave(context, self)
         self._objects = [obj.name for obj in _clickable(context)]
@@ -104,15 +106,14 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         objects = self._present(context)
         hit = _first_hit(context, objects, pointed)
         if hit is None:
-            names = " or ".join(f"'{obj.name}'" for obj in objects)
-            self.report({"INFO"}, f"Nothing was hit there: click on {names}")
+            self.report({"INFO"}, reported(f"Nothing was hit there: click on one of these: {_names(objects)}"))
             return {"RUNNING_MODAL"}
         obj, place = hit
         number = next_number(context.scene, obj, objects)
         set_landmark(context.scene, obj, place, number)
         self._placed.append((number, obj.name))
         propose_partners(context, objects, [number])
-        bpy.ops.ed.undo_push(message=f"Place Landmark {number}")
+        bpy.ops.ed.undo_push(message=translated(f"Place Landmark {number}"))
         return self._show(context)
 
     def _drag(self, context: Context, pointed: Pointed) -> set[str]:
@@ -129,13 +130,13 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         objects = self._present(context)
         confirm_landmarks(context.scene, [obj for obj in objects if obj.name == name], [number])
         propose_partners(context, objects, [number])
-        bpy.ops.ed.undo_push(message=f"Move Landmark {number}")
+        bpy.ops.ed.undo_push(message=translated(f"Move Landmark {number}"))
         return self._show(context)
 
     def _take_back(self, context: Context) -> set[str]:
         number, name = self._placed.pop()
         remove_landmark(context.scene, number, [obj for obj in self._present(context) if obj.name == name])
-        bpy.ops.ed.undo_push(message=f"Remove Landmark {number}")
+        bpy.ops.ed.undo_push(message=translated(f"Remove Landmark {number}"))
         return self._show(context)
 
     def _present(self, context: Context) -> list[Object]:
@@ -145,7 +146,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
 
     def _show(self, context: Context) -> set[str]:
         """Say what to click on next, and have the dots drawn."""
-        context.workspace.status_text_set(_advice(context, self._present(context)))
+        context.workspace.status_text_set(translated(_advice(context, self._present(context))))
         for area in context.window.screen.areas:
             if area.type == "VIEW_3D":
                 area.tag_redraw()
@@ -171,8 +172,12 @@ def _advice(context: Context, objects: list[Object]) -> str:
         by_dot = ", or drag or click its pale dot" if proposed else ""
         task = f"Landmark {number}: click on '{obj.name}'{by_dot}"
     else:
-        task = "Click on " + " or ".join(f"'{obj.name}'" for obj in objects)
+        task = f"Click on one of these: {_names(objects)}"
     return f"{task}  |  Drag a dot to move it  |  Backspace: take back  |  ESC or right click: end"
+
+
+def _names(objects: list[Object]) -> str:
+    return ", ".join(f"'{obj.name}'" for obj in objects)
 
 
 def _pointed(context: Context, event: Event) -> Pointed | None:

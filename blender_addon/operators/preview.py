@@ -11,6 +11,7 @@ from zoomout_core.runtime.stepping import Steps
 from ..scene.pair import check_unedited
 from ..scene.stored_pair import read_stored_match_steps
 from ..services import previews
+from ..translations import translated
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
 from .stepped import SteppedOperator
@@ -37,7 +38,7 @@ class ZOOMOUT_OT_preview(SteppedOperator):
     @classmethod
     def description(cls, context: Context, properties: OperatorProperties) -> str:
         """Of the kind that a button shows."""
-        return KINDS[properties.kind].description
+        return translated(KINDS[properties.kind].description)
 
     def steps(self, context: Context) -> Steps[str]:
         name = context.active_object.name
@@ -61,7 +62,7 @@ class ZOOMOUT_OT_clear_preview(Operator):
     def poll(cls, context: Context) -> bool:
         """Whether there are any."""
         if preview.current() is None:
-            cls.poll_message_set("There is no preview")
+            cls.poll_message_set(translated("There is no preview"))
         return preview.current() is not None
 
     def execute(self, context: Context) -> set[str]:

@@ -8,6 +8,7 @@ from zoomout_core.runtime.stepping import Steps
 
 from ..services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults_steps
 from ..storage import stored_match
+from ..translations import translated
 from .stepped import SteppedOperator
 
 
@@ -25,7 +26,7 @@ class SelectOperator(SteppedOperator):
         if not super().poll(context):
             return False
         if stored_match.PROPERTY not in context.active_object.data:
-            cls.poll_message_set("Match this mesh first")
+            cls.poll_message_set(translated("Match this mesh first"))
             return False
         return True
 

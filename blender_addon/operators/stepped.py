@@ -18,6 +18,7 @@ from zoomout_core.runtime.stepping import Progress, Steps, drain
 from ..scene.redraw import redraw_sidebars
 from ..services.preflight import obstacle
 from ..services.targets import Outcome
+from ..translations import reported, translated
 from . import activity, modal, modes
 
 # Seconds of work between two events; the step that is then running may take up to a tenth of a second more.
@@ -46,14 +47,14 @@ class SteppedOperator(Operator):
         """
         outcome.check()
         for name, reason in outcome.failed.items():
-            self.report({"WARNING"}, f"'{name}' was left out: {reason}")
+            self.report({"WARNING"}, reported(f"'{name}' was left out: {reason}"))
 
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active object can receive data."""
         reason = activity.AT_WORK if activity.running else obstacle(context)
         if reason:
-            cls.poll_message_set(reason)
+            cls.poll_message_set(translated(reason))
         return not reason
 
     def execute(self, context: Context) -> set[str]:
@@ -83,7 +84,7 @@ class SteppedOperator(Operator):
         """Work for a slice at each tick of the timer; ESC ends it."""
         if event.type == "ESC":
             self._end(context)
-            self.report({"INFO"}, "Cancelled; nothing was changed")
+            self.report({"INFO"}, reported("Cancelled; nothing was changed"))
             return modes.come_back_after(context, self._left, self, {"CANCELLED"})
         if event.type != "TIMER":
             return {"PASS_THROUGH" if event.type in LOOKING else "RUNNING_MODAL"}
@@ -114,11 +115,11 @@ class SteppedOperator(Operator):
         _show_progress(context, None)
 
     def _finished(self, message: str) -> set[str]:
-        self.report({"INFO"}, message)
+        self.report({"INFO"}, reported(message))
         return {"FINISHED"}
 
     def _failed(self, error: zo.MeshError) -> set[str]:
-        self.report({"ERROR"}, str(error))
+        self.report({"ERROR"}, reported(str(error)))
         return {"CANCELLED"}
 
 
@@ -130,7 +131,9 @@ def _show_progress(context: Context, progress: Progress | None) -> None:
     if goes_on and time.monotonic() < _drawn + REDRAWN:
         return
     _drawn = time.monotonic()
-    text = None if progress is None else f"{progress.stage}: {progress.fraction:.0%} (ESC cancels)"
+    text = None
+    if progress is not None:
+        text = translated("{}: {} (ESC cancels)").format(translated(progress.stage), f"{progress.fraction:.0%}")
     context.workspace.status_text_set(text)
     redraw_sidebars()
 

@@ -56,7 +56,7 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
     for number in sorted({*places[source], *places[target]}):
         missing = [obj for obj in (source, target) if number not in places[obj]]
         lost = [obj.name for obj in (source, target) if number in places[obj] and places[obj][number] is None]
-        on_one += [f"{number} ({_how_missing(context.scene, missing[0], number)})"] if missing else []
+        on_one += [_how_missing(context.scene, missing[0], number)] if missing else []
         gone += [f"{number} (on '{lost[0]}')"] if lost and not missing else []
         if not missing and not lost:
             on_both.append(number)
@@ -74,9 +74,9 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
 
 
 def _how_missing(scene: Scene, obj: Object, number: int) -> str:
-    """In what way an object lacks a landmark, for a note."""
-    how = "only proposed" if number in surface_points_on(scene, obj, proposed=True) else "missing"
-    return f"{how} on '{obj.name}'"
+    """A landmark, and in what way an object lacks it, for a note."""
+    proposed = number in surface_points_on(scene, obj, proposed=True)
+    return f"{number} (only proposed on '{obj.name}')" if proposed else f"{number} (missing on '{obj.name}')"
 
 
 def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
@@ -84,6 +84,11 @@ def landmarks_fingerprint(scene: Scene, source: Object, target: Object) -> str:
     of_source, of_target = surface_points_on(scene, source), surface_points_on(scene, target)
     common = [(number, of_source[number], of_target[number]) for number in sorted(of_source.keys() & of_target.keys())]
     return hash_of(repr(common))
+
+
+def landmarks_in_words(number: int) -> str:
+    """So many landmarks, in a sentence."""
+    return "1 landmark" if number == 1 else f"{number} landmarks"
 
 
 def obstacle(context: Context) -> str:

@@ -121,7 +121,7 @@ def _check_rig(source: Object) -> None:
 
 def _named(obj: Object) -> str:
     """The armatures of an object."""
-    return " and ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
+    return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
 
 def prepare_binding_steps(

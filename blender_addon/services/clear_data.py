@@ -8,7 +8,7 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 
-from ..scene.landmarks import remove_landmarks_on
+from ..scene.landmarks import landmarks_in_words, remove_landmarks_on
 from ..storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from ..viewport import preview
 
@@ -47,10 +47,7 @@ def _clear(context: Context, meshes: Iterable[Mesh], objects: list[Object]) -> s
     shown = preview.current()
     if shown is not None and shown.object_uid in {obj.session_uid for obj in objects if obj.data in cleared}:
         preview.clear()
-    return (
-        f"Cleared {len(cleared)} mesh{'' if len(cleared) == 1 else 'es'} "
-        f"and {landmarks} landmark{'' if landmarks == 1 else 's'}"
-    )
+    return f"Cleared {'1 mesh' if len(cleared) == 1 else f'{len(cleared)} meshes'} and {landmarks_in_words(landmarks)}"
 
 
 def _clear_mesh(mesh: Mesh) -> bool:

@@ -5,6 +5,7 @@ Everything here is a soft constraint, which `zoomout_core` weighs: where it cont
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Generator
 from contextlib import AbstractContextManager
 from dataclasses import fields, replace
@@ -24,7 +25,7 @@ from zoomout_core.runtime.threads import in_background
 
 from .. import mesh_data
 from ..mesh_data import ObjectPair
-from ..scene.landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint
+from ..scene.landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
 from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
@@ -38,6 +39,11 @@ MOST_REGIONS = 36
 # The user is told where the score of the regions, the part in which map and names disagree, is larger.
 CONTRADICTION = 0.6
 GROUP, MATERIAL = "vertex group", "material"
+# What one and several are called that help a match.
+HINTS = {
+    GROUP: ("{} vertex group of the same name", "{} vertex groups of the same name"),
+    MATERIAL: ("{} material of the same name", "{} materials of the same name"),
+}
 # Starts that may weigh landmarks.
 OF_LANDMARKS = ("auto", "landmarks")
 
@@ -159,12 +165,12 @@ def _constraints_steps(
     arguments: dict[str, Any] = {}
     used, notes = [], []
     if landmarks:
-        used.append(f"{landmarks} landmark{'s' if landmarks > 1 else ''}")
+        used.append(landmarks_in_words(landmarks))
     if names:
         regions, received = yield from shared_regions_steps(context, pair)
         if regions:
             arguments["regions"] = list(regions.values())
-            used.append(f"{_counted(regions)} of the same name")
+            used += _counted(regions)
         if received:
             notes.append("Names that the target has from an earlier transfer were not used as evidence.")
     if same_up:
@@ -240,7 +246,7 @@ def _last_match(mesh: Mesh, pair: ObjectPair) -> zo.SurfaceMap | None:
     return None if stored is None else stored.surface_map
 
 
-def _counted(regions: Collection[tuple[str, str]]) -> str:
-    """The number of each sort, as a text."""
-    numbers = {noun: sum(what == noun for what, _ in regions) for noun in (GROUP, MATERIAL)}
-    return " and ".join(f"{n} {noun}{'s' if n > 1 else ''}" for noun, n in numbers.items() if n)
+def _counted(regions: Collection[tuple[str, str]]) -> list[str]:
+    """The number of each sort, in words."""
+    numbers = Counter(what for what, _ in regions)
+    return [HINTS[what][numbers[what] > 1].format(numbers[what]) for what in HINTS if numbers[what]]

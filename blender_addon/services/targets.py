@@ -33,8 +33,8 @@ class Outcome(Generic[Result]):
         """Raise a MeshError if nothing was done."""
         if self.failed and not self.done:
             name, reason = next(iter(self.failed.items()))
-            several = f"All {len(self.failed)} targets failed. '{name}': " if len(self.failed) > 1 else ""
-            raise zo.MeshError(several + reason)
+            several = f"All {len(self.failed)} targets failed. '{name}': {reason}"
+            raise zo.MeshError(several if len(self.failed) > 1 else reason)
 
 
 def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Result]]]) -> Steps[Outcome[Result]]:
@@ -62,10 +62,10 @@ def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Re
 
 def _one_of(steps: Steps[Result], i: int, names: Sequence[str]) -> Steps[Result]:
     """The i-th of several computations that are alike, whose progress says which it is."""
-    place = f"'{names[i]}', {i + 1} of {len(names)}: " if len(names) > 1 else ""
     while True:
         try:
             progress = next(steps)
         except StopIteration as finished:
             return finished.value
-        yield Progress((i + progress.fraction) / len(names), place + progress.stage)
+        place = f"'{names[i]}', {i + 1} of {len(names)}: {progress.stage}"
+        yield Progress((i + progress.fraction) / len(names), place if len(names) > 1 else progress.stage)

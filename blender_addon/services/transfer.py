@@ -247,21 +247,20 @@ def _write_report(
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    written = ", ".join(_count(len(names), NOUNS[kind]) for kind, names in report["written"].items() if names)
-    skipped = f"; {len(report['skipped'])} skipped" if report["skipped"] else ""
+    written = ", ".join(_counted(len(names), *NOUNS[kind]) for kind, names in report["written"].items() if names)
     bound = report.get("bound")  # which reports of earlier versions lack
     bound = f", bound to '{bound['armature']}'" if bound else ""
-    return (
-        f"Transferred {written} from '{report['source']}'{and_others(report['others'])} to '{report['target']}'"
-        f"{bound}{skipped}; "
-        f"{report['low_confidence']} of {report['vertices']} vertices are of low confidence"
-    )
+    others = and_others(report["others"])
+    done = f"Transferred {written} from '{report['source']}'{others} to '{report['target']}'{bound}"
+    if report["skipped"]:
+        done = f"{done}; {len(report['skipped'])} skipped"
+    return f"{done}; {report['low_confidence']} of {report['vertices']} vertices are of low confidence"
 
 
 def and_others(names: Sequence[str]) -> str:
     """What follows the name of a source where the target lies on others, too."""
-    return f" and {_count(len(names), 'other')}" if names else ""
+    return _counted(len(names), " and {} other", " and {} others") if names else ""
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+def _counted(number: int, one: str, several: str) -> str:
+    return (one if number == 1 else several).format(number)

@@ -20,6 +20,7 @@ from ..operators.transfer import ZOOMOUT_OT_transfer
 from ..operators.wrap import ZOOMOUT_OT_wrap
 from ..services.symmetry.detect import summary
 from ..storage import stored_symmetry
+from ..translations import translated
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
 
 
@@ -80,7 +81,7 @@ class ZOOMOUT_MT_symmetry(Menu):
             return
         layout.separator()
         for number, candidate in enumerate(stored["candidates"]):
-            text = f"Use {summary(candidate)}"
+            text = translated(f"Use {summary(candidate)}")
             layout.operator(symmetry.ZOOMOUT_OT_choose_symmetry.bl_idname, text=text).number = number
 
 
@@ -135,4 +136,4 @@ def _operators(layout: UILayout, classes: Iterable[type[Operator]]) -> None:
 def _show(layout: UILayout, kinds: Mapping[str, Kind]) -> None:
     """An item for each of some previews."""
     for name, kind in kinds.items():
-        layout.operator(ZOOMOUT_OT_preview.bl_idname, text=f"Show {kind.label}").kind = name
+        layout.operator(ZOOMOUT_OT_preview.bl_idname, text=translated(f"Show {kind.label}")).kind = name

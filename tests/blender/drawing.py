@@ -36,7 +36,7 @@ class Layout:
         assert hasattr(searched, collection)
         self.prop(settings, name)
 
-    def label(self, text="", icon="NONE"):
+    def label(self, text="", icon="NONE", translate=True):
         assert icon in ICONS
         self.drawn.append(("label", text, self.usable))
         self.drawn.append(("mark", icon, self.usable))

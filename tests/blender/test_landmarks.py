@@ -229,7 +229,7 @@ def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_nex
         np.testing.assert_allclose([found[n][2] for n in (1, 2)], 0.05, atol=1e-5)
         assert all(found[n][1] < 0 for n in (1, 2))  # on the side that is seen
     assert placing.event("LEFTMOUSE", 0.0, 1.5) == {"RUNNING_MODAL"}
-    assert placing.reports == ["Nothing was hit there: click on 'Source' or 'Target'"]
+    assert placing.reports == ["Nothing was hit there: click on one of these: 'Source', 'Target'"]
     assert placing.event("ESC") == {"FINISHED"}
     assert (screen.cursor, screen.status) == (None, None)
 

@@ -175,7 +175,7 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
             assert np.linalg.norm(where - place, axis=1).max() < 0.65
     result = match_objects(bpy.context, source, target, k_final=30)
     assert result.candidates[0].scores["regions"] < 0.4
-    assert result.notes[0] == "Hints used: 1 vertex group and 1 material of the same name."
+    assert result.notes[0] == "Hints used: 1 vertex group of the same name, 1 material of the same name."
     assert stored_match.description(target.data)["notes"][0] == result.notes[0]
 
 

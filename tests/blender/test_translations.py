@@ -60,18 +60,18 @@ def literals():
 @pytest.mark.parametrize("code", translations.LANGUAGES)
 def test_nearly_everything_is_translated(code):
     messages = (registered() | drawn()) - {""} - NAMES
-    missing = messages - translations.LANGUAGES[code].keys()
+    missing = messages - translations.LANGUAGES[code].messages.keys()
     assert len(missing) < MOST_MISSING * len(messages), missing
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)
 def test_no_translation_is_stale_or_empty(code):
-    messages = translations.LANGUAGES[code]
+    messages = translations.LANGUAGES[code].messages
     assert messages.keys() - registered() - literals() == set()
     assert all(messages.values())
 
 
 def test_tooltips_end_alike():
-    for messages in translations.LANGUAGES.values():
+    for messages, _ in translations.LANGUAGES.values():
         for english, text in messages.items():
             assert text.endswith(".") == english.endswith("."), english  # Blender adds the full stop

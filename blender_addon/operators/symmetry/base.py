@@ -5,6 +5,7 @@ from __future__ import annotations
 from bpy.types import Context
 
 from ...storage import stored_symmetry
+from ...translations import translated
 from ..stepped import SteppedOperator
 
 
@@ -17,6 +18,6 @@ class SymmetryOperator(SteppedOperator):
         if not super().poll(context):
             return False
         if stored_symmetry.PROPERTY not in context.active_object.data:
-            cls.poll_message_set("Detect the symmetry of this mesh first")
+            cls.poll_message_set(translated("Detect the symmetry of this mesh first"))
             return False
         return True

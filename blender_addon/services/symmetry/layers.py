@@ -77,8 +77,9 @@ def mirror_attributes_steps(
         one.write(obj, one.attribute)
     obj.data.update()
     left_out = f"; skipped {', '.join(skipped)}, of which there is no mean" if skipped else ""
-    verb = "Exchanged the sides of" if direction == "exchange" else "Mirrored"
-    return f"{verb} {', '.join(dict.fromkeys(one.attribute.name for one in made))} of '{name}'{left_out}"
+    names = ", ".join(dict.fromkeys(one.attribute.name for one in made))
+    exchanged = f"Exchanged the sides of {names} of '{name}'{left_out}"
+    return exchanged if direction == "exchange" else f"Mirrored {names} of '{name}'{left_out}"
 
 
 @dataclass(frozen=True, eq=False)

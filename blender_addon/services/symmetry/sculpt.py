@@ -54,10 +54,15 @@ def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> St
 
 def _unmoved(obj: Object) -> str:
     """Why there is nothing to carry over of an object none of whose vertices were moved, and what to do."""
-    said = f"No vertex of '{obj.name}' was moved since its symmetry was detected"
     levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
     if levels:
-        return f"{said}: levels of '{levels[0]}' keep what was sculpted there; its Apply Base moves the mesh itself."
+        return (
+            f"No vertex of '{obj.name}' was moved since its symmetry was detected: levels of '{levels[0]}' keep what "
+            "was sculpted there; its Apply Base moves the mesh itself."
+        )
     if obj.data.shape_keys and obj.active_shape_key_index > 0:
-        return f"{said}: a shape key is active, which keeps what is sculpted; make it symmetric, or mirror it."
-    return f"{said}: sculpt it, or mirror a shape key."
+        return (
+            f"No vertex of '{obj.name}' was moved since its symmetry was detected: a shape key is active, which keeps "
+            "what is sculpted; make it symmetric, or mirror it."
+        )
+    return f"No vertex of '{obj.name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."

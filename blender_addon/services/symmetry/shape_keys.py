@@ -124,7 +124,7 @@ def _check_unlocked(obj: Object, names: Collection[str]) -> None:
 
 def _summary(key: str, names: tuple[str, ...], mode: KeyMode, direction: Direction) -> str:
     """A sentence that says what was done."""
-    made, exchanged = " and ".join(f"{name!r}" for name in names), direction == "exchange"
+    made, exchanged = f"'{names[0]}'" if len(names) == 1 else f"'{names[0]}' and '{names[1]}'", direction == "exchange"
     if mode == "symmetrise":
         return f"Exchanged the sides of {made}" if exchanged else f"Made {made} symmetric"
     return f"Exchanged {key!r} and {made}" if exchanged and mode == "mirror" else f"From {key!r} made {made}"

@@ -106,8 +106,8 @@ def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
     groups = f"{len(labels)} vertex groups of '{name}'"
     done = f"Exchanged the sides of {groups}" if direction == "exchange" else f"Made {groups} symmetric"
     if all(partner_of(label, labels) == label for label in labels):
-        done += ", each by itself: none has a side in its name"
-    return done + (f"; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else "")
+        done = f"{done}, each by itself: none has a side in its name"
+    return f"{done}; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else done
 
 
 def _deforming(obj: Object, weights: Attribute) -> set[str]:

@@ -9,6 +9,7 @@ from ...presets import ZOOMOUT_PT_match_presets
 from ...scene.selection import chosen_targets
 from ...services.preflight import findings, likely_source
 from ...storage import stored_match
+from ...translations import translated
 from .. import manual
 from .sidebar import SidebarPanel, counted, help_button, main_button, show_findings, split_properties
 
@@ -28,13 +29,13 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         is_mesh = target is not None and target.type == "MESH"
         source = likely_source(context) if is_mesh else None
         if settings.source is None and source:
-            how = "selected" if source.select_get() and source != target else "matched"
-            _object_row(column, "", f"{source.name} ({how})")
-        _object_row(column, "Target", f"{target.name} (active)" if is_mesh else "")
+            how = "{} (selected)" if source.select_get() and source != target else "{} (matched)"
+            _object_row(column, "", translated(how).format(source.name))
+        _object_row(column, "Target", translated("{} (active)").format(target.name) if is_mesh else "")
         others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
         if others:
-            names = others[0].name if len(others) == 1 else f"{len(others)} more"
-            _object_row(column, "", f"{names} (selected)")
+            names = others[0].name if len(others) == 1 else translated("{} more").format(len(others))
+            _object_row(column, "", translated("{} (selected)").format(names))
         layout.prop(settings, "initial")
         if settings.initial == "FILE":
             layout.prop(settings, "map_file")

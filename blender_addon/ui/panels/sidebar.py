@@ -13,7 +13,7 @@ from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ...operators.symmetry import ZOOMOUT_OT_check_symmetry
 from ...scene.selection import chosen_targets, own_sources
 from ...services.preflight import Finding
-from ...translations import CONTEXT
+from ...translations import CONTEXT, translated
 from ...viewport import preview
 from .. import manual
 
@@ -38,14 +38,17 @@ class SidebarPanel:
 
 
 def sentences(context: Context, layout: UILayout, texts: Sequence[str], icon: str = "NONE", lines: int = 0) -> None:
-    """Text, broken into lines that fit the panel; each sentence may begin with an icon, and has some lines at least."""
+    """Text in the user's language, broken into lines that fit the panel.
+
+    Each sentence may begin with an icon, and has some lines at least.
+    """
     scale = context.preferences.system.ui_scale
     letters = max(20, int((context.region.width / scale - BORDER) / LETTER))
     for text in texts:
         column = layout.column(align=True)
-        broken = textwrap.wrap(text, letters)
+        broken = textwrap.wrap(translated(text), letters)
         for number, line in enumerate(broken + [""] * (lines - len(broken))):
-            column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
+            column.label(text=line, translate=False, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
 def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
@@ -91,7 +94,7 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
     row.scale_y = BUTTON
     if activity.running is not None:
         split = row.split(factor=0.8)
-        split.progress(text=activity.running.stage, factor=activity.running.fraction)
+        split.progress(text=translated(activity.running.stage), factor=activity.running.fraction)
         split.label(text="ESC", icon="CANCEL")
         return
     row.enabled = enabled

@@ -11,6 +11,7 @@ from ...properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
 from ...services.preflight import FEW_VERTICES, Finding, is_reshaped
 from ...services.symmetry.detect import summary
 from ...storage import stored_symmetry
+from ...translations import translated
 from ...viewport import preview
 from .. import manual
 from ..thumbnails import icon_of_symmetry
@@ -155,7 +156,7 @@ def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any])
             column.template_icon(icon_of_symmetry(*pictures[number]), scale=PICTURE)
         chosen = number == stored["chosen"]
         button = column.operator(
-            operators.ZOOMOUT_OT_choose_symmetry.bl_idname, text=summary(candidate), depress=chosen
+            operators.ZOOMOUT_OT_choose_symmetry.bl_idname, text=translated(summary(candidate)), depress=chosen
         )
         button.number = number
     candidate = stored["candidates"][stored["chosen"]]

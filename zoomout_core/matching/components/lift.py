@@ -177,4 +177,6 @@ def _is_smaller(surface: Surface, shape: ShapeAnalysis) -> bool:
 
 def _worded(*counted: tuple[int, str]) -> tuple[str, ...]:
     """Sentences about numbers of loose parts, of those that there are."""
-    return tuple(text.format(f"{count} loose part" + "s" * (count != 1)) for count, text in counted if count)
+    return tuple(
+        text.format("1 loose part" if count == 1 else f"{count} loose parts") for count, text in counted if count
+    )
