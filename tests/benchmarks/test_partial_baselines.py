@@ -100,6 +100,8 @@ def error(vertex: np.ndarray, source: Surface, truth: np.ndarray, places: np.nda
 
 def test_game_theory_matches_a_part(pair: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gtm_module, "RADIUS", 0.3)  # these are smooth, and say little within a small ball
+    monkeypatch.setattr(gtm_module, "TARGET_SAMPLES", 120)
+    monkeypatch.setattr(gtm_module, "SOURCE_SAMPLES", 500)
     source, target, truth = pair
     kept = target.vertices[:, 2] > np.quantile(target.vertices[:, 2], 0.3)
     part, numbers = cut(target, kept)

@@ -18,7 +18,7 @@ WAYS = ("true map", "proximity, aligned", "Data Transfer, aligned", "MeshLab")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict]]:
     data = tmp_path_factory.mktemp("data")
     (data / "faust_r").mkdir()
-    write_off(data / "faust_r" / "creature.off", creature(900, 0).surface)
+    write_off(data / "faust_r" / "creature.off", creature(600, 0).surface)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cases, "CELL", 0.05)
         patch.setattr(transfer, "WAYS", {name: methods.WAYS[name] for name in WAYS})
@@ -54,7 +54,7 @@ def test_what_looks_in_space_is_right_in_the_same_pose_only(tables: dict[str, li
 
 
 def test_seams_cut_every_region_into_a_disc() -> None:
-    surface = creature(900, 0).surface
+    surface = creature(600, 0).surface
     vertices, triangles = surface.vertices, surface.triangles
     region = regions.faces_of(regions.regions(vertices, triangles, 8), triangles)
     seam = regions.islands(vertices, triangles, region)

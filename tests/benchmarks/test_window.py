@@ -28,7 +28,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data")
     (folder / "tosca_full").mkdir()
     for name, bend in BENDS.items():
-        seed, count = (0, 900) if name in scene.CHARACTERS else (1, 500)
+        seed, count = (0, 600) if name in scene.CHARACTERS else (1, 500)
         write_off(folder / "tosca_full" / f"{name}.off", creature(count, seed, bend).surface)
     return folder
 
