@@ -15,6 +15,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_normals
 from zoomout_core.transfer import Wrapped, reversed_match, wrap
+from zoomout_core.transfer.wrapping.feet import FEET
 from zoomout_core.transfer.wrapping.fit import FIT
 from zoomout_core.transfer.wrapping.unfold import UNFOLD
 from zoomout_core.tuning import retuned
@@ -297,6 +298,26 @@ def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
     trusted = error()
     with retuned(FIT, most_growth=100.0, most_stretch=100.0):
         assert trusted < error()
+
+
+def test_what_the_map_leaves_bare_draws_what_is_nearest(target: Surface) -> None:
+    """The source has a horn, and the map ends at its foot."""
+    fine = ball(1, count=2500, seed=8)
+    horn = 1 + np.maximum(0, fine.vertices[:, 0]) ** 30
+    source = fine.with_vertices(3 * TURN.apply(fine.vertices * horn[:, None]) + [5.0, -2, 9])
+    places = target.vertices.copy()
+    near = places[:, 0] > 0.8
+    turn = np.arctan2(places[near, 2], places[near, 1])
+    places[near] = np.stack([np.full(len(turn), 0.8), 0.6 * np.cos(turn), 0.6 * np.sin(turn)], axis=1)
+    bare = mapped(places, source)
+
+    def reach() -> float:
+        found = wrap(bare, source, target).vertices
+        return float(off(source.vertices, target.with_vertices(found)).max())
+
+    drawn = reach()
+    with retuned(FEET, most_points=0):
+        assert drawn < 0.5 * reach()
 
 
 @pytest.mark.parametrize("wrong", [{"smoothness": 1.5}, {"detail": -0.1}, {"mask": [1.0]}, {"mask": np.full(700, 2.0)}])
