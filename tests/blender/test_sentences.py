@@ -45,6 +45,7 @@ OF_CORE = (
 # Calls whose arguments are said to the user.
 SAYING = {
     "Finding",
+    "Kind",
     "LandmarkError",
     "MeshError",
     "Progress",
@@ -109,7 +110,7 @@ def outside_errors_of_python(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def said() -> set[str]:
-    """Texts given to calls that say something, and all f-strings, in which most sentences are composed."""
+    """Texts given to calls that say something, returned or named, and all f-strings, in which most sentences are composed."""
     found = set()
     for path, tree in modules():
         if CORE in path.parents and not path.relative_to(CORE).as_posix().startswith(OF_CORE):
@@ -119,6 +120,8 @@ def said() -> set[str]:
                 found |= {text for argument in node.args for text in literals_of(argument)}
             elif isinstance(node, ast.JoinedStr):
                 found.add(text_of(node))
+            elif isinstance(node, ast.Return | ast.Assign) and isinstance(node.value, ast.Constant):
+                found |= {text for text in literals_of(node.value) if " " in text and "\n" not in text}
     return {text for text in found if is_said(text)}
 
 
