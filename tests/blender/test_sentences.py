@@ -110,7 +110,7 @@ def outside_errors_of_python(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def said() -> set[str]:
-    """Texts given to calls that say something, returned or named, and all f-strings, in which most sentences are composed."""
+    """Texts that are returned, named, or given to calls that say something, and all f-strings: most sentences."""
     found = set()
     for path, tree in modules():
         if CORE in path.parents and not path.relative_to(CORE).as_posix().startswith(OF_CORE):
