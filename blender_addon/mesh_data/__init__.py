@@ -15,7 +15,7 @@ from .armatures import (
     stands_as_modelled,
     unbind,
 )
-from .base import base_mesh, carried_values, is_cage, read_target_faces, read_target_surface
+from .base import base_mesh, carried_values, is_cage, read_mirrored_surface, read_target_faces, read_target_surface
 from .cutting import divided_steps, write_divided
 from .inspection import MeshFacts, content_hash, facts_steps
 from .joined import (
@@ -168,6 +168,7 @@ __all__ = [
     "read_marks",
     "read_mask",
     "read_materials",
+    "read_mirrored_surface",
     "read_own_normals",
     "read_own_shape_keys",
     "read_positions",

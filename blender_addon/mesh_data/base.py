@@ -107,6 +107,28 @@ def read_target_faces(obj: Object, depsgraph: Depsgraph) -> Faces:
     return read_faces(obj.data)
 
 
+def read_mirrored_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface | None:
+    """The surface that `read_target_surface` gives, with the other half that a Mirror modifier makes of it.
+
+    Returns:
+        The whole, in world space: its first vertices are those of the mesh itself, as far as the modifier does not
+        merge them into the plane. None where there is no such modifier, where others that change vertices come first,
+        or where it cuts the mesh.
+    """
+    generating = [one for one in obj.modifiers if one.show_viewport and one.type not in VERTEX_PRESERVING]
+    if not generating or generating[0].type != "MIRROR" or any(generating[0].use_bisect_axis):
+        return None
+    own = read_base_positions(obj, depsgraph)
+    with temporary_copy(obj, depsgraph) as copy:
+        remove_generating(copy, keep=generating[0].name)
+        depsgraph.view_layer.update()
+        with evaluated_mesh(copy, depsgraph) as (evaluated, mesh):
+            whole = read_positions(mesh)
+            off = np.abs(whole[: len(own)] - own).max() if len(whole) > len(own) else np.inf
+            surface = world_surface(evaluated, mesh, whole, mesh)
+    return surface if off <= generating[0].merge_threshold else None
+
+
 def carried_values(obj: Object, depsgraph: Depsgraph, values: Floats) -> Floats | None:
     """What all modifiers of an object make of values of its own vertices (n, 3) or corners (c, 2).
 
@@ -128,10 +150,13 @@ def carried_values(obj: Object, depsgraph: Depsgraph, values: Floats) -> Floats 
     return found
 
 
-def remove_generating(obj: Object) -> None:
-    """Take the modifiers off an object from the first on that may give it other vertices, but those of `POSING`."""
+def remove_generating(obj: Object, keep: str = "") -> None:
+    """Take the modifiers off an object from the first on that may give it other vertices, but those of `POSING`.
+
+    One of them may be kept by its name.
+    """
     changed = False
     for modifier in list(obj.modifiers):
         changed = changed or (modifier.show_viewport and modifier.type not in VERTEX_PRESERVING)
-        if changed and modifier.type not in POSING:
+        if changed and modifier.type not in POSING and modifier.name != keep:
             obj.modifiers.remove(modifier)

@@ -30,6 +30,7 @@ from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
+from .half_match import HalfResult
 from .initial_maps import map_of_file, same_order
 
 # Smallest weight with which a vertex belongs to a vertex group.
@@ -46,6 +47,8 @@ HINTS = {
 }
 # Starts that may weigh landmarks.
 OF_LANDMARKS = ("auto", "landmarks")
+# Options that refer to the target's vertices by number.
+OF_VERTICES = frozenset({"regions", "initial_map"})
 
 # Vertices of each region of an object, by what it is, GROUP or MATERIAL, and its name.
 NamedRegions = dict[tuple[str, str], np.ndarray]
@@ -104,14 +107,16 @@ def matching_steps(
         arguments["landmarks"] = landmarks.source, landmarks.target
     if exact_landmarks and "landmarks" in arguments | options:
         arguments["exact_landmarks"] = True
+    whole = _whole_target(context, pair) if initial in OF_LANDMARKS and not OF_VERTICES & options.keys() else None
     if initial == "auto":
         constraints, of_constraints = yield from _constraints_steps(
-            context, pair, names, same_up, from_last, len(landmarks.numbers)
+            context, pair, names and whole is None, same_up, from_last and whole is None, len(landmarks.numbers)
         )
         arguments |= constraints
         notes = of_constraints + notes
     try:
-        result = yield from zo.match_steps(pair.source, pair.target, **arguments | options)
+        target = pair.target if whole is None else whole
+        result = yield from zo.match_steps(pair.source, target, **arguments | options)
     except LandmarkError as error:
         name = pair.source_name if error.role == "source" else pair.target_name
         number = landmarks.numbers[error.number] if landmarks.numbers else error.number
@@ -120,7 +125,16 @@ def matching_steps(
         notes.append(
             "The map contradicts most of the names that both objects have: check whether names or sides are swapped."
         )
+    if whole is not None:
+        notes.append(f"'{pair.target_name}' was matched with the other half that its Mirror modifier makes.")
+        result = HalfResult.of(result, pair.target)
     return replace(result, notes=(*notes, *result.notes))
+
+
+def _whole_target(context: Context, pair: ObjectPair) -> zo.Surface | None:
+    """The target with the other half that a Mirror modifier makes of it, if there is one."""
+    depsgraph = context.evaluated_depsgraph_get()
+    return mesh_data.read_mirrored_surface(find_mesh(context, pair.target_name), depsgraph)
 
 
 def check_options(options: Collection[str]) -> None:
