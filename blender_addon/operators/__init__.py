@@ -1,6 +1,7 @@
 """Operators: thin, the work is in functions that scripts can call as well."""
 
 from . import select_faults, symmetry
+from .bend_match import ZOOMOUT_OT_bend_match
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .choose_data import ZOOMOUT_OT_choose_data
@@ -37,6 +38,7 @@ CLASSES = (
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_import_landmarks,
+    ZOOMOUT_OT_bend_match,
     ZOOMOUT_OT_confirm_landmarks,
     ZOOMOUT_OT_remove_landmark,
     ZOOMOUT_OT_clear_landmarks,

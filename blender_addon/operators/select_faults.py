@@ -7,28 +7,16 @@ from bpy.types import Context
 from zoomout_core.runtime.stepping import Steps
 
 from ..services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults_steps
-from ..storage import stored_match
-from ..translations import translated
-from .stepped import SteppedOperator
+from .matched import MatchedOperator
 
 
-class SelectOperator(SteppedOperator):
+class SelectOperator(MatchedOperator):
     """The base of operators that select what is wrong with the match of the active mesh."""
 
     bl_options = {"REGISTER", "UNDO"}
     what = ""
     # Which elements can be selected, as `ToolSettings.mesh_select_mode` has it: vertices, edges, faces.
     selecting = (True, False, False)
-
-    @classmethod
-    def poll(cls, context: Context) -> bool:
-        """Whether the active object was matched."""
-        if not super().poll(context):
-            return False
-        if stored_match.PROPERTY not in context.active_object.data:
-            cls.poll_message_set(translated("Match this mesh first"))
-            return False
-        return True
 
     def steps(self, context: Context) -> Steps[str]:
         result = yield from select_faults_steps(context, context.active_object.name, self.what)

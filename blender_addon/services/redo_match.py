@@ -37,9 +37,10 @@ def read_mask(context: Context, pair: ObjectPair, group: str, keeps: bool) -> Fl
     with target_mesh(context, pair) as (target, _):
         weights = mesh_data.read_mask(target, group)
     mask = 1 - weights if keeps else weights
+    if not mask.any() and keeps:
+        raise zo.MeshError(f"The vertex group '{group}' covers all: take out of it what is to be matched again.")
     if not mask.any():
-        what = "covers all" if keeps else "is empty"
-        raise zo.MeshError(f"The vertex group '{group}' {what}, so nothing would be matched again: paint it.")
+        raise zo.MeshError(f"The vertex group '{group}' is empty: paint into it what is to be matched again.")
     return mask
 
 

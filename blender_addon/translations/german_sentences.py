@@ -180,6 +180,16 @@ SENTENCES = {
     "{} face of '{}', {} of its area": "{} Fläche von '{}', {} der Oberfläche",
     "{} faces of '{}', {} of its area": "{} Flächen von '{}', {} der Oberfläche",
     "no faces of '{}', {} of its area": "keine Flächen von '{}', {} der Oberfläche",
+    # Matching again in a part, and bending
+    "The vertex group '{}' covers all: take out of it what is to be matched again.": "Die Punktgruppe '{}' umfasst alles: aus ihr nehmen, was neu zugeordnet werden soll.",
+    "The vertex group '{}' is empty: paint into it what is to be matched again.": "Die Punktgruppe '{}' ist leer: in sie malen, was neu zugeordnet werden soll.",
+    "{} of the area was matched again, the rest kept.": "{} der Oberfläche wurde neu zugeordnet, das Übrige behalten.",
+    "Keeping the rest": "Das Übrige behalten",
+    "Bending the match": "Zuordnung biegen",
+    "'{}' and '{}' have no landmark in common: place one on both.": "'{}' und '{}' haben keine Landmarke gemeinsam: auf beide eine setzen.",
+    "The match is too far off landmark {} to be bent there: match again.": "Die Zuordnung liegt zu weit neben Landmarke {}, um dort gebogen zu werden: erneut zuordnen.",
+    "Bent to {}.": "Zu {} gebogen.",
+    "Bent the match of '{}' to {}, which it missed by up to {} of its size": "Zuordnung von '{}' zu {} gebogen, um bis zu {} der Größe verfehlt",
     # Candidates
     "'{}' uses candidate {}; {} of {} vertices are of low confidence": "'{}' benutzt Kandidat {}; {} von {} Vertices sind unsicher",
     "There is no candidate {}: {} are listed.": "Es gibt keinen Kandidaten {}: die Liste hat {}.",

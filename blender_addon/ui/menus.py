@@ -8,6 +8,7 @@ import bpy
 from bpy.types import Context, Menu, Operator, UILayout
 
 from ..operators import landmarks, select_faults, symmetry
+from ..operators.bend_match import ZOOMOUT_OT_bend_match
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
@@ -61,6 +62,7 @@ class ZOOMOUT_MT_landmarks(Menu):
         layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname)
         for what, name in (("GROUPS", "Landmarks from Vertex Groups"), ("EMPTIES", "Landmarks from Empties")):
             layout.operator(landmarks.ZOOMOUT_OT_import_landmarks.bl_idname, text=name).what = what
+        layout.operator(ZOOMOUT_OT_bend_match.bl_idname)
         layout.operator(landmarks.ZOOMOUT_OT_confirm_landmarks.bl_idname)
         layout.operator(landmarks.ZOOMOUT_OT_remove_landmark.bl_idname)
         layout.operator(landmarks.ZOOMOUT_OT_clear_landmarks.bl_idname)

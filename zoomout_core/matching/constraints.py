@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.anchors import Anchors, coordinates
+from zoomout_core.maps.bend import bent
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
@@ -172,14 +172,9 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     """
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
-    images = between.interpolate(source.mesh.vertices)
-    graph = edge_graph(target.mesh.vertices, target.mesh.triangles)
-    distance = np.atleast_2d(dijkstra(graph, indices=target_ids))
-    kernel = np.exp(-((distance / CONSTRAINTS.pinning_width) ** 2))
-    missed = source.mesh.vertices[source_ids] - images[target_ids]
-    bent = images + kernel.T @ np.linalg.lstsq(kernel[:, target_ids], missed, rcond=None)[0]
-    triangles = source.mesh.triangles
-    return SurfaceMap(*closest_points(bent, source.mesh.vertices, triangles), triangles)
+    missed = source.mesh.vertices[source_ids] - between.interpolate(source.mesh.vertices)[target_ids]
+    meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
+    return bent(between, *meshes, target_ids, missed, CONSTRAINTS.pinning_width)
 
 
 def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:

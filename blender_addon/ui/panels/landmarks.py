@@ -8,6 +8,7 @@ from bpy.types import Context, Panel, UILayout, UIList
 
 import zoomout_core as zo
 
+from ...operators.bend_match import ZOOMOUT_OT_bend_match
 from ...operators.landmarks import (
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_confirm_landmarks,
@@ -74,6 +75,7 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
             on = [set(surface_points_on(context.scene, obj)) for obj in pair]
             both = len(on[0] & on[1])
             sentences(context, layout, [f"{both} on both; the marks are for '{pair[0].name}' and '{pair[1].name}'"])
+        layout.operator(ZOOMOUT_OT_bend_match.bl_idname, text="Bend Match", icon="MOD_SIMPLEDEFORM")
         row = layout.row(align=True)
         row.label(text="Import")
         row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Groups").what = "GROUPS"

@@ -1,0 +1,23 @@
+"""Bend the match of the active mesh to its landmarks."""
+
+from __future__ import annotations
+
+from bpy.types import Context
+
+from zoomout_core.runtime.stepping import Steps
+
+from ..services.bend_match import bend_match_steps
+from .matched import MatchedOperator
+
+
+class ZOOMOUT_OT_bend_match(MatchedOperator):
+    bl_idname = "zoomout.bend_match"
+    bl_label = "Bend Match to Landmarks"
+    bl_description = (
+        "Bend the match of the active mesh near the landmarks that it misses, so that it meets them, without matching "
+        "again; all that is farther away stays. Where a landmark is far off, match again"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    def steps(self, context: Context) -> Steps[str]:
+        return (yield from bend_match_steps(context, context.active_object.name))

@@ -1,0 +1,83 @@
+"""A match is bent to landmarks that it misses, near these alone."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import activate, positions, values
+from test_landmarks import add
+from true_match import keep_true_match
+
+import zoomout_core as zo
+from blender_addon.scene.landmarks import landmark_pairs
+from blender_addon.scene.pair import read_pair
+from blender_addon.services.bend_match import bend_match
+from blender_addon.services.preflight import outdated
+from blender_addon.storage import stored_match
+
+HERE, THERE = np.array([0.2, 0.6, 0.3]), np.array([0.4, 0.55, 0.3])
+
+
+def images(target):
+    pair = read_pair(bpy.context, "Source", "Target")
+    return stored_match.read(target.data, pair).surface_map.interpolate(pair.source.vertices)
+
+
+@pytest.fixture
+def marked(source, target):
+    """A true match of two that lie on each other, and a landmark that is elsewhere on the source."""
+    keep_true_match(target)
+    add(source, 1, *THERE)
+    add(target, 1, *HERE)
+    return target
+
+
+def test_the_match_meets_the_landmark_and_stays_far_from_it(source, marked):
+    before, triangle = images(marked), values(marked.data, "zoomout_triangle").copy()
+    found = landmark_pairs(bpy.context, source, marked)
+    assert bpy.ops.zoomout.bend_match() == {"FINISHED"}
+    at = np.linalg.norm(positions(marked.data) - found.target[0], axis=1).argmin()
+    moved = images(marked) - before
+    wanted = found.source[0] - found.target[0]
+    assert np.linalg.norm(moved[at] - wanted) < 0.15 * np.linalg.norm(wanted)
+    far = positions(marked.data)[:, 1] < -0.4
+    np.testing.assert_array_equal(values(marked.data, "zoomout_triangle")[far], triangle[far])
+    assert np.linalg.norm(moved, axis=1).max() < 1.2 * np.linalg.norm(wanted)
+    assert stored_match.description(marked.data)["notes"] == ["Bent to 1 landmark."]
+
+
+def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source, marked):
+    pair = read_pair(bpy.context, "Source", "Target")
+    stored_match.write(marked.data, stored_match.read(marked.data, pair), pair, {stored_match.LANDMARKS: "other"})
+    assert outdated(bpy.context, marked)
+    said = bend_match(bpy.context, marked)
+    bend_match(bpy.context, marked)
+    assert said.startswith("Bent the match of 'Target' to 1 landmark, which it missed by up to ")
+    assert outdated(bpy.context, marked) == []
+    bent = stored_match.read(marked.data, pair)
+    assert zo.evaluation.flipped_share(bent.surface_map, pair.source, pair.target) < 0.01
+    assert bent.notes == ("Bent to 1 landmark.",)
+
+
+def test_a_far_landmark_is_met_by_a_wide_bend_that_turns_nothing_over(source, target):
+    keep_true_match(target)
+    add(source, 1, -0.55, 0.45, 0.3)
+    add(target, 1, -0.2, 0.6, 0.3)
+    bend_match(bpy.context, target)
+    pair = read_pair(bpy.context, "Source", "Target")
+    bent = stored_match.read(target.data, pair).surface_map
+    assert zo.evaluation.flipped_share(bent, pair.source, pair.target) == 0
+
+
+def test_without_a_landmark_on_both_or_far_from_one_nothing_is_changed(source, target):
+    keep_true_match(target)
+    before = values(target.data, "zoomout_triangle").copy()
+    add(target, 1, *HERE)
+    with pytest.raises(zo.MeshError, match="have no landmark in common: place one on both"):
+        bend_match(bpy.context, target)
+    add(source, 1, 0, -0.7, 0)
+    with pytest.raises(zo.MeshError, match="too far off landmark 1 to be bent there: match again"):
+        bend_match(bpy.context, target)
+    np.testing.assert_array_equal(values(target.data, "zoomout_triangle"), before)
+    activate(source)
+    with pytest.raises(RuntimeError, match="Match this mesh first"):
+        bpy.ops.zoomout.bend_match()
