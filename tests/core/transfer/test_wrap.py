@@ -13,7 +13,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import area_normals, triangle_normals
+from zoomout_core.mesh.triangles import area_normals, triangle_areas, triangle_normals
 from zoomout_core.transfer import Wrapped, reversed_match, wrap
 from zoomout_core.transfer.wrapping.feet import FEET
 from zoomout_core.transfer.wrapping.fit import FIT
@@ -126,6 +126,21 @@ def test_faces_that_turn_over_are_turned_back(noisy: SurfaceMap, source: Surface
     assert "folded over" in folded.notes[-1]
     assert inwards(folded.vertices, target) > 0
     assert wrap(noisy, source, target, smoothness=0.0).turned_over == 0
+
+
+def test_faces_of_which_next_to_nothing_is_left_are_widened(
+    noisy: SurfaceMap, source: Surface, target: Surface
+) -> None:
+    def narrowest() -> float:
+        found = wrap(noisy, source, target, smoothness=0.0).vertices
+        return float(
+            (triangle_areas(found, target.triangles) / triangle_areas(target.vertices, target.triangles)).min()
+        )
+
+    with retuned(UNFOLD, least_area=0.0):
+        before = narrowest()
+    with retuned(UNFOLD, least_area=0.05):
+        assert narrowest() > 3 * before
 
 
 def test_smoothness_evens_the_edges(noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped) -> None:

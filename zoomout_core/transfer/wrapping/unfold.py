@@ -23,12 +23,14 @@ class UnfoldTuning(Tuning, set_by="wrap"):
         relaxations: in which the surroundings of such faces are relaxed along the source, at most.
         averagings: of a vertex with its neighbours in each of these.
         retreats: in which vertices go half the way back from the source, at most.
+        least_area: of a face, over what its scale makes of it, below which it counts as turned over.
         releases: in which the source lets go of vertices, so that they keep the form of what is around, at most.
     """
 
     relaxations: int = tuned(5, "rounds", 0, 100)
     averagings: int = tuned(6, "rounds", 1, 1000)
     retreats: int = tuned(5, "rounds", 0, 100)
+    least_area: float = tuned(0.001, "1", 0, 1)
     releases: int = tuned(10, "rounds", 1, 100)
 
 
@@ -53,6 +55,8 @@ class Unfolding:
         self._means = csr_array((1 / np.bincount(rows, minlength=n)[rows], (rows, columns)), shape=(n, n))
         self._normals = triangle_normals(fit.working.vertices, self._corners)
         self._expected = self._turned(fit.turns)
+        scales = fit.skin.scales[self._corners].mean(axis=1)
+        self._area = scales**2 * np.linalg.norm(area_normals(fit.working.vertices, self._corners), axis=1)
         self._free = np.ones(n, dtype=bool)
         self._free[fit.pins.vertices] = False
 
@@ -104,8 +108,12 @@ class Unfolding:
         return best
 
     def turned_over(self, positions: Floats) -> Booleans:
-        """(m,) which triangles of the working mesh face against the way that their surroundings have turned."""
-        return np.asarray(np.einsum("mx,mx->m", area_normals(positions, self._corners), self._expected) < 0)
+        """(m,) which triangles of the working mesh face against the way that their surroundings have turned.
+
+        Those of which next to nothing is left are among them.
+        """
+        facing = np.einsum("mx,mx->m", area_normals(positions, self._corners), self._expected)
+        return np.asarray(facing <= UNFOLD.least_area * self._area)
 
     def _turned(self, turns: Floats) -> Floats:
         """(m, 3) normals of the triangles, as their corners have turned (n, 3, 3)."""
