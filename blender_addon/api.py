@@ -21,9 +21,9 @@ A target that stands in a pose is taken to the rest pose of the source's armatur
 pose it at once, by `bind_to_rig(context, hero, scan)`, which transfers the weights, or by `transfer_objects` with
 `binding=Binding()`.
 
-The target's topology gets the source's shape, as a shape key, as the mesh itself or as a new object, by `wrap_objects`:
+The target's topology gets the source's shape, as a shape key, as the mesh itself or as a new object, by `wrap`:
 
->>> report = api.wrap_objects(context, hero, scan, api.Wrapping(smoothness=0.7))
+>>> report = api.wrap(context, hero, scan, api.Wrapping(smoothness=0.7))
 >>> report["key"] == hero.name
 True
 
@@ -74,7 +74,7 @@ from .services.symmetry.shape_keys import mirror_shape_key
 from .services.symmetry.sides import name_sides, select_symmetry_line
 from .services.symmetry.weights import symmetrise_weights
 from .services.transfer import bind_to_rig, transfer_objects, transfer_steps
-from .services.wrap import Wrapping, wrap_objects
+from .services.wrap import Wrapping, wrap
 from .storage.stored_report import transfer_report
 from .storage.stored_symmetry import read as symmetry_of
 
@@ -107,7 +107,7 @@ __all__ = [
     "transfer_objects",
     "transfer_report",
     "transfer_steps",
-    "wrap_objects",
+    "wrap",
 ]
 
 

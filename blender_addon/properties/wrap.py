@@ -82,6 +82,6 @@ class WrapOptions:
     )
 
     def wrap_options(self) -> dict[str, Any]:
-        """Arguments of `wrap_objects`."""
+        """Arguments of `wrap`."""
         chosen = {name.removeprefix("wrap_"): getattr(self, name) for name in WrapOptions.__annotations__}
         return {**chosen, "result": chosen["result"].lower()}

@@ -77,7 +77,7 @@ class _Given:
     is_cage: bool
 
 
-def wrap_objects(
+def wrap(
     context: Context, source: Object, target: Object, wrapping: Wrapping | None = None, **match_options: Any
 ) -> dict[str, Any]:
     """Give the target's topology the source's shape, or the other way round, along their match or a new one.
@@ -108,7 +108,7 @@ def prepare_wrap_steps(
     adjusted: bool = False,
     **match_options: Any,
 ) -> Steps[Write[dict[str, Any]]]:
-    """`wrap_objects` as a generator, which holds no Blender data while it is suspended; returns what writes.
+    """`wrap` as a generator, which holds no Blender data while it is suspended; returns what writes.
 
     Args:
         context: Blender's; both objects are in its scene.

@@ -87,7 +87,7 @@ def test_a_key_has_the_source_s_shape_and_is_shown(source, target):
     target.matrix_world = Matrix.LocRotScale((0, 5, 0), Euler((0, 1, 0)), (1, 0.5, 1))
     bpy.context.view_layer.update()
     before, basis = snapshot(source), positions(target.data)
-    report = api.wrap_objects(bpy.context, source, target)
+    report = api.wrap(bpy.context, source, target)
     assert report["key"] == report["shape"] == "Source"
     assert report["object"] == report["wrapped"] == "Target"
     assert report["turned_over"] == 0
@@ -99,16 +99,16 @@ def test_a_key_has_the_source_s_shape_and_is_shown(source, target):
 
 
 def test_it_can_be_done_again_with_the_key_shown(source, target):
-    api.wrap_objects(bpy.context, source, target)
+    api.wrap(bpy.context, source, target)
     first = key_shape(target.data, "Source")
     api.set_landmark(bpy.context, source, 1, 20)
     api.set_landmark(bpy.context, target, 1, 30)
     target.data.shape_keys.key_blocks["Source"].value = 0
     bpy.context.view_layer.update()
-    api.wrap_objects(bpy.context, source, target)
+    api.wrap(bpy.context, source, target)
     hidden = key_shape(target.data, "Source")
     assert np.abs(hidden - first).max() > 0.01
-    api.wrap_objects(bpy.context, source, target)
+    api.wrap(bpy.context, source, target)
     np.testing.assert_allclose(key_shape(target.data, "Source"), hidden, atol=1e-4)
     assert len(target.data.shape_keys.key_blocks) == 2
 
@@ -118,7 +118,7 @@ def test_the_mesh_itself_is_moved_and_its_keys_and_its_match_with_it(source, tar
     up = target.shape_key_add(name="Up")
     up.value = 0
     up.data.foreach_set("co", (positions(target.data) + np.array([0, 0, 1], np.float32)).ravel())
-    report = api.wrap_objects(bpy.context, source, target, api.Wrapping("mesh"))
+    report = api.wrap(bpy.context, source, target, api.Wrapping("mesh"))
     assert not report["key"]
     assert off(moved_to(target, source), source).max() < 1e-5
     np.testing.assert_allclose(key_shape(target.data, "Up"), positions(target.data) + np.array([0, 0, 1]), atol=1e-5)
@@ -135,7 +135,7 @@ def test_a_new_object_lies_on_the_source(source, target):
     set_weights(target, "Bone", np.ones(len(target.data.vertices)))
     target.modifiers.new("Cast", "CAST").factor = 0
     before = snapshot(target)
-    report = api.wrap_objects(bpy.context, source, target, api.Wrapping("object"))
+    report = api.wrap(bpy.context, source, target, api.Wrapping("object"))
     made = bpy.data.objects[report["object"]]
     assert made.name == "Target on Source"
     assert off(seen_positions(made), source).max() < 1e-5
@@ -152,7 +152,7 @@ def test_a_new_object_lies_on_the_source(source, target):
 @pytest.mark.parametrize("result", ["shape_key", "mesh", "object"])
 def test_the_source_can_be_wrapped_onto_the_target(source, target, result):
     before = snapshot(target)
-    report = api.wrap_objects(bpy.context, source, target, api.Wrapping(result, reverse=True))
+    report = api.wrap(bpy.context, source, target, api.Wrapping(result, reverse=True))
     assert report["wrapped"] == "Source"
     made = bpy.data.objects[report["object"]]
     assert made.name == ("Source on Target" if result == "object" else "Source")
@@ -166,7 +166,7 @@ def test_the_source_can_be_wrapped_onto_the_target(source, target, result):
 def test_outside_of_a_mask_the_form_is_kept(source, target):
     points = positions(target.data)
     set_weights(target, "Top", points[:, 2] > 0)
-    api.wrap_objects(bpy.context, source, target, api.Wrapping("mesh", mask="Top"))
+    api.wrap(bpy.context, source, target, api.Wrapping("mesh", mask="Top"))
     distance = off(moved_to(target, source), source)
     assert distance[points[:, 2] > 0.05].max() < 1e-4
     assert distance[points[:, 2] < -0.6].min() > 0.01
@@ -176,13 +176,13 @@ def test_landmarks_are_met_unless_they_are_not_wanted(source, target):
     api.set_landmark(bpy.context, source, 1, 20)
     api.set_landmark(bpy.context, target, 1, 30)
     where = np.array(source.matrix_world @ source.data.vertices[20].co)
-    api.wrap_objects(bpy.context, source, target)
+    api.wrap(bpy.context, source, target)
     assert np.abs(moved_to(target, source)[30] - where).max() < 1e-4
-    api.wrap_objects(bpy.context, source, target, api.Wrapping(landmarks=False))
+    api.wrap(bpy.context, source, target, api.Wrapping(landmarks=False))
     assert np.abs(moved_to(target, source)[30] - where).max() > 0.1
     target.data.shape_keys.key_blocks["Source"].value = 0
     bpy.context.view_layer.update()
-    api.wrap_objects(bpy.context, source, target, api.Wrapping("object", reverse=True))
+    api.wrap(bpy.context, source, target, api.Wrapping("object", reverse=True))
     there = seen_positions(target)[30]
     assert np.abs(seen_positions(bpy.data.objects["Source on Target"])[20] - there).max() < 1e-4
 
@@ -195,7 +195,7 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
     told = []
 
     def missed(**wrapping):
-        report = api.wrap_objects(bpy.context, source, target, api.Wrapping(result, **wrapping))
+        report = api.wrap(bpy.context, source, target, api.Wrapping(result, **wrapping))
         told.append(any("act on its new shape" in note for note in report["notes"]))
         return off(moved_to(bpy.data.objects[report["object"]], source), source)
 
@@ -219,7 +219,7 @@ def test_the_limit_is_that_of_the_modifier(target):
 def test_what_has_no_partner_is_told(source, target):
     alone = positions(target.data)[:, 2] > 0.8
     keep_match_by_direction(target, ~alone)
-    report = api.wrap_objects(bpy.context, source, target)
+    report = api.wrap(bpy.context, source, target)
     assert f"{alone.sum()} vertices without a partner" in report["notes"][0]
     assert summary(report).startswith("Wrapped 'Target' onto 'Source' (key 'Source'). ")
 
@@ -279,7 +279,7 @@ def test_closed_halfway_it_changes_nothing(source, target):
 def refused(source, target, match, **wrapping):
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match=match):
-        api.wrap_objects(bpy.context, source, target, api.Wrapping(**wrapping))
+        api.wrap(bpy.context, source, target, api.Wrapping(**wrapping))
     assert snapshot_file() == before
 
 
