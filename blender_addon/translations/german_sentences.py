@@ -183,8 +183,6 @@ SENTENCES = {
     # Matching again in a part, and bending
     "The vertex group '{}' covers all: take out of it what is to be matched again.": "Die Punktgruppe '{}' umfasst alles: aus ihr nehmen, was neu zugeordnet werden soll.",
     "The vertex group '{}' is empty: paint into it what is to be matched again.": "Die Punktgruppe '{}' ist leer: in sie malen, was neu zugeordnet werden soll.",
-    "{} of the area was matched again, the rest kept.": "{} der Oberfläche wurde neu zugeordnet, das Übrige behalten.",
-    "Keeping the rest": "Das Übrige behalten",
     "Bending the match": "Zuordnung biegen",
     "'{}' and '{}' have no landmark in common: place one on both.": "'{}' und '{}' haben keine Landmarke gemeinsam: auf beide eine setzen.",
     "The match is too far off landmark {} to be bent there: match again.": "Die Zuordnung liegt zu weit neben Landmarke {}, um dort gebogen zu werden: erneut zuordnen.",
