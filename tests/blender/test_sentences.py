@@ -17,10 +17,12 @@ from drawing import Context, Layout
 import blender_addon
 import zoomout_core
 from blender_addon import translations
+from blender_addon.operators import activity, stepped
 from blender_addon.services import transfer
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.translations import in_language
 from blender_addon.ui.panels import sidebar
+from zoomout_core.runtime.stepping import Progress
 
 # A language that lacks more is no help: whoever adds sentences may leave a few to those who know it.
 MOST_MISSING = 0.1
@@ -197,6 +199,7 @@ COMPOSED = {
     "Without a partner: 3 faces of 'A', 1.0% of its area; no vertices of 'B', 0.0% of its area": (
         "Ohne Gegenstück: 3 Flächen von 'A', 1.0% der Oberfläche; keine Vertices von 'B', 0.0% der Oberfläche"
     ),
+    "In doubt: 3 vertices of 'A', 1.0% of its area": "Im Zweifel: 3 Vertices von 'A', 1.0% der Oberfläche",
     "Cleared 1 mesh and 3 landmarks": "Zuordnungsdaten entfernt: 1 Mesh und 3 Landmarken",
     "Transferred 1 shape from 'A' to 'B'; 0 of 9 vertices are of low confidence; Transferred 1 shape from 'A' to 'C'; "
     "2 skipped; 0 of 9 vertices are of low confidence": (
@@ -232,6 +235,14 @@ def test_sentences_side_by_side_are_translated_each() -> None:
     assert in_language(f"{source} {target}", "de") == german
     assert in_language(f"{source} Unknown words follow.", "de") == f"{in_language(source, 'de')} Unknown words follow."
     assert "{}" not in german
+
+
+def test_a_value_does_not_reach_into_the_next_sentence() -> None:
+    shared = "The mesh '{}' is shared by {} objects, which all received the data."
+    german = (
+        "2 Objekte teilen sich das Mesh 'A'; alle haben die Daten erhalten. 3 Objekte teilen sich das Mesh 'B'; alle"
+    )
+    assert in_language(f"{shared.format('A', 2)} {shared.format('B', 3)}", "de").startswith(german)
 
 
 def test_names_stay_as_they_are() -> None:
@@ -289,6 +300,19 @@ def test_sentences_are_wrapped_in_the_language_that_is_read(in_german: None) -> 
     assert len(lines) > 1
     assert max(map(len, lines)) <= (300 - sidebar.BORDER) / sidebar.LETTER
     assert " ".join(lines) == "Die Quelle 'Body' wurde seitdem bearbeitet: erneut zuordnen."
+
+
+def test_progress_is_shown_in_the_language_that_is_read(in_german: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str | None] = []
+    everything: list[tuple[str, str, object]] = []
+    monkeypatch.setattr(activity, "running", None)
+    context = SimpleNamespace(workspace=SimpleNamespace(status_text_set=said.append))
+    stepped._show_progress(context, Progress(0.5, "'A', 2 of 3: Refining"))
+    sidebar.main_button(Layout(everything), "zoomout.match", "Match", "NONE", True)
+    assert said == ["'A', 2 von 3: Verfeinern: 50% (ESC bricht ab)"]
+    assert ("progress", "'A', 2 von 3: Verfeinern") in [entry[:2] for entry in everything]
+    stepped._show_progress(context, None)
+    assert said[1:] == [None]
 
 
 def test_operators_report_in_the_language_that_is_read(target: bpy.types.Object, in_german: None) -> None:
