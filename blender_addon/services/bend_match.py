@@ -18,7 +18,7 @@ from zoomout_core.runtime.threads import in_background
 from zoomout_core.tuning import Tuning, tuned
 
 from ..mesh_data import ObjectPair
-from ..scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint
+from ..scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
 from ..scene.pair import check_unedited, find_mesh
 from ..scene.stored_pair import read_stored_match_steps
 from ..storage import stored_match
@@ -70,7 +70,7 @@ def bend_match_steps(context: Context, target_name: str) -> Steps[str]:
         in_background(partial(_bent, pair, match, landmarks)), 0, 1, "Bending the match"
     )
     count = len(landmarks.numbers)
-    what = f"{count} landmark{'' if count == 1 else 's'}"
+    what = landmarks_in_words(count)
     note = f"Bent to {what}."
     notes = (note, *(other for other in match.notes if not other.startswith("Bent to ")))
     result = replace(match, surface_map=surface_map, notes=notes)

@@ -162,9 +162,7 @@ SENTENCES = {
     "{} of {} parts laid on their like by place, size and shape{}.": "{} von {} Teilen auf ihresgleichen gelegt, nach Ort, Größe und Form{}.",
     "; the others lie on what is nearest": "; die anderen liegen auf dem, was am nächsten ist",
     "The map contradicts most of the names that both objects have: check whether names or sides are swapped.": "Die Karte widerspricht den meisten Namen, die beide Objekte haben: prüfen, ob Namen oder Seiten vertauscht sind.",
-    "{} of the area was matched again, the rest kept.": "{} der Oberfläche wurde erneut zugeordnet, der Rest behalten.",
-    "The vertex group '{}' is empty, so nothing would be matched again: paint it.": "Die Punktgruppe '{}' ist leer, so dass nichts erneut zugeordnet würde: sie bemalen.",
-    "The vertex group '{}' covers all, so nothing would be matched again: paint it.": "Die Punktgruppe '{}' bedeckt alles, so dass nichts erneut zugeordnet würde: sie bemalen.",
+    "'{}' was matched with the other half that its Mirror modifier makes.": "'{}' wurde zusammen mit der anderen Hälfte zugeordnet, die der Spiegeln-Modifikator macht.",
     # Clearing, and selecting what is wrong
     "Cleared {} and {}": "Zuordnungsdaten entfernt: {} und {}",
     "1 mesh": "1 Mesh",
@@ -409,7 +407,6 @@ SENTENCES = {
     "Following the seams": "Nähten folgen",
     "Guessing": "Vermutungen sammeln",
     "Guessing again": "Weitere Vermutungen sammeln",
-    "Keeping the rest": "Rest behalten",
     "Laying the checker": "Schachbrett auflegen",
     "Marking seams": "Nähte markieren",
     "Mirroring '{}'": "'{}' spiegeln",
