@@ -40,21 +40,78 @@ void main()
   gl_Position.z -= nearer * gl_Position.w;
 }
 """
+# Letters for the columns of the checker and digits for its rows: five rows of three dots each, from the top.
+GLYPHS = [
+    "010101111101101",
+    "110101110101110",
+    "011100100100011",
+    "110101101101110",
+    "111100110100111",
+    "111100110100100",
+    "011100101101011",
+    "101101111101101",
+    "111010010010111",
+    "001001001101010",
+    "101101110101101",
+    "100100100100111",
+    "101111111101101",
+    "110101101101101",
+    "010101101101010",
+    "110101110100100",
+    "111101101101111",
+    "010110010010111",
+    "110001010100111",
+    "110001010001110",
+    "101101111001001",
+    "111100110001110",
+    "011100111101111",
+    "111001010010010",
+    "111101111101111",
+    "111101111001110",
+]
+_CASES = "\n".join(f"  if (number == {number}) {{ return {int(dots, 2)}; }}" for number, dots in enumerate(GLYPHS))
 # With `squares` above 0, colours are UVs, drawn as a checker whose hue varies with the position in the UV map.
+# Squares that are seen large enough have a letter and a digit, or an arrow to the top of the UV map whose one barb is
+# on its right: where the UVs are turned or mirrored, so are these.
 FRAGMENT = """
+int glyph(int number)
+{
+GLYPHS
+  return 0;
+}
+
+bool inked(vec2 place, vec2 square, bool lettered)
+{
+  int x = int(place.x), y = int(place.y);
+  if (!lettered) {
+    return (x == 4 && y > 0 && y < 8) || (x == 5 && y == 6) || (x == 6 && y == 5);
+  }
+  if (y < 2 || y > 6 || x < 1 || x > 7 || x == 4) {
+    return false;
+  }
+  int number = x < 4 ? int(mod(square.x, 16.0)) : 16 + int(mod(square.y, 10.0));
+  int column = x < 4 ? x - 1 : x - 5;
+  return ((glyph(number) >> ((y - 2) * 3 + 2 - column)) & 1) == 1;
+}
+
 void main()
 {
   vec3 seen = paint;
   if (squares > 0.0) {
     vec2 square = floor(paint.xy * squares);
     float light = mod(square.x + square.y, 2.0);
+    vec2 dots = paint.xy * squares * 9.0;
+    vec2 wide = fwidth(dots);
+    if (max(wide.x, wide.y) < 1.0 && inked(mod(floor(dots), 9.0), square, light < 0.5)) {
+      light = 1.0 - light;
+    }
     seen = mix(vec3(0.12 + 0.55 * paint.x, 0.16, 0.12 + 0.55 * paint.y),
                vec3(0.95, 0.95 - 0.4 * paint.x, 0.95 - 0.4 * paint.y), light);
   }
   seen *= 0.45 + 0.55 * shade;
   result = vec4(srgbTarget ? pow(seen, vec3(2.2)) : seen, 1.0);
 }
-"""
+""".replace("GLYPHS", _CASES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,8 @@ class DrawingEngine(bpy.types.RenderEngine):
         colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
         overlays = {
             "colors": overlay.Overlay(1, colors, ""),
+            "letters": overlay.Overlay(1, (np.array(SQUARE)[:, :2] + 1) / 32, ""),
+            "arrow": overlay.Overlay(1, (np.array(SQUARE)[:, :2] + 1) / 32 + [1 / 16, 0], ""),
             "checker": overlay.Overlay(1, np.array(SQUARE)[:, :2] / 2, ""),
         }
         print("DRAWN", json.dumps({name: pixels(one) for name, one in overlays.items()}))

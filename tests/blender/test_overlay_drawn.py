@@ -32,3 +32,33 @@ def test_uvs_are_drawn_as_squares_of_two_lights(drawn):
     light = drawn["checker"][..., 1]
     assert ((light < 0.2) | (light > 0.5)).mean() > 0.9
     assert 0.3 < (light > 0.5).mean() < 0.7
+
+
+def ink(drawn, name):
+    """(9, 9) which dots of the one square that is drawn are inked, from its upper left corner."""
+    light = drawn[name][::-1, :, 1]
+    centres = ((np.arange(9) + 0.5) * len(light) / 9).astype(int)
+    found = light[np.ix_(centres, centres)] > 0.4
+    return found != found[0, 0]
+
+
+def test_a_square_that_is_seen_large_has_its_column_and_row(drawn):
+    dots = ["".join(" #"[int(dot)] for dot in row) for row in ink(drawn, "letters")]
+    assert dots == [
+        "         ",
+        "         ",
+        "  #  ### ",
+        " # # # # ",
+        " ### # # ",
+        " # # # # ",
+        " # # ### ",
+        "         ",
+        "         ",
+    ]
+
+
+def test_an_arrow_points_to_the_top_and_its_barb_is_on_the_right(drawn):
+    dots = ink(drawn, "arrow")
+    assert dots[1:8, 4].all()
+    assert (dots[2, 5], dots[3, 6], dots[2, 3], dots[3, 2]) == (True, True, False, False)
+    assert dots.sum() == 9
