@@ -138,7 +138,8 @@ def test_faces_outside_the_mask_keep_their_materials(source, target):
     set_weights(target, "Mask", (ramp(target) > 0.5).astype(float))
     transfer(source, target, "materials", mask_group="Mask")
     shown = np.array([target.data.materials[face.material_index].name for face in target.data.polygons])
-    inside = np.array([weight_array(target, "Mask")[list(face.vertices)].mean() for face in target.data.polygons]) > 0.5
+    mask = weight_array(target, "Mask")
+    inside = np.array([mask[list(face.vertices)].mean() for face in target.data.polygons]) > 0.5
     np.testing.assert_array_equal(shown, np.where(inside, "red", "blue"))
 
 
