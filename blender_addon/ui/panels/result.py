@@ -81,7 +81,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         row.label(text="", icon="RESTRICT_SELECT_OFF")
         for operator, text in SELECTED.items():
             row.operator(operator.bl_idname, text=text)
-        row, settings = usable.row(align=True), context.scene.zoomout
+        row, settings = usable.split(factor=0.72, align=True), context.scene.zoomout
         row.prop_search(settings, "redo_group", target, "vertex_groups")
         row.prop(settings, "redo_keeps", toggle=True)
         if listing is not None:

@@ -93,7 +93,7 @@ def main_button(layout: UILayout, operator: str, text: str, icon: str, enabled: 
     row = layout.row()
     row.scale_y = BUTTON
     if activity.running is not None:
-        split = row.split(factor=0.8)
+        split = row.split(factor=0.72)
         split.progress(text=translated(activity.running.stage), factor=activity.running.fraction)
         split.label(text="ESC", icon="CANCEL")
         return
