@@ -11,6 +11,7 @@ from bpy.types import Mesh
 
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes, Floats
+from zoomout_core.matching.candidate_differences import differences
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.runtime.stepping import Steps
 from zoomout_core.symmetry.detect import DETECTION
@@ -20,7 +21,6 @@ from ..mesh_data import ObjectPair
 from ..mesh_data.arrays import hash_of
 from ..storage import stored_candidates, stored_match
 from ..storage.stored_candidates import CandidateList, ListedCandidate
-from .candidate_names import differences
 
 # Largest number of listed candidates that preserve orientation, and of those that reverse it, which rank behind them.
 MOST_DIRECT, MOST_MIRRORED = 6, 2

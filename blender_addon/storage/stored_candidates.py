@@ -29,7 +29,7 @@ class ListedCandidate:
         certainty: probability that it is correct, in [0, 1].
         mirrored: whether it reverses orientation.
         colors: (s, 3) position colours of the source points that the sampled vertices map to, 0 to 255.
-        difference: what tells it from the most likely one, see `services.candidate_names`; empty in older files.
+        difference: what tells it from the most likely one, see `matching.candidate_differences`; empty in older files.
     """
 
     number: int

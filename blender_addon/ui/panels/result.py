@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel, UILayout
 
+from zoomout_core.matching import candidate_differences
+
 from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ...operators.select_faults import (
     ZOOMOUT_OT_select_doubtful,
     ZOOMOUT_OT_select_flipped,
     ZOOMOUT_OT_select_without_partner,
 )
-from ...services import candidate_names
 from ...services.preflight import Finding, outdated, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
@@ -27,17 +28,17 @@ TOLD = 0.005
 COLUMNS = 2
 # What tells a candidate from the most likely one.
 DIFFERENCES = {
-    candidate_names.BEST: "Most Likely",
-    candidate_names.MIRROR: "Mirror Image",
-    candidate_names.SIDES: "Sides Swapped",
-    candidate_names.FRONT: "Front and Back",
-    candidate_names.AROUND: "Turned Around",
-    candidate_names.UPSIDE_DOWN: "Upside Down",
-    candidate_names.ARMS: "Arms Swapped",
-    candidate_names.LEGS: "Legs Swapped",
-    candidate_names.LIMBS: "Limbs Swapped",
-    candidate_names.TOP: "Top Differs",
-    candidate_names.BOTTOM: "Bottom Differs",
+    candidate_differences.BEST: "Most Likely",
+    candidate_differences.MIRROR: "Mirror Image",
+    candidate_differences.SIDES: "Sides Swapped",
+    candidate_differences.FRONT: "Front and Back",
+    candidate_differences.AROUND: "Turned Around",
+    candidate_differences.UPSIDE_DOWN: "Upside Down",
+    candidate_differences.ARMS: "Arms Swapped",
+    candidate_differences.LEGS: "Legs Swapped",
+    candidate_differences.LIMBS: "Limbs Swapped",
+    candidate_differences.TOP: "Top Differs",
+    candidate_differences.BOTTOM: "Bottom Differs",
 }
 # What can be selected, in words that fit beside each other.
 SELECTED = {

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from blender_addon.services import candidate_names
-from blender_addon.services.candidate_names import differences
+from zoomout_core.matching import candidate_differences
+from zoomout_core.matching.candidate_differences import differences
 
 
 def line(start, end, count=40):
@@ -43,17 +43,17 @@ def mirrored_about_center(here, signs):
 
 def name_of(here, there, mirrored=False):
     best, name = differences([here, there], [False, mirrored])
-    assert best == candidate_names.BEST
+    assert best == candidate_differences.BEST
     return name
 
 
 @pytest.mark.parametrize(
     ("signs", "name"),
     [
-        (LEFT_RIGHT, candidate_names.SIDES),
-        (FRONT_BACK, candidate_names.FRONT),
-        (LEFT_RIGHT * FRONT_BACK, candidate_names.AROUND),
-        (FRONT_BACK * UP_DOWN, candidate_names.UPSIDE_DOWN),
+        (LEFT_RIGHT, candidate_differences.SIDES),
+        (FRONT_BACK, candidate_differences.FRONT),
+        (LEFT_RIGHT * FRONT_BACK, candidate_differences.AROUND),
+        (FRONT_BACK * UP_DOWN, candidate_differences.UPSIDE_DOWN),
     ],
 )
 def test_what_is_turned_as_a_whole_is_said_so(signs, name):
@@ -68,12 +68,12 @@ def test_limbs_that_are_exchanged_are_named():
     here = points(PERSON)
     arms = points(PERSON, left_arm="right arm", right_arm="left arm")
     legs = points(PERSON, left_leg="right leg", right_leg="left leg")
-    assert name_of(here, arms) == candidate_names.ARMS
-    assert name_of(here, legs) == candidate_names.LEGS
+    assert name_of(here, arms) == candidate_differences.ARMS
+    assert name_of(here, legs) == candidate_differences.LEGS
     crossed = points(PERSON, left_arm="left leg", left_leg="left arm")
-    assert name_of(here, crossed) == candidate_names.LIMBS
+    assert name_of(here, crossed) == candidate_differences.LIMBS
     dog = points(DOG, left_fore_leg="left hind leg", left_hind_leg="left fore leg")
-    assert name_of(points(DOG), dog) == candidate_names.LEGS
+    assert name_of(points(DOG), dog) == candidate_differences.LEGS
 
 
 def test_what_is_elsewhere_without_an_exchange_is_above_or_below():
@@ -81,12 +81,12 @@ def test_what_is_elsewhere_without_an_exchange_is_above_or_below():
     above, below = here.copy(), here.copy()
     above[here[:, 0] > 0.3] += (0, 0, 0.6)
     below[here[:, 2] < 0.3] += (0, 0.6, 0)
-    assert name_of(here, above) == candidate_names.TOP
-    assert name_of(here, below) == candidate_names.BOTTOM
+    assert name_of(here, above) == candidate_differences.TOP
+    assert name_of(here, below) == candidate_differences.BOTTOM
     slightly = here + (here[:, [2]] < 0.5) * [0, 0.01, 0]
-    assert name_of(here, slightly) == candidate_names.BOTTOM
+    assert name_of(here, slightly) == candidate_differences.BOTTOM
 
 
 def test_a_mirror_image_is_called_that_whatever_differs():
     here = points(PERSON)
-    assert name_of(here, here, mirrored=True) == candidate_names.MIRROR
+    assert name_of(here, here, mirrored=True) == candidate_differences.MIRROR
