@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
-import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats
-from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.maps.bend import bent
-from zoomout_core.matching.constraints import CONSTRAINTS
+from zoomout_core.matching.constraints import bent_to_points, missed_points
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
-from zoomout_core.tuning import Tuning, tuned
 
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
@@ -26,21 +21,8 @@ from ..storage.stored_match import StoredMatch
 from ..viewport import preview
 from . import previews
 
-
-@dataclass(frozen=True)
-class BendTuning(Tuning, set_by="judgement"):
-    """How far a match is bent.
-
-    Attributes:
-        most: by which the match may miss a landmark; beyond, it is another place, to be found by matching.
-        width: least width of what is bent, over the largest miss; from 0.86 on a Gaussian turns nothing over.
-    """
-
-    most: float = tuned(0.2, "at unit area", 0, 2)
-    width: float = tuned(1.5, "1", 0.86, 10)
-
-
-BEND = BendTuning()
+# By how much the match may miss a landmark, at unit area; beyond, it is another place, to be found by matching.
+MOST_MISSED = 0.2
 
 
 def bend_match(context: Context, target: Object) -> str:
@@ -85,25 +67,9 @@ def bend_match_steps(context: Context, target_name: str) -> Steps[str]:
 
 def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
     """The bent map, and by how much it missed, at unit area."""
-    source, target = pair.source, pair.target
-    triangle, barycentric = closest_points(landmarks.target, target.vertices, target.triangles)
-    corners = target.triangles[triangle]
-    images = match.surface_map.interpolate(source.vertices)[corners]
-    missed = landmarks.source - np.einsum("lc,lcx->lx", barycentric, images)
-    size = np.sqrt(source.area)
-    off = np.linalg.norm(missed, axis=1) / size
-    _check_near(off, landmarks)
-    # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
-    width = max(CONSTRAINTS.pinning_width, BEND.width * off.max()) * np.sqrt(target.area)
-    places = corners[np.arange(len(corners)), barycentric.argmax(axis=1)]
-    _, first = np.unique(places, return_index=True)  # two at one vertex could not both be met
-    made = bent(
-        match.surface_map, source.vertices, target.vertices, target.triangles, places[first], missed[first], width
-    )
-    return made, float(off.max())
-
-
-def _check_near(off: Floats, landmarks: LandmarkPairs) -> None:
-    if off.max() > BEND.most:
+    given = match.surface_map, pair.source, pair.target, landmarks.source, landmarks.target
+    off = missed_points(*given)
+    if off.max() > MOST_MISSED:
         number = landmarks.numbers[int(off.argmax())]
         raise zo.MeshError(f"The match is too far off landmark {number} to be bent there: match again.")
+    return bent_to_points(*given), float(off.max())

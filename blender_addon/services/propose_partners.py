@@ -100,8 +100,7 @@ def partners_on_target(pair: ObjectPair, match: StoredMatch, points: Floats) -> 
     """Where points (q, 3) of the source lie on the target (q, 3), by the nearest image, and (q,) whether they do."""
     source, target = pair.source, pair.target
     of_source, _ = closest_points(points, source.vertices, source.triangles)
-    triangle, barycentric = closest_points(points, match.surface_map.interpolate(source.vertices), target.triangles)
-    found = np.einsum("qc,qcx->qx", barycentric, target.vertices[target.triangles[triangle]])
+    found = match.surface_map.preimages(source, target, points).interpolate(target.vertices)
     return found, _in_mask(match.source_has_partner, source.triangles[of_source])
 
 

@@ -86,8 +86,12 @@ class SurfaceMap:
 
         Each source vertex takes the closest point of the target, whose vertices this map moves onto the source.
         """
+        return self.preimages(source, target, source.vertices)
+
+    def preimages(self, source: Surface, target: Surface, points: Floats) -> SurfaceMap:
+        """The map the other way at points (q, 3) near the source: for each the point of the target nearest by image."""
         images = self.interpolate(source.vertices)
-        return SurfaceMap(*closest_points(source.vertices, images, target.triangles), target.triangles)
+        return SurfaceMap(*closest_points(points, images, target.triangles), target.triangles)
 
     def save(self, path: str | PathLike[str], **extra: Any) -> None:
         """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file.

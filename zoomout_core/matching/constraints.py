@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.bend import bent
 from zoomout_core.maps.nearest import nearest
@@ -40,12 +41,15 @@ class ConstraintTuning(Tuning, set_by="judgement"):
         landmarks_over_guesses: weight of a landmark's functions beside those of guessed pairs, which may contradict it.
         pinning_width: width w of the Gaussian exp(-(d / w)^2), of the distance d to a landmark that is held exactly, by
             which its displacement fades.
+        pinning_reach: least such width where a whole map is bent, over the largest displacement: from 0.86 on a
+            Gaussian turns nothing over.
     """
 
     region_width: float = tuned(0.05, "at unit area", 0, 1)
     region_scale: float = tuned(2.0, "1", 0, 100)
     landmarks_over_guesses: float = tuned(2.0, "1", 0, 100)
     pinning_width: float = tuned(0.1, "at unit area", 1e-6, 2)
+    pinning_reach: float = tuned(1.5, "1", 0.86, 10)
 
 
 CONSTRAINTS = ConstraintTuning()
@@ -175,6 +179,40 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     missed = source.mesh.vertices[source_ids] - between.interpolate(source.mesh.vertices)[target_ids]
     meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
     return bent(between, *meshes, target_ids, missed, CONSTRAINTS.pinning_width)
+
+
+def missed_points(
+    surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
+) -> Floats:
+    """(l,) how far from points (l, 3) of the source those (l, 3) of the target are led, at the source's unit area."""
+    missed = _displacements(surface_map, source, target, on_source, on_target)[1]
+    return np.asarray(np.linalg.norm(missed, axis=1) / np.sqrt(source.area))
+
+
+def bent_to_points(
+    surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
+) -> SurfaceMap:
+    """A map between surfaces, bent so that points (l, 3) of the target land on those (l, 3) of the source.
+
+    Of several points that are nearest to one vertex of the target the first one counts.
+    """
+    places, missed = _displacements(surface_map, source, target, on_source, on_target)
+    _, first = np.unique(places, return_index=True)
+    largest = np.linalg.norm(missed, axis=1).max(initial=0) / np.sqrt(source.area)
+    # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
+    width = max(CONSTRAINTS.pinning_width, CONSTRAINTS.pinning_reach * largest) * np.sqrt(target.area)
+    meshes = source.vertices, target.vertices, target.triangles
+    return bent(surface_map, *meshes, places[first], missed[first], width)
+
+
+def _displacements(
+    surface_map: SurfaceMap, source: Surface, target: Surface, on_source: Floats, on_target: Floats
+) -> tuple[Integers, Floats]:
+    """(l,) the vertices of the target nearest to points, and (l, 3) what the images of these points lack."""
+    triangle, barycentric = closest_points(on_target, target.vertices, target.triangles)
+    corners = target.triangles[triangle]
+    images = np.einsum("lc,lcx->lx", barycentric, surface_map.interpolate(source.vertices)[corners])
+    return corners[np.arange(len(corners)), barycentric.argmax(axis=1)], on_source - images
 
 
 def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:

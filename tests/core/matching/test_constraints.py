@@ -7,6 +7,9 @@ import pytest
 from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
+from zoomout_core.matching.constraints import CONSTRAINTS, bent_to_points, missed_points
+from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +81,42 @@ def test_landmarks_that_are_to_be_exact_are_hit(pair) -> None:
 def test_senseless_arguments_are_refused_in_a_sentence(pair, arguments, message) -> None:
     with pytest.raises(ValueError, match=message):
         zo.match(pair[0].surface, pair[1].surface, **arguments)
+
+
+def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 31), np.linspace(0, 1, 31), indexing="ij")
+    number = np.arange(x.size).reshape(x.shape)
+    corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    a, b, c, d = (each.ravel() for each in corners)
+    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    sheet = zo.Surface(np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), faces)
+    larger = zo.Surface(3 * sheet.vertices, faces)  # the target may be in another unit
+    straight = zo.SurfaceMap.from_vertices(number.ravel(), sheet)
+    goal, place = np.array([[0.68, 0.5, 0.0]]), 3 * np.array([[0.5, 0.5, 0.0]])
+    assert missed_points(straight, sheet, larger, goal, place) == pytest.approx([0.18])
+    assert missed_points(straight, sheet, larger, place / 3, place) == pytest.approx([0], abs=1e-9)
+
+    def turned_over(surface_map: zo.SurfaceMap) -> int:
+        return int((area_normals(surface_map.interpolate(sheet.vertices), faces)[:, 2] < 0).sum())
+
+    bent = bent_to_points(straight, sheet, larger, goal, place)
+    assert missed_points(bent, sheet, larger, goal, place) == pytest.approx([0], abs=1e-6)
+    assert turned_over(bent) == 0
+    far = np.linalg.norm(sheet.vertices - [0.5, 0.5, 0], axis=1) > 3 * CONSTRAINTS.pinning_reach * 0.18 + 0.1
+    np.testing.assert_array_equal(bent.vertex[far], straight.vertex[far])
+    # Narrower than what it bends, a Gaussian turns triangles over.
+    with retuned(CONSTRAINTS, pinning_reach=0.86, pinning_width=0.01):
+        narrow = bent_to_points(straight, sheet, larger, goal, place)
+    assert np.count_nonzero(narrow.vertex != straight.vertex) < np.count_nonzero(bent.vertex != straight.vertex)
+    # Of two points at one vertex the first one counts, and the map is met there.
+    twice = bent_to_points(straight, sheet, larger, np.vstack([goal, goal + 0.05]), np.vstack([place, place]))
+    np.testing.assert_allclose(missed_points(twice, sheet, larger, goal, place), 0, atol=1e-6)
+
+
+def test_points_of_the_source_come_from_where_their_images_are() -> None:
+    made = creature(400)
+    straight = zo.SurfaceMap.from_vertices(np.arange(400), made.surface)
+    points = made.surface.vertices[made.surface.triangles[:20]].mean(axis=1)
+    found = straight.preimages(made.surface, made.surface, points)
+    np.testing.assert_array_equal(found.triangle, np.arange(20))
+    np.testing.assert_allclose(found.interpolate(made.surface.vertices), points, atol=1e-9)
