@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,6 +19,8 @@ from .candidates import store_match
 from .constraints import matching_steps, settings_to_store
 from .redo_match import kept_match, read_mask, redone_match
 from .targets import Write
+
+NOTHING_KEPT = "There was no match to keep, so all of it was matched, not only what Redo Only says."
 
 
 def match_objects(context: Context, source: Object, target: Object, **options: Any) -> stored_match.Match:
@@ -71,6 +74,8 @@ def prepare_match_steps(
     if kept is not None and mask is not None:
         blending = in_background(partial(redone_match, pair, kept, result, mask))
         result = yield from spread(blending, 1, 1, "Keeping the rest")
+    elif redo_group:
+        result = replace(result, notes=(NOTHING_KEPT, *result.notes))
     following = yield from previews.following_steps(context, pair, result, preview.PLACES if seen else None)
 
     def write() -> stored_match.Match:

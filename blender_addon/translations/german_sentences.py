@@ -179,6 +179,7 @@ SENTENCES = {
     "{} faces of '{}', {} of its area": "{} Flächen von '{}', {} der Oberfläche",
     "no faces of '{}', {} of its area": "keine Flächen von '{}', {} der Oberfläche",
     # Matching again in a part, and bending
+    "There was no match to keep, so all of it was matched, not only what Redo Only says.": "Es gab keine Zuordnung zu behalten, darum wurde alles zugeordnet, nicht nur, was bei Nur neu steht.",
     "The vertex group '{}' covers all: take out of it what is to be matched again.": "Die Punktgruppe '{}' umfasst alles: aus ihr nehmen, was neu zugeordnet werden soll.",
     "The vertex group '{}' is empty: paint into it what is to be matched again.": "Die Punktgruppe '{}' ist leer: in sie malen, was neu zugeordnet werden soll.",
     "Bending the match": "Zuordnung biegen",

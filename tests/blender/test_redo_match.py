@@ -69,6 +69,8 @@ def test_without_a_match_to_keep_all_is_matched(source, target):
     set_weights(target, "Half", positions(target.data)[:, 0] < 0)
     result = match_objects(bpy.context, source, target, redo_group="Half", **NEAREST)
     assert isinstance(result, zo.MatchResult)
+    assert result.notes[0].startswith("There was no match to keep")
+    assert not any("no match to keep" in note for note in match_objects(bpy.context, source, target, **NEAREST).notes)
 
 
 @pytest.mark.parametrize(
