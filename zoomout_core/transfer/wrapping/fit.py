@@ -151,8 +151,8 @@ class Fit:
 
     def _smooth_scales(self) -> Floats:
         """(n,) scales of the skin, averaged over long distances where the map can be trusted."""
-        scales = self.skin.scales / (middle := float(np.median(self.skin.scales)))
-        scales = np.log(np.clip(scales, 1 / FIT.most_stretch, FIT.most_stretch))
+        middle = float(np.median(self.skin.scales))
+        scales = np.log(np.clip(self.skin.scales / middle, 1 / FIT.most_stretch, FIT.most_stretch))
         elastic = Elastic(self.skin, self.trust, FIT.scales_over, no_pins(len(scales)))
         sums = elastic.spread(np.column_stack([scales, np.ones(len(scales))]))
         return np.asarray(middle * np.exp(sums[:, 0] / sums[:, 1]))
