@@ -10,11 +10,18 @@ from typing import Any
 import click
 
 from meshlab_filter.batch import LOW, REPORT, Outcome, is_folder, planned, transfer_steps, write_report
-from meshlab_filter.files import FORMATS, check_folder, load_mesh, new_mesh_set, save_mesh
+from meshlab_filter.files import FORMATS, TextureFiles, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.script import read_script, run_script_steps
-from zoomout_core.command_options import match_options, start_arguments, threads_option, with_progress_bar
+from zoomout_core.command_options import (
+    in_place_option,
+    match_options,
+    start_arguments,
+    threads_option,
+    with_progress_bar,
+)
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import check_output
 
 # Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
 FAILED, PARTLY = 1, 3
@@ -47,8 +54,17 @@ def main() -> None:
 @click.option(
     "--candidate", default=0, show_default=True, help="Which correspondence to use: another if sides are swapped."
 )
+@in_place_option
 @match_options
-def transfer(source: str, targets: tuple[str, ...], output: str, ending: str, candidate: int, **options: Any) -> None:
+def transfer(
+    source: str,
+    targets: tuple[str, ...],
+    output: str,
+    ending: str,
+    candidate: int,
+    in_place: bool,
+    **options: Any,
+) -> None:
     """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the meshes TARGETS.
 
     They may differ in pose, in triangles and in placement. A folder among TARGETS stands for the meshes in it.
@@ -58,10 +74,10 @@ def transfer(source: str, targets: tuple[str, ...], output: str, ending: str, ca
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        jobs = planned(source, targets, output, f".{ending}")
+        jobs = planned(source, targets, output, f".{ending}", in_place)
         preset = DETAIL[options["detail"]]
         matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
-        steps = transfer_steps(source, jobs, candidate=candidate, detail=options["detail"], **matching)
+        steps = transfer_steps(source, jobs, in_place, candidate=candidate, detail=options["detail"], **matching)
         outcomes = with_progress_bar(steps)
         if is_folder(output):
             write_report(source, outcomes, Path(output))
@@ -77,22 +93,24 @@ def transfer(source: str, targets: tuple[str, ...], output: str, ending: str, ca
 @click.argument("script", type=click.Path())
 @click.argument("inputs", nargs=-1, required=True, type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The mesh file to write.")
-def run(script: str, inputs: tuple[str, ...], output: str) -> None:
+@in_place_option
+def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> None:
     """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current in the end.
 
     The script may mix the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
     current.
     """
     try:
-        check_folder(Path(output))
+        check_output(output, [script, *inputs], in_place)
         read_script(script)
         ms = new_mesh_set()
+        textures: TextureFiles = {}
         for path in inputs:
-            load_mesh(ms, path)
+            textures |= texture_files(ms.mesh(load_mesh(ms, path)), path)
         reports = with_progress_bar(run_script_steps(ms, script))
         if ms.mesh_number() == 0:
             raise MeshError("No mesh is left to write: keep one.")
-        save_mesh(ms, output)
+        save_beside(ms, Path(output), textures, {}, in_place)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     for report in reports:

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from meshlab_filter.files import SURFACES, check_folder, check_format, load_mesh, new_mesh_set, save_beside
+from meshlab_filter.files import (
+    SURFACES,
+    TextureFiles,
+    check_format,
+    load_mesh,
+    new_mesh_set,
+    save_beside,
+    texture_files,
+)
 from meshlab_filter.filters import transfer_attributes_by_zoomout
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import check_output, written_whole
 from zoomout_core.runtime.stepping import Progress, Steps
 
 if TYPE_CHECKING:
@@ -49,7 +59,7 @@ def is_folder(output: str) -> bool:
     return Path(output).is_dir() or not Path(output).suffix
 
 
-def planned(source: str, targets: Sequence[str], output: str, ending: str) -> list[Job]:
+def planned(source: str, targets: Sequence[str], output: str, ending: str, in_place: bool = False) -> list[Job]:
     """The jobs of a transfer, once it is clear that their files can be written.
 
     Args:
@@ -57,10 +67,12 @@ def planned(source: str, targets: Sequence[str], output: str, ending: str) -> li
         targets: mesh files, or folders of them, in which the source is passed over.
         output: a file, for a single target; or a folder, in which each file is named after its target.
         ending: of the files in a folder, such as `.ply`.
+        in_place: whether a file may take the place of one that is read.
 
     Raises:
-        MeshError: a folder holds no meshes or does not exist, several targets were given a file to share, or a file
-            would take the place of another.
+        MeshError: a folder holds no meshes, several targets were given a file to share, or a file would take the place
+            of another.
+        OutputError: a folder does not exist or cannot be written to, or a file would take the place of an input.
     """
     paths = [path for target in targets for path in _meshes_of(Path(target), Path(source))]
     place = Path(output)
@@ -68,12 +80,15 @@ def planned(source: str, targets: Sequence[str], output: str, ending: str) -> li
         check_format(place)
         if len(paths) > 1:
             raise MeshError(f"{output} is one file for {len(paths)} targets: give a folder.")
+        check_output(place, [source, *paths], in_place)
         return [Job(paths[0], place)]
-    check_folder(place)
+    if not place.is_dir():
+        check_output(place)  # it is made when there is something to put there
     for path in (Path(source), *paths):
-        if path.resolve().parent == place.resolve():
+        if path.resolve().parent == place.resolve() and not in_place:
             raise MeshError(
-                f"{path} is in {output}, where files and textures might take its place: give another folder."
+                f"{path} is in {output}, where files and textures might take its place: give another folder, or "
+                "--in-place."
             )
     jobs = [Job(path, place / f"{path.stem}{ending}") for path in paths]
     first: dict[str, Path] = {}
@@ -81,6 +96,8 @@ def planned(source: str, targets: Sequence[str], output: str, ending: str) -> li
         other = first.setdefault(job.output.name.casefold(), job.target)
         if other is not job.target:
             raise MeshError(f"{other} and {job.target} would both become {job.output}: rename one of them.")
+        if place.is_dir():
+            check_output(job.output, [source, *paths], in_place)
     return jobs
 
 
@@ -95,12 +112,13 @@ def _meshes_of(target: Path, source: Path) -> list[Path]:
     return found
 
 
-def transfer_steps(source: str, jobs: Sequence[Job], **parameters: Any) -> Steps[list[Outcome]]:
+def transfer_steps(source: str, jobs: Sequence[Job], in_place: bool = False, **parameters: Any) -> Steps[list[Outcome]]:
     """Transfer from a mesh file to each target, one after the other; one that fails leaves the others alone.
 
     Args:
         source: a mesh file.
         jobs: as of `planned`.
+        in_place: whether textures may take the place of those that are read.
         parameters: of the filter `transfer_attributes_by_zoomout`.
 
     Raises:
@@ -109,11 +127,12 @@ def transfer_steps(source: str, jobs: Sequence[Job], **parameters: Any) -> Steps
     """
     ms = new_mesh_set()
     source_id = load_mesh(ms, source)
-    textures: dict[str, bytes] = {}
+    inputs = texture_files(ms.mesh(source_id), source)
+    write = partial(save_beside, ms, brought={}, in_place=in_place)
     outcomes = []
     for number, job in enumerate(jobs):
         place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
-        steps = _job_steps(ms, source_id, job, textures, parameters)
+        steps = _job_steps(ms, source_id, job, inputs, write, parameters)
         try:
             while True:
                 progress = next(steps)
@@ -131,14 +150,20 @@ def transfer_steps(source: str, jobs: Sequence[Job], **parameters: Any) -> Steps
 
 
 def _job_steps(
-    ms: MeshSet, source_id: int, job: Job, textures: dict[str, bytes], parameters: dict[str, Any]
+    ms: MeshSet,
+    source_id: int,
+    job: Job,
+    inputs: TextureFiles,
+    write: Callable[[Path, TextureFiles], None],
+    parameters: dict[str, Any],
 ) -> Steps[dict[str, Any]]:
     target_id = load_mesh(ms, job.target)
+    inputs = inputs | texture_files(ms.mesh(target_id), job.target)
     report = yield from transfer_attributes_by_zoomout.row.run(
         ms, sourcemesh=source_id, targetmesh=target_id, **parameters
     )
     job.output.parent.mkdir(exist_ok=True)
-    save_beside(ms, job.output, textures)
+    write(job.output, inputs)
     return report
 
 
@@ -155,12 +180,13 @@ def write_report(source: str, outcomes: Sequence[Outcome], folder: Path) -> None
     """Write what became of each target to `report.json` in a folder.
 
     Raises:
-        OSError: it cannot be written.
+        OutputError: it cannot be written.
     """
     rows = [{"target": str(one.job.target), "output": str(one.job.output), **_figures(one)} for one in outcomes]
     folder.mkdir(exist_ok=True)
     text = json.dumps({"source": source, "targets": rows}, indent=1)
-    (folder / REPORT).write_text(f"{text}\n", encoding="utf-8")
+    with written_whole(folder / REPORT) as part:
+        part.write_text(f"{text}\n", encoding="utf-8")
 
 
 def _figures(outcome: Outcome) -> dict[str, Any]:

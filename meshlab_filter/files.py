@@ -6,14 +6,17 @@ from contextlib import AbstractContextManager, chdir
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from meshlab_filter.mesh_data import custom_in_ply
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import is_same_file, written_together
 
 if TYPE_CHECKING:
-    from pymeshlab import MeshSet
+    from pymeshlab import Image, Mesh, MeshSet
 
+# Images of textures by the files that they were read from.
+TextureFiles: TypeAlias = "dict[Path, Image]"
 # What of the results of a transfer the formats can hold.
 FORMATS = {
     ".ply": {"texcoord", "vertex_color", "face_color", "vertex_scalar", "face_scalar"},
@@ -80,50 +83,65 @@ def _staying() -> AbstractContextManager[None]:
     return chdir(Path.cwd())
 
 
-def save_beside(ms: MeshSet, output: Path, textures: dict[str, bytes]) -> None:
+def texture_files(mesh: Mesh, path: str | Path) -> TextureFiles:
+    """The textures of a mesh that was read from a file."""
+    return {Path(path).parent / name: image for name, image in mesh.textures().items()}
+
+
+def save_beside(
+    ms: MeshSet, output: Path, inputs: TextureFiles, brought: dict[str, bytes], in_place: bool = False
+) -> None:
     """Write the current mesh into a folder that it shares with others, whole or not at all.
 
     Args:
         ms: a `pymeshlab.MeshSet`.
         output: the file to write; its textures come to lie beside it.
-        textures: digests of the textures that the others brought, by name; those of this mesh are added.
+        inputs: textures that were read; where one would be written again to its own place, it stays as it is.
+        brought: digests of the textures that others have written there, by name; those of this mesh are added.
+        in_place: whether other pictures may take the place of those that were read.
 
     Raises:
-        MeshError: it cannot be written, or has another texture of a name that is taken.
-        OSError: the folder cannot be written to.
+        MeshError: another texture has a name that it needs.
+        OutputError: it cannot be written.
     """
-    with TemporaryDirectory(dir=output.parent) as folder:
-        save_mesh(ms, Path(folder) / output.name)
-        written = sorted(Path(folder).iterdir())
+    with written_together(output) as whole:
+        save_mesh(ms, whole)
         # An OBJ file's materials are in a file whose name begins with its own; all else are textures.
-        images = [file for file in written if not file.name.startswith(output.name)]
+        images = [file for file in sorted(whole.parent.iterdir()) if not file.name.startswith(whole.name)]
         digests = {file.name: sha256(file.read_bytes()).digest() for file in images}
         for name, digest in digests.items():
-            if textures.get(name, digest) != digest:
+            if brought.get(name, digest) != digest:
                 raise MeshError(f"Another mesh brought a different texture {name}: write to another folder.")
-        for file in written:
-            file.replace(output.parent / file.name)
-        textures |= digests
+        for file in images:
+            for path, image in inputs.items():
+                if not is_same_file(path, output.parent / file.name):
+                    continue
+                if _encoded(image, file.suffix) == file.read_bytes():
+                    file.unlink()
+                    break
+                if not in_place:
+                    raise MeshError(
+                        f"A texture {file.name} would take the place of another picture, {path}, which is an input: "
+                        "write to another folder, or give --in-place to replace it."
+                    )
+        brought |= digests
+
+
+def _encoded(image: Image, ending: str) -> bytes:
+    """An image as pymeshlab writes it to a file of an ending."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"image{ending}"
+        image.save(str(path))
+        return path.read_bytes()
 
 
 def check_format(output: Path) -> None:
     """Check that a file's format can hold what is transferred; before the work begins, not after.
 
     Raises:
-        MeshError: it cannot, or its folder is missing.
+        MeshError: it cannot.
     """
     if output.suffix.lower() not in FORMATS:
         raise MeshError(
             f"{output} ends in '{output.suffix}': choose {' or '.join(FORMATS)}, which can hold the results."
         )
-    check_folder(output)
-
-
-def check_folder(output: Path) -> None:
-    """Check that the folder is there to which a file or a folder is to be written.
-
-    Raises:
-        MeshError: it is missing.
-    """
-    if not output.parent.is_dir():
-        raise MeshError(f"There is no folder {output.parent}: create it, or write elsewhere.")

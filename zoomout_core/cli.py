@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import click
 import numpy as np
 
 from zoomout_core.command_options import (
+    in_place_option,
     match_options,
     mesh_options,
     read_axis,
@@ -30,6 +32,7 @@ from zoomout_core.matching.proximity import (
 )
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError, Surface, as_surface, vertex_numbers
+from zoomout_core.runtime.outputs import check_output
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 
 # A start that nothing follows.
@@ -62,6 +65,7 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
 @click.argument("source", type=click.Path())
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@in_place_option
 @match_options
 @click.option(
     "--most-distance",
@@ -82,6 +86,7 @@ def match(
     source: str,
     target: str,
     output: str,
+    in_place: bool,
     most_distance: float,
     most_angle: float,
     either_side: bool,
@@ -95,7 +100,8 @@ def match(
     and nothing else.
     """
     try:
-        check_output(output)
+        landmarks, earlier, start = (options[name] for name in ("landmarks", "earlier_map", "initial"))
+        check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
         shapes = read_shape(source), read_shape(target)
         if options["initial"] == NEAREST:
             _check_nothing_else(options)
@@ -119,14 +125,14 @@ def match(
     click.echo(f"Written to {output}")
 
 
-def check_output(path: str) -> None:
+def check_map_output(path: str, inputs: Iterable[str], in_place: bool = False) -> None:
     """Check that a map can be written to a path, before it is worked out.
 
     Raises:
-        MeshError: the folder is missing, or the path does not end in .npz.
+        OutputError: the folder is missing or cannot be written to, or the file is one of those that are read.
+        MeshError: the path does not end in .npz.
     """
-    if not Path(path).parent.is_dir():
-        raise MeshError(f"There is no folder {Path(path).parent}: create it, or write elsewhere.")
+    check_output(path, inputs, in_place)
     if Path(path).suffix != ".npz":
         raise MeshError(f"{path} does not end in .npz: a map is written to such a file only.")
 
@@ -185,7 +191,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, detail: str, see
     of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
     """
     try:
-        check_output(output)
+        check_map_output(output, [mesh])
         shape, direction = read_shape(mesh), read_axis(left, "--left")
         arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "left": direction}
         found = with_progress_bar(detect_symmetry_steps(shape, **arguments))

@@ -42,6 +42,12 @@ def threads_option(command: Any) -> Any:
     return option(command)
 
 
+def in_place_option(command: Any) -> Any:
+    """Let a command write over what it reads."""
+    option = click.option("--in-place", is_flag=True, help="The output may take the place of an input.")
+    return option(command)
+
+
 def mesh_options(command: Any) -> Any:
     """The options of every command that analyses meshes."""
     for option in (

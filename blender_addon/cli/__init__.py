@@ -15,6 +15,7 @@ from typing import Any
 import bpy
 
 import zoomout_core as zo
+from zoomout_core.runtime.outputs import check_output, written_whole
 
 from . import arguments, pairs, symmetry
 from .arguments import NAME
@@ -48,25 +49,30 @@ def main(command_line: Sequence[str]) -> int:
     """
     try:
         options = arguments.parse(command_line)
+        _check_paths(options)
     except SystemExit as ended:  # after --help, or with the usage on the terminal
         return int(ended.code or 0)
+    except (ValueError, OSError) as error:  # nothing was done, and what cannot be written to is left alone
+        print(f"zoomout: {error}", file=sys.stderr)
+        return FAILED
     command, done = options.command, "objects" if options.command == "symmetry" else "targets"
     report: dict[str, Any] = {"command": command, **({} if done == "objects" else {"source": options.source}), done: {}}
     try:
-        _check_paths(options)
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
         if options.save and _is_complete(command, len(failed), len(report[done])):
-            bpy.ops.wm.save_as_mainfile(filepath=str(Path(options.save).resolve()), copy=True)
+            with written_whole(options.save) as part:
+                bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True)
             report["saved"] = options.save
-    except (ValueError, RuntimeError) as error:  # the latter are Blender's own, as of a disk that is full
+    except (ValueError, OSError, RuntimeError) as error:  # the last are Blender's own, as of a disk that is full
         report["error"] = str(error)
         failed = [report["error"]]
     if options.report:
         try:
-            Path(options.report).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+            with written_whole(options.report) as part:
+                part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         except OSError as error:
-            failed.append(f"The report could not be written: {error}.")
+            failed.append(str(error))
     for name, entry in report[done].items():
         print(
             f"zoomout: {command} {'of' if done == 'objects' else 'to'} '{name}' "
@@ -78,12 +84,13 @@ def main(command_line: Sequence[str]) -> int:
 
 
 def _check_paths(options: argparse.Namespace) -> None:
-    """Raise a MeshError if the results could not be written."""
-    for path in (Path(given).resolve() for given in (options.save, options.report) if given):
-        if not path.parent.is_dir():
-            raise zo.MeshError(f"There is no folder {path.parent}: create it, or write elsewhere.")
-        if path.is_dir():  # Blender would save there all the same, and move the folder out of the way
-            raise zo.MeshError(f"{path} is a folder: name a file in it.")
+    """Raise an OutputError if the results could not be written, or would take the place of what they are made from."""
+    given = [path for path in (options.save, options.report) if path]
+    if len({Path(path).resolve() for path in given}) < len(given):
+        raise zo.MeshError(f"--save and --report both name {options.save}: give them files of their own.")
+    inputs = [bpy.data.filepath, getattr(options, "map_file", ""), *bpy.utils.blend_paths(absolute=True)]
+    for path in given:
+        check_output(path, filter(None, inputs), options.in_place)
 
 
 def _is_complete(command: str, failed: int, entries: int) -> bool:

@@ -73,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
         when = "if all was done" if name == "symmetry" else "when at least one target is done"
         command.add_argument("--save", metavar="OUT.blend", help=f"save the file there {when}")
         command.add_argument("--report", metavar="REPORT.json", help="write what was done")
+        command.add_argument("--in-place", action="store_true", help="these may take the place of a file that is read")
     return parser
 
 

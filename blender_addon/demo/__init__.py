@@ -17,6 +17,7 @@ import scipy
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.runtime.outputs import written_whole
 
 from .. import mesh_data, registered
 from ..scene.pair import read_pair
@@ -127,9 +128,12 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
         }
         with _timed(seconds, "picture"):
             picture.arrange(demo.character, demo.armature, demo.target, demo.baseline, report)
-            bpy.ops.wm.save_as_mainfile(filepath=str(output / "demo.blend"), compress=True)
-            picture.render(output / "demo.png", size.width, size.samples)
-    (output / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+            with written_whole(output / "demo.blend") as part:
+                bpy.ops.wm.save_as_mainfile(filepath=str(part), compress=True, copy=True)
+            with written_whole(output / "demo.png") as part:
+                picture.render(part, size.width, size.samples)
+    with written_whole(output / "report.json") as part:
+        part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return report
 
 

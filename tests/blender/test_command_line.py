@@ -106,7 +106,7 @@ def test_a_report_that_cannot_be_written_in_the_end_is_a_sentence(pair, tmp_path
     monkeypatch.setattr(Path, "write_text", full)
     arguments = ("--source", "Source", "--target", "Target", "--k-final", 30, "--report", tmp_path / "report.json")
     assert run("match", *arguments) == 1
-    assert "The report could not be written: No space left on device." in capsys.readouterr().err
+    assert "report.json could not be written (No space left on device)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.runtime.outputs import written_whole
 
 # Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
 BARYCENTRIC_TOLERANCE = 1e-4
@@ -97,9 +98,13 @@ class SurfaceMap:
         """Write `triangle`, `barycentric`, `vertex` and any further arrays to an .npz file.
 
         A path without that ending gets it; `load` looks there, too.
+
+        Raises:
+            OutputError: it could not be written; what was there before is there still.
         """
         arrays: dict[str, Any] = {"triangle": self.triangle, "barycentric": self.barycentric, "vertex": self.vertex}
-        np.savez_compressed(_npz(path), **arrays, **extra)
+        with written_whole(_npz(path)) as part:
+            np.savez_compressed(part, **arrays, **extra)
 
     @classmethod
     def load(cls, path: str | PathLike[str], source: Surface) -> SurfaceMap:

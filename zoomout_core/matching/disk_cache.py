@@ -10,8 +10,6 @@ import os
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from time import time
 from typing import Any
 
 import numpy as np
@@ -21,14 +19,13 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.outputs import written_whole
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
 FORMAT = 2
 # Bytes that the files take at most, unless the user says otherwise.
 MOST_BYTES = 1 << 30
-# Seconds after which a file that was begun and not finished is one that a process left behind.
-ABANDONED = 3600
 
 MESH_ARRAYS = "vertices", "triangles", "flipped", "vertex_of", "triangle_of", "component", "origin"
 SPARSE_ARRAYS = "data", "indices", "indptr"
@@ -68,9 +65,8 @@ class ShapeFolder:
         """Store a shape. Where that fails, as on a full disk, a warning is logged and nothing else happens."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with NamedTemporaryFile(dir=self._folder, suffix=".part", delete=False) as file:
-                np.savez(file, **_arrays(shape))
-            os.replace(file.name, self._path(key))  # all at once: no process ever reads a half-written file
+            with written_whole(self._path(key)) as part:
+                np.savez(part, **_arrays(shape))
             self._make_room()
         except OSError as error:
             _log.warning("A prepared shape cannot be stored in %s: %s", self._folder, error)
@@ -79,15 +75,12 @@ class ShapeFolder:
         return self._folder / f"{key.hex()}.npz"
 
     def _make_room(self) -> None:
-        """Remove what was used longest ago, and what other processes left behind."""
+        """Remove what was used longest ago."""
         seen = []
-        for path in self._folder.iterdir():
+        for path in self._folder.glob("[!.]*.npz"):
             with suppress(OSError):  # another process was faster
                 status = path.stat()
-                if path.suffix == ".npz":
-                    seen.append((status.st_mtime, status.st_size, path))
-                elif time() - status.st_mtime > ABANDONED:
-                    path.unlink()
+                seen.append((status.st_mtime, status.st_size, path))
         total = sum(size for _, size, _ in seen)
         for _, size, path in sorted(seen):
             if total <= self._most_bytes:

@@ -181,7 +181,7 @@ def test_the_shapes_used_longest_ago_make_room(folder: Path, computed: list[int]
 def test_what_a_dead_process_left_behind_goes(folder: Path) -> None:
     prepared(COUNT)
     (path,) = folder.rglob("*.npz")
-    old, young = path.with_name("a.part"), path.with_name("b.part")
+    old, young = path.with_name(".0123abcd.part.npz"), path.with_name(".4567cdef.part.npz")
     old.touch()
     young.touch()
     os.utime(old, (0, 0))
@@ -217,4 +217,4 @@ for number in range(12):
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors.decode()
         assert b"cannot" not in errors
-    assert not list(folder.rglob("*.part"))
+    assert not list(folder.rglob(".*"))

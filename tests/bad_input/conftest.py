@@ -1,0 +1,49 @@
+"""Doors are tried as they are, so both hosts are needed: bpy has to be imported before pymeshlab."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+# As in tests/blender: wheels of extensions that this machine's user has installed would shadow the packages here.
+os.environ.setdefault("BLENDER_USER_EXTENSIONS", tempfile.mkdtemp())
+os.environ["ZOOMOUT_CACHE"] = "off"
+
+with suppress(ImportError):
+    import bpy  # noqa: F401
+
+import trimesh
+from creatures import creature
+from doors import Limit
+
+
+@pytest.fixture
+def meshes(tmp_path: Path) -> tuple[Path, Path]:
+    """Two small meshes in a folder of their own."""
+    paths = tmp_path / "source.ply", tmp_path / "target.ply"
+    for seed, path in enumerate(paths):
+        surface = creature(400, seed=seed).surface
+        trimesh.Trimesh(surface.vertices, surface.triangles, process=False).export(path)
+    return paths
+
+
+@pytest.fixture
+def size_limit() -> Limit:
+    """What lets no file grow beyond so many bytes, as a full disk does."""
+    resource = pytest.importorskip("resource")
+
+    @contextmanager
+    def limited(most: int) -> Iterator[None]:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return limited

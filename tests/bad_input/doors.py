@@ -1,0 +1,30 @@
+"""What the tests of bad input look at: what a command said, and what is in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner, Result
+
+# Lets no file grow beyond so many bytes, as a full disk does.
+Limit = Callable[[int], AbstractContextManager[None]]
+
+
+def run(command: Any, *arguments: str | Path) -> Result:
+    """Run a command in this process."""
+    return CliRunner().invoke(command, [str(argument) for argument in arguments])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file in a folder and below."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(ran: Result, sentence: str) -> None:
+    """Whether a command ended with a sentence, not with a traceback."""
+    assert ran.exit_code == 1, ran.output
+    (line,) = [line for line in ran.output.splitlines() if line.startswith("Error:")]
+    assert sentence in line, line

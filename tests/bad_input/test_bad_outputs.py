@@ -1,0 +1,127 @@
+"""Outputs that cannot be written, or that are inputs: what was there stays, and a sentence says why."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from doors import Limit, contents, refused, run
+
+from zoomout_core.cli import main as zoomout
+from zoomout_core.runtime.outputs import ABANDONED, OutputError, check_output, written_together, written_whole
+
+# --- written whole or not at all ----------------------------------------------------------------------------
+
+
+def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    with pytest.raises(RuntimeError), written_whole(path) as part:  # noqa: PT012
+        part.write_text("half")
+        raise RuntimeError
+    assert contents(tmp_path) == {"a.txt": b"before"}
+    kept = r"a\.txt could not be written \(.*\), and what was there before was kept"
+    with pytest.raises(OutputError, match=kept), written_whole(path):
+        pass  # as a library does that says nothing where it fails
+    assert contents(tmp_path) == {"a.txt": b"before"}
+
+
+def test_a_write_that_a_limit_ended_in_silence_is_noticed(tmp_path: Path, size_limit: Limit) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    with size_limit(4096), pytest.raises(OutputError, match="File too large"), written_whole(path) as part:
+        part.write_bytes(b"x" * 4096)  # all that a library that ignores errors gets onto the disk
+    assert contents(tmp_path) == {"a.txt": b"before"}
+    with size_limit(4096), pytest.raises(OutputError), written_together(path) as whole:  # noqa: PT012
+        whole.with_name("texture.png").write_bytes(b"x" * 4096)
+        whole.write_text("after")
+    assert contents(tmp_path) == {"a.txt": b"before"}
+
+
+def test_a_kill_leaves_the_former_file_and_its_remains_go_later(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    code = f"""
+import os, signal
+from zoomout_core.runtime.outputs import written_whole
+with written_whole({str(path)!r}) as part:
+    part.write_text("half")
+    os.kill(os.getpid(), signal.{"SIGKILL" if hasattr(signal, "SIGKILL") else "SIGTERM"})
+"""
+    subprocess.run([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    assert path.read_text() == "before"
+    (remains,) = set(tmp_path.iterdir()) - {path}
+    with written_whole(path) as part:
+        part.write_text("after")
+    assert remains.exists()  # it might be another process's
+    os.utime(remains, (remains.stat().st_mtime - 2 * ABANDONED,) * 2)
+    with written_whole(tmp_path / "b.txt") as part:
+        part.write_text("other")
+    assert contents(tmp_path) == {"a.txt": b"after", "b.txt": b"other"}
+
+
+def test_links_permissions_and_long_names_stay(tmp_path: Path) -> None:
+    path, link = tmp_path / ("n" * 250 + ".txt"), tmp_path / "link.txt"
+    path.write_text("before")
+    path.chmod(0o640)
+    link.symlink_to(path)
+    with written_whole(link) as part:
+        part.write_text("after")
+    assert link.is_symlink()
+    assert path.read_text() == "after"
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_file_that_is_no_file_is_written_to_directly() -> None:
+    with written_whole(os.devnull) as part:
+        assert str(part) == os.devnull
+
+
+# --- outputs that are inputs --------------------------------------------------------------------------------
+
+
+def test_an_input_is_recognised_by_any_name(tmp_path: Path) -> None:
+    path, hard, soft = (tmp_path / name for name in ("a.ply", "hard.ply", "soft.ply"))
+    path.touch()
+    hard.hardlink_to(path)
+    soft.symlink_to(path)
+    for other in (path, hard, soft, tmp_path / "." / "a.ply"):
+        with pytest.raises(OutputError, match="is itself an input, which would be lost"):
+            check_output(other, [tmp_path / "missing", path])
+        check_output(other, [path], in_place=True)
+
+
+def test_zoomout_does_not_write_its_map_over_the_one_that_it_reads(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "map.npz"
+    assert run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest").exit_code == 0
+    before = contents(tmp_path)
+    for option in ("--initial", "--earlier-map"):
+        refused(run(zoomout, "match", *meshes, "-o", path, option, path), "map.npz is itself an input")
+    assert contents(tmp_path) == before
+    again = run(zoomout, "match", *meshes, "-o", path, "--detail", "fast", "--initial", path, "--in-place")
+    assert again.exit_code == 0, again.output
+
+
+def test_zoomout_keeps_the_former_map_where_a_limit_ends_the_new_one(
+    meshes: tuple[Path, Path], tmp_path: Path, size_limit: Limit
+) -> None:
+    path = tmp_path / "map.npz"
+    np.savez(path, vertex=np.arange(3))
+    before = contents(tmp_path)
+    with size_limit(2048):
+        ran = run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest")
+    refused(ran, "map.npz could not be written (File too large)")
+    assert contents(tmp_path) == before
+
+
+def test_where_nothing_can_be_written_is_said_before_the_match(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    if os.name != "posix" or os.geteuid() == 0:
+        pytest.skip("permissions do not hold this user back")
+    folder = tmp_path / "locked"
+    folder.mkdir(0o555)
+    refused(run(zoomout, "match", *meshes, "-o", folder / "map.npz"), "locked cannot be written to")

@@ -1,0 +1,162 @@
+"""Output files: written whole or not at all, and never in place of what they are made from.
+
+A file is written beside the place that it is for, and renamed to it once it is whole; so a full disk, a limit or a
+kill leaves what was there before, and nobody ever reads a half.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from secrets import token_hex
+from time import time
+
+# The names of files and folders that are being written; what follows is the output's ending.
+PART = re.compile(r"\.[0-9a-f]{8}\.part(\.[^.]*)?")
+# Seconds after which what was begun and not finished is what a dead process left behind.
+ABANDONED = 3600
+
+
+class OutputError(OSError):
+    """A file that cannot be written; the message says in one sentence why, and what to do."""
+
+
+def check_output(
+    output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = (), in_place: bool = False
+) -> None:
+    """Check, before the work begins, that a file can be written and is none of those that are read.
+
+    Args:
+        output: the file to write.
+        inputs: the files that it is made from; those that are missing are passed over.
+        in_place: whether it may be one of these.
+
+    Raises:
+        OutputError: its folder is missing or cannot be written to, it is a folder, or it is one of the inputs.
+    """
+    path = Path(output)
+    folder = path.parent
+    if not folder.is_dir():
+        raise OutputError(f"There is no folder {folder}: create it, or write elsewhere.")
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder: name a file in it.")
+    for place in (folder, path):
+        if place.exists() and not os.access(place, os.W_OK):
+            raise OutputError(f"{place} cannot be written to: change its permissions, or write elsewhere.")
+    if not in_place and any(is_same_file(path, one) for one in inputs):
+        raise OutputError(
+            f"{path} is itself an input, which would be lost: write elsewhere, or give --in-place to replace it."
+        )
+
+
+def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Whether two paths lead to one file that exists, by whatever links or spelling."""
+    try:
+        return os.path.samefile(one, other)
+    except OSError:  # one of them is missing
+        return False
+
+
+@contextmanager
+def written_whole(output: str | os.PathLike[str]) -> Iterator[Path]:
+    """A path to write to in the same folder, of the same ending; the file takes its place when all went well.
+
+    What is no ordinary file, such as a pipe, is written to directly.
+
+    Raises:
+        OutputError: it could not be written; what was there before is there still.
+    """
+    path = Path(os.path.realpath(output))  # a link stays a link
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    with _saying_why(path):
+        part = _part_of(path)
+        try:
+            yield part
+            _complete(part)
+            _replace(path, part)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def written_together(output: str | os.PathLike[str]) -> Iterator[Path]:
+    """A path of the same name in a folder of its own, for a file with others that it names, such as textures.
+
+    When all went well, all that is in that folder takes its place beside `output`, the file itself last.
+
+    Raises:
+        OutputError: it could not be written; what was there before is there still.
+    """
+    path = Path(os.path.realpath(output))
+    with _saying_why(path):
+        folder = _part_of(path)
+        try:
+            folder.mkdir()
+            main = folder / path.name
+            yield main
+            parts = sorted(folder.iterdir(), key=lambda part: part == main)
+            for part in parts:
+                _complete(part)
+            for part in parts:
+                _replace(path.with_name(part.name), part)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _saying_why(path: Path) -> Iterator[None]:
+    """An error of the system becomes a sentence that names the output."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(
+            f"{path} could not be written ({error.strerror or error}), and what was there before was kept: make room, "
+            "check who may write there, or write elsewhere."
+        ) from error
+
+
+def _complete(part: Path) -> None:
+    """Make sure that a file is on the disk as a whole.
+
+    Many libraries say nothing where a write fails. A disk or a limit that ended one does not let the file grow by a
+    byte either, so that is tried.
+
+    Raises:
+        OSError: it does not grow.
+    """
+    with part.open("r+b") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.write(b"\0")
+        file.flush()
+        file.truncate(size)
+        os.fsync(file.fileno())
+
+
+def _replace(path: Path, part: Path) -> None:
+    """Put a file in the place of another, with its permissions."""
+    if path.exists():
+        with suppress(OSError):  # it is another user's
+            part.chmod(stat.S_IMODE(path.stat().st_mode))
+    part.replace(path)
+
+
+def _part_of(path: Path) -> Path:
+    """A name for what is to become a file, beside it and of the same ending, which some libraries choose the format by.
+
+    What dead processes began in the same folder is removed.
+    """
+    for part in path.parent.iterdir():
+        if PART.fullmatch(part.name):
+            with suppress(OSError):  # another process was faster, or it is another user's
+                if time() - part.stat().st_mtime > ABANDONED:
+                    shutil.rmtree(part) if part.is_dir() else part.unlink()
+    return path.with_name(f".{token_hex(4)}.part{path.suffix}")
