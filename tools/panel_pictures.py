@@ -44,6 +44,16 @@ LANDMARKS = {
     "hand.R": "Right hand",
 }
 
+# A pose for the bound scan, in degrees as the demo's.
+RAISED = {
+    "upper_arm.L": (0.0, -40.0, 0.0),
+    "forearm.L": (0.0, -40.0, 0.0),
+    "upper_arm.R": (0.0, 40.0, 0.0),
+    "forearm.R": (0.0, 40.0, 0.0),
+    "thigh.R": (-40.0, 0.0, 0.0),
+    "shin.R": (50.0, 0.0, 0.0),
+}
+
 Story = Iterator[float]
 
 
@@ -131,6 +141,39 @@ def landmarks() -> Story:
     picture("panel_collections", "700x880+900+81")
 
 
+def binding() -> Story:
+    """A scan that is bound to the rig of a character and posed by it, and a copy of it as it stood."""
+    hero, scan = pair(with_rig=True)
+    rig = hero.parent
+    before = scan.copy()
+    before.data = scan.data.copy()
+    bpy.context.scene.collection.objects.link(before)
+    yield from begin(scan, hero)
+    call(bpy.ops.zoomout.match)
+    call(bpy.ops.zoomout.bind_to_rig)
+    hero.hide_set(True)
+    bpy.context.scene.zoomout.source = hero
+    rig.show_in_front, rig.data.display_type = True, "STICK"
+    set_pose(rig, RAISED)
+    yield KNOWN
+    picture("panel_bind")
+
+
+def wrapping() -> Story:
+    """A scan, and its topology in the shape of a character, as an object of its own."""
+    hero, scan = pair()
+    bpy.context.scene.zoomout.wrap_result = "OBJECT"
+    yield from begin(scan, hero)
+    call(bpy.ops.zoomout.match)
+    call(bpy.ops.zoomout.wrap)
+    hero.hide_set(True)
+    bpy.context.scene.zoomout.source = hero
+    overlay = view().spaces.active.overlay
+    overlay.show_wireframes, overlay.wireframe_opacity = True, 0.4
+    yield KNOWN
+    picture("panel_wrap")
+
+
 def symmetry() -> Story:
     """Pairs and sides of a posed character, and what differs between the sides of one that was sculpted on."""
     hero, scan = pair()
@@ -161,6 +204,8 @@ STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "light": (light, set(), set()),
     "parts": (parts, set(), {"ZOOMOUT_PT_transfer"}),
     "landmarks": (landmarks, {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"}, {"ZOOMOUT_PT_transfer"}),
+    "binding": (binding, {"ZOOMOUT_PT_binding"}, {"ZOOMOUT_PT_match"}),
+    "wrapping": (wrapping, {"ZOOMOUT_PT_wrap"}, {"ZOOMOUT_PT_match"}),
     "symmetry": (symmetry, {"ZOOMOUT_PT_symmetry"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
 }
 
@@ -189,8 +234,13 @@ def main() -> None:
     bpy.app.timers.register(go_on)
 
 
-def pair(with_landmarks: bool = False) -> tuple[Object, Object]:
-    """The character, and beside it a posed scan of it that has another topology and nothing else."""
+def pair(with_landmarks: bool = False, with_rig: bool = False) -> tuple[Object, Object]:
+    """The character, and beside it a posed scan of it that has another topology and nothing else.
+
+    Args:
+        with_landmarks: whether both have landmarks.
+        with_rig: whether the character stays bound to its armature.
+    """
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
     hero, armature = build_character(EDGE)
@@ -201,9 +251,10 @@ def pair(with_landmarks: bool = False) -> tuple[Object, Object]:
     bpy.data.objects.remove(posed)
     clear_pose(armature)
     hero.name, scan.name = "Hero", "Scan"
-    hero.modifiers.clear()
-    hero.parent = None
-    bpy.data.objects.remove(armature)
+    if not with_rig:
+        hero.modifiers.clear()
+        hero.parent = None
+        bpy.data.objects.remove(armature)
     mend(hero)
     for obj in (hero, scan):
         obj.data.shade_smooth()
@@ -211,7 +262,7 @@ def pair(with_landmarks: bool = False) -> tuple[Object, Object]:
     if with_landmarks:
         set_landmarks(hero, before, len(LANDMARKS))
         set_landmarks(scan, after, len(LANDMARKS) - 1)
-    hero.location.x -= 0.8
+    (hero.parent or hero).location.x -= 0.8
     scan.location.x += 0.8
     bpy.context.view_layer.update()
     return hero, scan
