@@ -12,7 +12,7 @@ from .operators import modal
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
 from .properties.symmetry import ZOOMOUT_PG_symmetry
-from .ui import manual, menus, panels, thumbnails
+from .ui import manual, menus, panels, preferences, thumbnails
 from .viewport import landmark_dots
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
@@ -24,6 +24,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
         *presets.CLASSES,
         *panels.CLASSES,
         *menus.CLASSES,
+        *preferences.CLASSES,
     )
 )
 

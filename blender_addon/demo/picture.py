@@ -54,11 +54,11 @@ def arrange(
         ("UV map", "uv", checker_material()),
         ("Skin weights", "weights", _attribute_material(WEIGHT_COLORS)),
     ]
-    podium = _podium()
+    podium = podium_mesh()
     for column, (figure, rig, title, subtitle) in enumerate(columns):
         x = (column - 1) * ACROSS
         sole = mesh_data.read_positions(figure.data)[:, 2].min()
-        _color_weights(figure)
+        color_weights(figure)
         figure.data.materials.clear()
         figure.data.materials.append(rows[0][2])
         write(title, (x, 0, 1.98), 0.17, INK)
@@ -132,7 +132,7 @@ def _duplicate(figure: bpy.types.Object, material: bpy.types.Material, place: Ve
     copy.material_slots[0].material = material
 
 
-def _podium() -> bpy.types.Mesh:
+def podium_mesh() -> bpy.types.Mesh:
     shape = bmesh.new()
     bmesh.ops.create_cone(shape, cap_ends=True, segments=128, radius1=0.62, radius2=0.6, depth=0.06)
     bmesh.ops.translate(shape, verts=shape.verts, vec=(0, -0.02, -0.035))
@@ -145,7 +145,7 @@ def _podium() -> bpy.types.Mesh:
     return mesh
 
 
-def _color_weights(figure: bpy.types.Object) -> None:
+def color_weights(figure: bpy.types.Object) -> None:
     """A colour attribute that shows all weights at once: a colour for each bone, warm on the left; black for none."""
     weights = mesh_data.read_weights(figure, figure.data)
     palette = _bone_colors()

@@ -1,6 +1,7 @@
 """The guide that is opened from the sidebar, and by *Online Manual* in the menu of the right mouse button.
 
-It is shipped with the extension, so that it needs no network and speaks of the version that is installed.
+It is shipped with the extension, and so is what an update has brought, so that neither needs a network, and both speak
+of the version that is installed.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from ..properties.transfer import BindChoice, BindOptions, BlendOptions, Transfe
 # What a zip has, as pages, and a checkout beside the package, as it is written.
 PACKAGE = Path(__file__).parents[1]
 SHIPPED, WRITTEN = PACKAGE / "docs", PACKAGE.parent / "docs"
-GUIDE, RULES = "blender", "transfer"
+GUIDE, RULES, NEWS = "blender", "transfer", "whats_new"
 # Identifiers of operators and properties in lower case, as Blender looks them up, of whom the first that fits counts.
 PLACES = (
     ("bpy.ops.zoomout.transfer*", RULES),
@@ -32,7 +33,7 @@ PLACES = (
 
 
 def address(page: str) -> str:
-    """The address of one of the pages, `GUIDE` or `RULES`, for a browser."""
+    """The address of one of the pages, `GUIDE`, `RULES` or `NEWS`, for a browser."""
     return (SHIPPED / f"{page}.html" if SHIPPED.is_dir() else WRITTEN / f"{page}.md").as_uri()
 
 

@@ -9,7 +9,7 @@ import pytest
 from drawing import Context, Layout
 
 from blender_addon.properties.match import MatchOptions
-from blender_addon.ui import manual
+from blender_addon.ui import manual, preferences
 
 
 def looked_up(identifier):
@@ -17,7 +17,7 @@ def looked_up(identifier):
     return bpy.types.WM_OT_doc_view_manual._lookup_rna_url(identifier, verbose=False)
 
 
-@pytest.mark.parametrize("page", [manual.GUIDE, manual.RULES])
+@pytest.mark.parametrize("page", [manual.GUIDE, manual.RULES, manual.NEWS])
 def test_the_pages_are_there(page):
     assert Path(url2pathname(urlparse(manual.address(page)).path)).read_text(encoding="utf-8").startswith("# ")
 
@@ -38,3 +38,9 @@ def test_panels_have_a_button_that_opens_it(name):
     layout = Layout([])
     panel.draw_header_preset(type("Drawn", (), {"layout": layout})(), Context())
     assert layout.operators[0] == "wm.url_open"
+
+
+def test_the_preferences_open_the_guide_and_what_is_new():
+    layout = Layout([])
+    preferences.ZOOMOUT_AP_preferences.draw(type("Drawn", (), {"layout": layout})(), Context())
+    assert layout.operators == ["wm.url_open", "wm.url_open"]

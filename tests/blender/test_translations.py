@@ -7,7 +7,7 @@ import bpy
 import pytest
 
 from blender_addon import operators, presets, translations
-from blender_addon.ui import menus, panels
+from blender_addon.ui import menus, panels, preferences
 from blender_addon.viewport import preview
 
 # The same in every language.
@@ -42,7 +42,7 @@ def registered():
 def sources():
     rooms = panels, operators
     paths = [path for room in rooms for path in Path(room.__file__).parent.rglob("*.py")]
-    paths += [Path(menus.__file__), Path(preview.__file__)]
+    paths += [Path(module.__file__) for module in (menus, preferences, preview)]
     return [node for path in paths for node in ast.walk(ast.parse(path.read_text()))]
 
 

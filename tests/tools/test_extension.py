@@ -58,6 +58,20 @@ def test_the_documentation_goes_along_as_pages_whose_links_and_pictures_are_ther
                 assert f"docs/{place}" in pages, place
 
 
+def test_what_is_new_begins_with_this_version():
+    assert (
+        re.findall(r"^## (.+)$", (extension.DOCS / "whats_new.md").read_text(), re.MULTILINE)[0] == PROJECT["version"]
+    )
+
+
+def test_the_text_for_the_site_names_pictures_that_are_there_or_made():
+    named = re.findall(
+        r"\b(docs/images|images|dist/page)/(\w+\.\w+)", (extension.DOCS / "extension_page.md").read_text()
+    )
+    assert {name for folder, name in named if folder == "dist/page"} == {"icon.png", "featured.jpg", "animation.mp4"}
+    assert all((extension.DOCS / "images" / name).exists() for folder, name in named if folder != "dist/page")
+
+
 def test_a_file_that_no_pattern_names_is_refused(tmp_path, monkeypatch):
     (tmp_path / "__init__.py").touch()
     (tmp_path / "notes.txt").touch()

@@ -1,0 +1,23 @@
+"""What Blender's preferences show below the extension: how to begin, and what an update has brought."""
+
+from __future__ import annotations
+
+from bpy.types import AddonPreferences, Context
+
+from . import manual
+
+# Of the extension, whose name Blender knows the preferences by.
+EXTENSION = __package__.removesuffix(".ui")
+
+
+class ZOOMOUT_AP_preferences(AddonPreferences):
+    bl_idname = EXTENSION
+
+    def draw(self, context: Context) -> None:
+        self.layout.label(text="In the sidebar of the 3D view, on the tab ZoomOut")
+        row = self.layout.row()
+        row.operator("wm.url_open", text="Guide", icon="HELP").url = manual.address(manual.GUIDE)
+        row.operator("wm.url_open", text="What Is New", icon="INFO").url = manual.address(manual.NEWS)
+
+
+CLASSES = (ZOOMOUT_AP_preferences,)

@@ -1,0 +1,48 @@
+"""The animation of the extension's page: its cut and its poses; to draw it takes minutes."""
+
+import bpy
+import pytest
+from extension_page import FPS, STEP, WIPE, Shot, between, edit, mirrored
+
+
+@pytest.fixture
+def files(tmp_path):
+    image = bpy.data.images.new("Frame", 16, 9)
+    paths = [tmp_path / f"{number}.png" for number in range(5)]
+    for path in paths:
+        image.save(filepath=str(path))
+    return paths
+
+
+def test_each_shot_is_seen_for_its_time_and_wiped_over_by_the_next(files):
+    edit(
+        [
+            Shot(files[:1], 2, "One"),
+            Shot(files[1:2], 3, "Two"),
+            Shot(files[2:], 3 / FPS, "Moving"),
+            Shot(files[-1:], 1, "End"),
+        ]
+    )
+    scene = bpy.context.scene
+    assert (scene.frame_start, scene.frame_end, scene.render.fps) == (1, 6 * FPS + 3, FPS)
+    strips = {strip.name: strip for strip in scene.sequence_editor.strips}
+    captions = [strips[f"Caption {number}"] for number in range(4)]
+    assert [caption.text for caption in captions] == ["One", "Two", "Moving", "End"]
+    assert [caption.frame_final_start for caption in captions] == [1, 1 + 2 * FPS, 1 + 5 * FPS, 4 + 5 * FPS]
+    assert {name for name in strips if name.startswith("Wipe")} == {
+        "Wipe 1",
+        "Wipe 2",
+    }  # the last goes on with a picture
+    assert strips["Wipe 1"].frame_final_duration == round(WIPE * FPS)
+    assert strips["Shot 0"].frame_final_end == strips["Wipe 1"].frame_final_end
+
+
+def test_a_mirrored_pose_turns_the_other_side_the_other_way():
+    assert mirrored({"thigh.L": (-38, 1, 2), "spine": (4, 0, 8)}) == {"thigh.R": (-38, -1, -2), "spine": (4, 0, -8)}
+    assert mirrored(mirrored(STEP)) == STEP
+
+
+def test_the_way_between_poses_begins_and_ends_at_them():
+    assert between({}, STEP, 0)["thigh.L"] == (0, 0, 0)
+    assert between({}, STEP, 0.5)["thigh.L"] == (-19, 0, 0)
+    assert between({}, STEP, 1)["thigh.L"] == STEP["thigh.L"]
