@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from operator import attrgetter
@@ -50,6 +50,7 @@ from zoomout_core.matching.partial.part_match import (
     units_differ,
 )
 from zoomout_core.matching.partial.region import REGION, is_small
+from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, at_unknown_scale_steps, times_as_large
 from zoomout_core.matching.proxy import PROXY
 from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank_steps, with_others
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
@@ -72,6 +73,7 @@ NOT_RECOGNISED = (
     "same pose and start from proximity."
 )
 OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
+RESCALED = "The two seem to be in different units: matched as if the target were {:.3g} times as large as it is."
 TOO_COARSE = "One of the two has too few vertices to be tried as a part of the other, or to have one: subdivide it."
 # The fractions of the progress at which each body is begun, at which a part is placed, and at which this is done; and
 # the fraction of each body that analysing the shapes takes, and that of what follows that placing a part takes.
@@ -275,26 +277,60 @@ def _surfaces_steps(
 def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> Steps[Attempt]:
     """What is gone on with where the first attempt is unsure: the map of a part, or one of more guesses."""
     if options.partial == "auto" and may_be_part(first.pair):
-        refused = OTHER_UNITS if units_differ(first.pair) else TOO_COARSE if too_coarse(first.pair) else None
-        if refused is not None:
-            first = replace(first, pair=replace(first.pair, notes=(*first.pair.notes, refused)))
+        if too_coarse(first.pair):
+            first = replace(first, pair=_with_note(first.pair, TOO_COARSE))
         else:
             second = yield from within(_part_attempt_steps(first, known), 0.0, PLACING)
             if second is not first:
                 return second
+            if units_differ(first.pair):
+                first = replace(first, pair=_with_note(first.pair, OTHER_UNITS))
     if options.initial == "auto" and first.candidates[0].certainty < CERTAINTY.unlikely:
         return (yield from within(_more_steps(first, known, options.initial_map), PLACING, 1.0))
     return first
 
 
+def _with_note(pair: Pair, note: str) -> Pair:
+    return replace(pair, notes=(*pair.notes, note))
+
+
 def _part_attempt_steps(whole: Attempt, known: Constraints) -> Steps[Attempt]:
-    """An attempt at the same pair, or the one by which one shape is a part of the other, where this is surer."""
-    pair = in_one_unit(whole.pair)
-    placing = part_match_steps(pair, known.disagreement(pair))
-    candidates = yield from spread(placing, 0.0, 1.0, "Placing a part")
+    """An attempt at the same pair, or the one by which one shape is a part of the other, where this is surer.
+
+    First in the unit that both are given in, if that may be one, and at any scale where this leads to no likely map.
+    """
+    best, other_units = whole, units_differ(whole.pair)
+    if not other_units:
+        pair = in_one_unit(whole.pair)
+        candidates = yield from spread(part_match_steps(pair, known.disagreement(pair)), 0.0, 0.3, "Placing a part")
+        best = _as_part(whole, pair, candidates, PART_MATCH.likely)
+    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely:
+        return best
+    looking = at_unknown_scale_steps(whole.pair, known.disagreement)
+    found = yield from spread(looking, 0.3, 1.0, "Finding the scale of a part")
+    if found is None:
+        return best
+    pair, candidates = found
+    times, likely = times_as_large(pair), PART_MATCH.likely
+    if abs(np.log(times)) > np.log(UNKNOWN_SCALE.one_unit):
+        pair, likely = _with_note(pair, RESCALED.format(times)), UNKNOWN_SCALE.likely
+    rescaled = _as_part(whole, pair, candidates, likely)
+    surer = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
+    return best if surer or rescaled is whole else rescaled
+
+
+def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely: float) -> Attempt:
+    """An attempt at a pair as two wholes, or the one by which one shape is a part of the other, where this is surer.
+
+    Args:
+        whole: the attempt at two wholes.
+        pair: its pair with both shapes in one unit.
+        candidates: for this pair with one shape as a part.
+        likely: certainty below which no shape is taken for a part.
+    """
     # The certainty of the map of two wholes knows nothing of their sizes.
     of_whole = whole.candidates[0].certainty * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
-    if not candidates or candidates[0].certainty <= max(PART_MATCH.likely, of_whole):
+    if not candidates or candidates[0].certainty <= max(likely, of_whole):
         return whole
     part = Attempt(pair, candidates, whole.coverage)
     areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]

@@ -31,6 +31,10 @@ def candidate(certainty: float, sample_map: np.ndarray) -> Candidate:
     return Candidate("", False, False, nothing, nothing, sample_map, None, None, certainty, {})
 
 
+def without_fragment(*_: object) -> Generator[float, None, None]:
+    yield 0.5
+
+
 def gone_on_with(
     monkeypatch: pytest.MonkeyPatch,
     by_whole: float,
@@ -60,6 +64,7 @@ def gone_on_with(
     whole = Attempt(pair, [candidate(by_whole, THERE), candidate(0.0, ELSEWHERE)], 0.9)
     monkeypatch.setattr(match, "in_one_unit", lambda _: in_one_unit)
     monkeypatch.setattr(match, "part_match_steps", placed)
+    monkeypatch.setattr(match, "at_unknown_scale_steps", without_fragment)
     known: Any = SimpleNamespace(disagreement=lambda _: None)
     found = drain(match._part_attempt_steps(whole, known))
     assert found.coverage == 0.9
@@ -191,17 +196,18 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
         (1000, True, "off", False),
     ],
 )
-def test_shapes_of_very_different_size_are_tried_as_no_part_and_a_note_says_so(
+def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
     monkeypatch: pytest.MonkeyPatch, factor: float, has_cuts: bool, partial: Any, told: bool
 ) -> None:
-    tried = []
+    in_one = []
 
-    def watched(whole: Attempt, _known: object) -> Generator[float, None, Attempt]:
-        tried.append(whole)
-        yield from ()
-        return whole
+    def none_found(*_: object) -> Generator[float, None, list[Candidate]]:
+        in_one.append(True)
+        yield 0.5
+        return []
 
-    monkeypatch.setattr(match, "_part_attempt_steps", watched)
+    monkeypatch.setattr(match, "part_match_steps", none_found)
+    monkeypatch.setattr(match, "at_unknown_scale_steps", without_fragment)
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
     monkeypatch.setattr(match, "too_coarse", lambda _: False)
     monkeypatch.setattr(match, "GUESSES", ())
@@ -210,7 +216,8 @@ def test_shapes_of_very_different_size_are_tried_as_no_part_and_a_note_says_so(
         other_unit = target.with_vertices(target.vertices * factor)
         result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
     assert (match.OTHER_UNITS in result.notes) == told
-    assert len(tried) == (factor == 1)
+    # In the unit that they are given in they are compared if they may have it in common.
+    assert len(in_one) == (factor == 1)
 
 
 @pytest.mark.parametrize(

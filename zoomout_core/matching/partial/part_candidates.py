@@ -117,6 +117,25 @@ def _from_landmarks_steps(
     search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
 ) -> Generator[float, None, list[PartCandidate]]:
     """The best maps of those that a search finds by sets of landmarks; yields the fraction done."""
+    sifted = yield from scaled(_sifted_steps(search, sets, regions), 0.0, 0.8)
+    # Some have come to lie on the same places.
+    compared = yield from scaled(for_each(_compared, _differing(sifted, PART_CANDIDATES.compared)), 0.8, 1.0)
+    return sorted(compared, key=lambda candidate: candidate.scores["fit"])
+
+
+def rough_candidates_steps(regions: Sequence[Region]) -> Generator[float, None, list[PartCandidate]]:
+    """Maps of a part to a whole by which it is bent roughly only, the most likely first; yields the fraction done.
+
+    Args:
+        regions: that the part is looked for in, which compete; of the same part, at one scale or at several.
+    """
+    sets = landmark_sets(regions[0].part, PART_CANDIDATES.regions)
+    return (yield from _sifted_steps(_searched, sets, regions))
+
+
+def _sifted_steps(
+    search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
+) -> Generator[float, None, list[PartCandidate]]:
     for region in regions:
         _ = region.unlike, region.part.unaffected, region.whole.unaffected  # before several threads ask for it
 
@@ -125,14 +144,11 @@ def _from_landmarks_steps(
         return [_Found(_promise(places, region), region, places) for places in search(landmarks, region)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
-    found = list(chain(*(yield from scaled(for_each(searched, tasks), 0.0, 0.4))))
+    found = list(chain(*(yield from scaled(for_each(searched, tasks), 0.0, 0.5))))
     found.sort(key=lambda one: one.promise)
     ahead = _differing(found, PART_CANDIDATES.registered)
-    sifted = yield from scaled(for_each(_sifted, ahead), 0.4, 0.8)
-    sifted.sort(key=lambda candidate: candidate.scores["fit"])
-    # Some have come to lie on the same places.
-    compared = yield from scaled(for_each(_compared, _differing(sifted, PART_CANDIDATES.compared)), 0.8, 1.0)
-    return sorted(compared, key=lambda candidate: candidate.scores["fit"])
+    sifted = yield from scaled(for_each(_sifted, ahead), 0.5, 1.0)
+    return sorted(sifted, key=lambda candidate: candidate.scores["fit"])
 
 
 def _differing(maps: Sequence[_Map], most: int) -> list[_Map]:

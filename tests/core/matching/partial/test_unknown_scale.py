@@ -1,0 +1,150 @@
+"""A part in another unit than its whole: its scale is found, and it is matched as in one unit."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pieces import PartAndWhole
+
+import zoomout_core as zo
+from zoomout_core.matching import match
+from zoomout_core.matching.attempt import ATTEMPTS
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial import unknown_scale
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
+from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
+from zoomout_core.matching.partial.part_match import PART_MATCH
+from zoomout_core.matching.partial.unknown_scale import (
+    UNKNOWN_SCALE,
+    at_unknown_scale_steps,
+    stretch,
+    times_as_large,
+)
+from zoomout_core.matching.scores import nothing_known
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.tuning import retuned
+
+FEWER_SEARCHES = {"landmarks": 7, "regions": 0, "registered": 4}
+
+
+def pair_of(source: IncompleteShape, target: IncompleteShape) -> Pair:
+    surfaces = (SimpleNamespace() for _ in range(2))
+    return Pair(*surfaces, source.shape, target.shape, 60, 20)  # type: ignore[arg-type]
+
+
+def true_scale(lower: PartAndWhole) -> float:
+    """The part's, if the whole has unit area."""
+    areas = [shape.shape.basis.areas.sum() for shape in (lower.part, lower.whole)]
+    return float(np.sqrt(areas[0] / areas[1]))
+
+
+def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> None:
+    zo.forget_shapes()
+    part, whole = lower.made_part.surface, lower.made_whole.surface
+    with (
+        retuned(ATTEMPTS, same_share=1.0),
+        retuned(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retuned(PART_CANDIDATES, **FEWER_SEARCHES),
+        retuned(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
+    ):
+        result = zo.match(whole, part.with_vertices(40 * part.vertices), k_final=60, samples=400)
+    assert result.candidates[0].part_match is not None
+    errors = lower.errors(result.surface_map.vertex)
+    assert np.median(errors) < 0.05
+    times = times_as_large(result.pair)
+    assert 40 * times == pytest.approx(1, rel=0.15)
+    assert match.RESCALED.format(times) in result.notes
+    assert match.OTHER_UNITS not in result.notes
+
+
+def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
+    with retuned(PART_CANDIDATES, **FEWER_SEARCHES), retuned(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
+        for shapes, is_target in (((lower.whole, lower.part), True), ((lower.part, lower.whole), False)):
+            found = drain(at_unknown_scale_steps(pair_of(*shapes), lambda _: nothing_known))
+            assert found is not None
+            pair, candidates = found
+            part, whole = (pair.target_shape, pair.source_shape)[:: 1 if is_target else -1]
+            assert whole.basis.areas.sum() == pytest.approx(1)
+            assert np.sqrt(part.basis.areas.sum()) == pytest.approx(true_scale(lower), rel=0.1)
+            assert candidates[0].certainty == max(candidate.certainty for candidate in candidates)
+
+
+def test_without_a_long_border_nothing_is_looked_for(lower: PartAndWhole) -> None:
+    assert drain(at_unknown_scale_steps(pair_of(lower.whole, lower.whole), lambda _: nothing_known)) is None
+
+
+def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> None:
+    true = lower.true_places()
+    for scale in (0.8, 1.0, 1.3):
+        part = IncompleteShape(at_scale(lower.part.shape, scale))
+        placed: Any = SimpleNamespace(region=SimpleNamespace(part=part, whole=lower.whole), places=true)
+        assert scale * stretch(placed) == pytest.approx(1, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("certain_at", "fragments", "tried"),
+    [(0.5, 1, [0.5]), (None, 1, [0.5, 0.1, 0.14, 0.19]), (0.14, 1, [0.5, 0.1, 0.14, 0.19]), (None, 2, [0.5])],
+)
+def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
+    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole, certain_at: float | None, fragments: int, tried: list[float]
+) -> None:
+    seen: list[float] = []
+
+    def placed(pair: Pair, _: object) -> Generator[float, None, list[Any]]:
+        yield 0.5
+        seen.append(float(np.sqrt(pair.target_shape.basis.areas.sum())))
+        certain = certain_at is not None and seen[-1] == pytest.approx(certain_at)
+        return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
+
+    def rough(*_: object) -> Generator[float, None, tuple[float, float]]:
+        yield 0.5
+        return -1.0, 0.5
+
+    monkeypatch.setattr(unknown_scale, "part_match_steps", placed)
+    monkeypatch.setattr(unknown_scale, "_rough_scale_steps", rough)
+    source = lower.part if fragments == 2 else lower.whole
+    found = drain(at_unknown_scale_steps(pair_of(source, lower.part), lambda _: nothing_known))
+    assert found is not None
+    if fragments == 1:
+        assert seen == pytest.approx(tried)
+        taken = float(np.sqrt(found[0].target_shape.basis.areas.sum()))
+        assert taken == pytest.approx(certain_at or 0.5)
+    else:
+        assert len(seen) == 1
+
+
+@pytest.mark.parametrize(
+    ("times", "certainty", "taken", "noted"),
+    [(30.0, 0.6, True, True), (30.0, 0.45, False, False), (1.1, 0.45, True, False), (1.1, 0.25, False, False)],
+)
+def test_another_unit_has_to_be_likelier_than_the_same_one(
+    monkeypatch: pytest.MonkeyPatch, times: float, certainty: float, taken: bool, noted: bool
+) -> None:
+    def shape(scale: float) -> Any:
+        return SimpleNamespace(
+            basis=SimpleNamespace(areas=np.full(4, 0.25 * scale)),
+            proxy=SimpleNamespace(full=SimpleNamespace(scale=scale)),
+        )
+
+    def steps(found: object) -> Any:
+        def looked_for(*_: object) -> Generator[float, None, Any]:
+            yield 0.5
+            return found
+
+        return looked_for
+
+    given = SimpleNamespace(source_shape=shape(1.0), target_shape=shape(1.0))
+    elsewhere = Pair(*(SimpleNamespace() for _ in range(2)), shape(times), shape(1.0), 60, 20)  # type: ignore[arg-type]
+    monkeypatch.setattr(match, "in_one_unit", lambda pair: pair)
+    monkeypatch.setattr(match, "part_match_steps", steps([SimpleNamespace(certainty=0.3)]))
+    monkeypatch.setattr(match, "at_unknown_scale_steps", steps((elsewhere, [SimpleNamespace(certainty=certainty)])))
+    monkeypatch.setattr(match, "agree", lambda *_: False)
+    whole = match.Attempt(given, [SimpleNamespace(certainty=0.1)], 0.9)  # type: ignore[arg-type, list-item]
+    known: Any = SimpleNamespace(disagreement=lambda _: None)
+    found = drain(match._part_attempt_steps(whole, known))
+    assert (found.candidates[0].certainty == certainty) == taken
+    assert any("different units" in note for note in getattr(found.pair, "notes", ())) == noted

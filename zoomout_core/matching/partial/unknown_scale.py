@@ -1,0 +1,107 @@
+"""A part and its whole in different units: the part is looked for at several scales.
+
+These compete as regions do. Where it lies as it should, the distances between images tell its scale more exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
+from zoomout_core.matching.partial.part_candidates import PartCandidate, rough_candidates_steps
+from zoomout_core.matching.partial.part_match import part_match_steps
+from zoomout_core.matching.partial.region import Region
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.scores import Disagreement
+from zoomout_core.runtime.stepping import scaled
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class UnknownScaleTuning(Tuning, set_by="partial"):
+    """At which scales a part is looked for, and when it is taken for one; lengths are those of the whole at unit area.
+
+    Attributes:
+        scales: of the part at unit area. Cuts of cats, horses, men and wolves are found from 0.8 to 1.25 times their
+            true scales.
+        small_scales: of parts such as hands, 0.1 to 0.15, and feet, 0.15 to 0.22, which are looked for in regions.
+        far: distance between two places from which it tells the scale.
+        likely: certainty below which no shape is taken for a part in another unit, as the scale that fits best is
+            chosen of several.
+        one_unit: factor between the scale that is found and the one given, up to which the units are the same.
+    """
+
+    scales: tuple[float, ...] = tuned(tuple(np.geomspace(0.25, 1.05, 6).round(3).tolist()), "1", 1e-3, 10)
+    small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
+    far: float = tuned(0.15, "length", 0, 10)
+    likely: float = tuned(0.5, "probability", 0, 1)
+    one_unit: float = tuned(1.25, "1", 1, 100)
+
+
+UNKNOWN_SCALE = UnknownScaleTuning()
+
+
+def at_unknown_scale_steps(
+    pair: Pair, disagreement: Callable[[Pair], Disagreement]
+) -> Generator[float, None, tuple[Pair, list[Candidate]] | None]:
+    """A pair in the unit in which one shape lies best on the other as a part of it; yields the fraction done.
+
+    Args:
+        pair: the two shapes, each in a unit of its own.
+        disagreement: what is known of the map of a pair.
+
+    Returns:
+        The pair in one unit, in which the larger shape has unit area, and candidates for it, the most likely first;
+        None if neither shape is a fragment.
+    """
+    shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
+    parts = [number for number, shape in enumerate(shapes) if IncompleteShape(shape).is_fragment]
+    if not parts:
+        return None
+
+    def placed_steps(part: int, scale: float) -> Generator[float, None, tuple[Pair, list[Candidate]]]:
+        unit, scales = max(scale, 1.0), [1.0, 1.0]
+        scales[part] = scale
+        source, target = (at_scale(shape, each / unit) for shape, each in zip(shapes, scales, strict=True))
+        in_unit = replace(pair, source_shape=source, target_shape=target)
+        return in_unit, (yield from part_match_steps(in_unit, disagreement(in_unit)))
+
+    found = []
+    for step, part in enumerate(parts):
+        looking = _rough_scale_steps(shapes[part], shapes[1 - part])
+        found.append((*(yield from scaled(looking, 0.4 * step / len(parts), 0.4 * (step + 1) / len(parts))), part))
+    _, scale, part = min(found)
+    best = yield from scaled(placed_steps(part, scale), 0.4, 0.55)
+    if len(parts) > 1 or best[1][0].certainty >= UNKNOWN_SCALE.likely:
+        return best
+    for step, scale in enumerate(UNKNOWN_SCALE.small_scales):
+        other = yield from scaled(placed_steps(part, scale), 0.55 + 0.15 * step, 0.7 + 0.15 * step)
+        best = max(best, other, key=lambda one: one[1][0].certainty)
+    return best
+
+
+def _rough_scale_steps(part: ShapeAnalysis, whole: ShapeAnalysis) -> Generator[float, None, tuple[float, float]]:
+    """How well a part fits at its best scale, the less the better, and that scale; both shapes have unit area."""
+    there = IncompleteShape(whole)
+    regions = [Region.everywhere(IncompleteShape(at_scale(part, scale)), there) for scale in UNKNOWN_SCALE.scales]
+    best = (yield from rough_candidates_steps(regions))[0]
+    scale = next(scale for scale, region in zip(UNKNOWN_SCALE.scales, regions, strict=True) if region is best.region)
+    return best.scores["fit"], scale * stretch(best)
+
+
+def stretch(candidate: PartCandidate) -> float:
+    """The median ratio of the distances between images to those between their places that no cut has changed."""
+    part, whole = candidate.region.part, candidate.region.whole
+    among = whole.between[np.ix_(candidate.places, candidate.places)]
+    tells = part.unaffected & (part.between > UNKNOWN_SCALE.far)
+    return float(np.median(among[tells] / part.between[tells])) if tells.any() else 1.0
+
+
+def times_as_large(pair: Pair) -> float:
+    """How many times as large as by its vertices the target of a pair in one unit is, relative to the source."""
+    return pair.source_shape.proxy.full.scale / pair.target_shape.proxy.full.scale
