@@ -34,6 +34,8 @@ K_BASIS = 110
 RADIUS = 0.09
 # Known places at which a map is measured, and the mean error times 1000 above which it counts as wrong.
 PLACES, LIMIT = 500, 80
+# How many times as large as it is the target is made where units are to differ: in millimetres for inches.
+ANOTHER_UNIT = 25.4
 # Pairs of a kind on which slow methods are measured.
 FEW = 3
 # Melzi et al. 2019: seconds on SHREC'16 cuts. Its errors are shown as curves, without numbers.
@@ -94,9 +96,9 @@ def _zoomout(part: Part, start: Integers) -> Integers:
     return zo.zoomout(source, target, start, sizes=sizes, samples=None).vertex
 
 
-def _match(part: Part) -> Integers:
+def _match(part: Part, times: float = 1.0) -> Integers:
     zo.forget_shapes()
-    return zo.match(part.source, part.target).surface_map.vertex
+    return zo.match(part.source, part.target.with_vertices(times * part.target.vertices)).surface_map.vertex
 
 
 FROM_DESCRIPTORS = ("sides", "descriptors")
@@ -111,6 +113,7 @@ METHODS: dict[str, Method] = {
         lambda part: _zoomout(part, part.by_pfm.vertex), (*FROM_DESCRIPTORS, "by_pfm"), is_slow=True
     ),
     "zo.match, nothing given": Method(_match),
+    "the same, units differ": Method(lambda part: _match(part, ANOTHER_UNIT)),
 }
 
 
