@@ -30,12 +30,27 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
 from zoomout_core.spectral.hamiltonian import hamiltonian_basis
 from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
-from zoomout_core.transfer import Attribute, Domain, Kind, Wrapped, conform, transfer, wrap, wrap_steps
+from zoomout_core.transfer import (
+    Attribute,
+    Domain,
+    Dressed,
+    Kind,
+    Lines,
+    Wrapped,
+    conform,
+    dress,
+    dress_steps,
+    transfer,
+    wrap,
+    wrap_steps,
+)
 
 __all__ = [
     "Attribute",
     "Domain",
+    "Dressed",
     "Kind",
+    "Lines",
     "MatchOptions",
     "MatchResult",
     "MeshError",
@@ -52,6 +67,8 @@ __all__ = [
     "detect_symmetry",
     "detect_symmetry_steps",
     "drain",
+    "dress",
+    "dress_steps",
     "eigenbasis",
     "fit_functional_map",
     "forget_shapes",

@@ -1,0 +1,218 @@
+"""Dress: what belongs to a body on another one, on balls and eggs, where distances to the skin are formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from loose_parts import ball
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.transfer import Lines, carry, dress
+from zoomout_core.transfer.dressing.contact import CONTACT
+from zoomout_core.transfer.dressing.following import FOLLOWING
+from zoomout_core.transfer.dressing.solid_parts import SOLID
+from zoomout_core.tuning import retuned
+
+TURN, MOVED, SIZE = Rotation.from_rotvec([0.4, -1.1, 0.7]), np.array([500.0, -20, 90]), 40.0
+RADII = np.array([1.0, 0.8, 1.3])
+BODY = ball(1, count=2500, seed=3)
+UNIT = np.sqrt(BODY.area)
+
+
+def onto_egg(points: np.ndarray) -> np.ndarray:
+    """Points of the space around the body in that around the egg."""
+    return np.asarray(SIZE * TURN.apply(points * RADII) + MOVED)
+
+
+def off_egg(points: np.ndarray) -> np.ndarray:
+    """About how far outside of the egg points are, over its size."""
+    back = TURN.inv().apply(np.asarray(points) - MOVED) / SIZE
+    level = np.linalg.norm(back / RADII, axis=1)
+    return np.asarray((level - 1) * level / np.linalg.norm(back / RADII**2, axis=1))
+
+
+EGG = BODY.with_vertices(onto_egg(BODY.vertices))
+
+
+def noisy(amount: float) -> np.ndarray:
+    """The egg's vertices as a bad match has them, in and out of its skin."""
+    wave = np.sin(9 * BODY.vertices[:, :1]) * np.sin(7 * BODY.vertices[:, 1:2])
+    return onto_egg(BODY.vertices * (1 + amount * wave))
+
+
+def shell(radius: float, count: int = 600) -> Surface:
+    """Half a ball around the body."""
+    whole = ball(radius, count=count, seed=5)
+    return Surface(whole.vertices, whole.triangles[whole.vertices[whole.triangles][:, :, 2].min(axis=1) > -0.2])
+
+
+def similar(points: np.ndarray, rest: np.ndarray) -> float:
+    """How far points are from a similar image of what they were, over their extent."""
+    return float(np.linalg.norm(procrustes(rest, points)(rest) - points, axis=1).max() / np.ptp(points, axis=0).max())
+
+
+def test_clothes_keep_their_distance_to_the_skin_in_every_unit() -> None:
+    shirt = shell(1.06)
+    carried = carry(BODY, EGG.vertices, EGG, [shirt])
+    worn = shirt.triangles.ravel()
+    off = off_egg(carried.vertices[0][worn])
+    assert abs(np.median(off) - 0.06) < 0.01
+    assert off.min() > 0.035
+    small = carry(BODY, EGG.vertices / 1e4, EGG.with_vertices(EGG.vertices / 1e4), [shirt])
+    np.testing.assert_allclose(small.vertices[0], carried.vertices[0] / 1e4, rtol=0, atol=1e-6)
+    assert not carried.notes
+
+
+def test_a_match_alone_dresses_the_target() -> None:
+    body, egg = ball(1, count=700, seed=1), ball(1, count=600, seed=2)
+    target = egg.with_vertices(onto_egg(egg.vertices))
+    shirt = shell(1.06, 300)
+    found = dress(SurfaceMap.from_vertices(nearest(egg.vertices, body.vertices), body), body, target, [shirt])
+    true = onto_egg(shirt.vertices)
+    worn = np.unique(shirt.triangles)
+    assert np.linalg.norm(found.vertices[0] - true, axis=1)[worn].mean() < 0.04 * SIZE
+
+
+def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(q,) which of the others is nearest to each point."""
+    return np.asarray(np.linalg.norm(points[:, None] - others, axis=2).argmin(axis=1))
+
+
+def test_nothing_is_pushed_into_the_skin() -> None:
+    shirt = shell(1.02)
+    worn = np.unique(shirt.triangles)
+    with retuned(CONTACT, rounds=0):
+        sunk = carry(BODY, noisy(0.05), EGG, [shirt])
+    assert (off_egg(sunk.vertices[0][worn]) < 0).mean() > 0.1
+    assert "could not be brought out" in sunk.notes[0]
+    held = carry(BODY, noisy(0.05), EGG, [shirt])
+    assert off_egg(held.vertices[0][worn]).min() > 0
+    assert not held.notes
+
+
+def test_a_gap_is_kept() -> None:
+    shirt = shell(1.02)
+    found = carry(BODY, EGG.vertices, EGG, [shirt], gap=0.05 * SIZE)
+    assert off_egg(found.vertices[0][np.unique(shirt.triangles)]).min() > 0.04
+
+
+def test_what_lay_a_little_in_the_skin_is_brought_out() -> None:
+    shirt = shell(0.99)
+    worn = np.unique(shirt.triangles)
+    with retuned(CONTACT, mended=0.0):
+        assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).max() < 0
+    assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).min() > -0.002
+
+
+def test_layers_stay_in_their_order() -> None:
+    shirt, jacket = shell(1.02), ball(1.04, count=500, seed=9)
+    jacket = Surface(jacket.vertices, jacket.triangles[jacket.vertices[jacket.triangles][:, :, 2].min(axis=1) > 0.2])
+    worn = np.unique(jacket.triangles)
+
+    def between() -> float:
+        """The least distance of the jacket from the shirt, by their radii."""
+        under, over = carry(BODY, noisy(0.1), EGG, [shirt, jacket]).vertices
+        middles = under[shirt.triangles].mean(axis=1)
+        near = nearest(over[worn], middles)
+        return float(np.quantile(off_egg(over[worn]) - off_egg(middles[near]), 0.02))
+
+    with retuned(CONTACT, layer_reach=0.0):
+        without = between()
+    assert between() > max(without, 0)
+
+
+def test_solid_parts_keep_their_form() -> None:
+    eye = ball(0.06, at=(0, 0, 1.02), count=100)
+    found = carry(BODY, EGG.vertices, EGG, [eye])
+    assert similar(found.vertices[0], eye.vertices) < 1e-6
+    with retuned(SOLID, small=0.0):
+        assert similar(carry(BODY, EGG.vertices, EGG, [eye]).vertices[0], eye.vertices) > 0.01
+    soft = carry(BODY, EGG.vertices, EGG, [eye], manners=["soft"])
+    assert similar(soft.vertices[0], eye.vertices) > 0.01
+
+
+def test_a_button_goes_with_its_shirt() -> None:
+    shirt, button = shell(1.03), ball(0.02, at=(0, 0, 1.055), count=60)
+    both = Surface.joined([shirt, button])
+    found = carry(BODY, noisy(0.05), EGG, [both]).vertices[0]
+    place = found[len(shirt.vertices) :]
+    assert similar(place, button.vertices) < 1e-6
+    worn = np.unique(shirt.triangles)
+    over = worn[nearest(button.vertices.mean(axis=0)[None], shirt.vertices[worn])[0]]
+    gap = np.linalg.norm(place.mean(axis=0) - found[over]) / SIZE
+    before = np.linalg.norm(button.vertices.mean(axis=0) - shirt.vertices[over])
+    assert abs(gap - before) < 0.03
+
+
+def test_a_prop_is_rigid_and_stays_outside() -> None:
+    rod = ball(0.5, at=(0, 0, 1.13), radii=(1, 0.2, 0.2), count=200)
+    found = carry(BODY, noisy(0.05), EGG, [rod], manners=["rigid"]).vertices[0]
+    assert similar(found, rod.vertices) < 1e-6
+    before = np.linalg.norm(rod.vertices, axis=1).min()
+    assert before > 1.02
+    assert off_egg(found).min() > -0.01
+
+
+def test_strands_keep_their_roots_on_the_skin_and_turn_with_it() -> None:
+    roots = ball(1, count=40, seed=4).vertices
+    strands = np.concatenate([roots * (1 + 0.05 * number) for number in range(5)])
+    edges = np.concatenate([np.stack([np.arange(40), 40 + np.arange(40)], axis=1) + 40 * number for number in range(4)])
+    found = carry(BODY, EGG.vertices, EGG, [Lines(strands, edges)])
+    points = found.vertices[0].reshape(5, 40, 3)
+    assert np.abs(off_egg(points[0])).max() < 0.01
+    length = np.linalg.norm(points[4] - points[0], axis=1) / SIZE
+    assert np.abs(length / np.median(length) - 1).max() < 0.35
+    assert found.turns[0].shape == (200, 3, 3)
+
+
+def test_far_off_a_wide_patch_is_followed() -> None:
+    """A tear of the map beneath it does not tear a wide skirt."""
+    torn = BODY.vertices + 0.1 * np.sign(np.sin(25 * BODY.vertices[:, :1])) * [0, 1, 0]
+    skirt = shell(1.6)
+    worn = np.unique(skirt.triangles)
+
+    def off() -> float:
+        found = carry(BODY, torn, BODY, [skirt], stiffness=0.0).vertices[0]
+        return float(np.linalg.norm(found - skirt.vertices, axis=1)[worn].mean())
+
+    with retuned(FOLLOWING, spreading=0.0):
+        narrow = off()
+    assert off() < 0.9 * narrow
+
+
+def test_stiff_cloth_keeps_its_form() -> None:
+    shirt = shell(1.2)
+    worn = np.unique(shirt.triangles)
+    errors = [
+        similar(carry(BODY, noisy(0.08), EGG, [shirt], stiffness=value).vertices[0][worn], shirt.vertices[worn])
+        for value in (0.0, 1.0)
+    ]
+    assert errors[1] < 0.9 * errors[0]
+
+
+def test_points_that_nothing_connects_follow_the_body() -> None:
+    shirt = shell(1.06)
+    loose = Surface(np.concatenate([shirt.vertices, [[0, 0, 1.1]]]), shirt.triangles)
+    found = carry(BODY, EGG.vertices, EGG, [loose]).vertices[0][-1]
+    assert abs(off_egg(found[None])[0] - 0.1) < 0.03
+
+
+def test_what_is_wrong_is_said() -> None:
+    shirt = shell(1.06)
+    with pytest.raises(ValueError, match="Nothing is carried"):
+        carry(BODY, EGG.vertices, EGG, [])
+    with pytest.raises(ValueError, match="stiffness is 2"):
+        carry(BODY, EGG.vertices, EGG, [shirt], stiffness=2)
+    with pytest.raises(ValueError, match="gap is -1"):
+        carry(BODY, EGG.vertices, EGG, [shirt], gap=-1)
+    with pytest.raises(ValueError, match="'automatic', 'soft', 'rigid'"):
+        carry(BODY, EGG.vertices, EGG, [shirt], manners=["hard"])  # type: ignore[list-item]
+    with pytest.raises(MeshError, match="no point among the 2"):
+        Lines([[0, 0, 0], [1, 0, 0]], [[0, 2]])
+    with pytest.raises(MeshError, match="not finite"):
+        Lines([[0, 0, np.nan]], [])
+    with pytest.raises(MeshError, match="no points"):
+        Lines([], [])

@@ -1,0 +1,290 @@
+"""Dress: what belongs to a source (clothes, hair, eyes, teeth, props) on the body of a target.
+
+The source's body is given the target's shape along the match. What is worn follows: the space around the body moves
+with it, what is soft keeps its form there as far as it is stiff, what is solid turns and grows as a whole, and nothing
+is pushed into the skin that was outside of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.runtime.stepping import Steps, drain, spread, within
+from zoomout_core.runtime.threads import alone
+from zoomout_core.transfer.dressing.contact import Barrier, Skin, held_off, held_off_as_a_whole
+from zoomout_core.transfer.dressing.following import Following, Motion
+from zoomout_core.transfer.dressing.form import Form, Lines
+from zoomout_core.transfer.dressing.solid_parts import solid_parts, with_solid_parts
+from zoomout_core.transfer.frames import turned_gradients
+from zoomout_core.transfer.rules import Match
+from zoomout_core.transfer.wrapping.wrap import reversed_match_steps, wrap_steps
+from zoomout_core.tuning import Tuning, tuned
+
+# How something is carried: soft parts keep their form as far as they are stiff, rigid things turn and grow as a whole;
+# "automatic" is soft, but for small solid parts.
+Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
+Carried: TypeAlias = Surface | Lines
+# Parts of the progress at which the match is turned round, and the body has the target's shape, in [0, 1].
+TURNED_ROUND, SHAPED = 0.4, 0.8
+STAGE = "Dressing"
+
+
+@dataclass(frozen=True)
+class DressTuning(Tuning, set_by="judgement"):
+    """How far what is soft keeps its form.
+
+    Attributes:
+        softest: length over which it does, where stiffness is zero.
+        stiffest: the same where it is one.
+        near: distance from the skin at which it follows that half as much.
+    """
+
+    softest: float = tuned(0.005, "at unit area", 1e-6, 1)
+    stiffest: float = tuned(0.1, "at unit area", 1e-6, 10)
+    near: float = tuned(0.03, "at unit area", 1e-6, 1)
+
+
+DRESS = DressTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class Dressed:
+    """What was carried onto a target.
+
+    Attributes:
+        vertices: for each thing (n, 3) positions of its vertices, in the target's frame and unit.
+        turns: for each thing (n, 3, 3) what takes small differences of positions from the source to the target.
+        notes: what a user should know, a sentence each.
+    """
+
+    vertices: tuple[Floats, ...]
+    turns: tuple[Floats, ...]
+    notes: tuple[str, ...]
+
+
+def dress(
+    result: Match | SurfaceMap,
+    source: Surface,
+    target: Surface,
+    carried: Sequence[Carried],
+    *,
+    manners: Sequence[Manner] | None = None,
+    stiffness: float = 0.3,
+    gap: float = 0.0,
+) -> Dressed:
+    """Carry what belongs to a source onto the body of a target.
+
+    Args:
+        result: the match, or only its map, of each target vertex to a point of the source.
+        source: the body that wears it, without it.
+        target: the body that is to wear it.
+        carried: surfaces and lines, in the source's frame and unit.
+        manners: how each is carried; automatically, when not given.
+        stiffness: how far what is soft keeps its form, from 0, where it follows every detail of the body, to 1.
+        gap: how far from the skin what was outside of it stays at least, in the target's unit.
+
+    Raises:
+        MeshError: the map is of other surfaces, or nothing corresponds.
+        ValueError: a number is out of its range, or there is not a manner for each.
+    """
+    return drain(dress_steps(result, source, target, carried, manners=manners, stiffness=stiffness, gap=gap))
+
+
+def dress_steps(
+    result: Match | SurfaceMap,
+    source: Surface,
+    target: Surface,
+    carried: Sequence[Carried],
+    *,
+    manners: Sequence[Manner] | None = None,
+    stiffness: float = 0.3,
+    gap: float = 0.0,
+) -> Steps[Dressed]:
+    """`dress` as a generator."""
+    _check(carried, manners, stiffness, gap)
+    turned = yield from within(reversed_match_steps(result, source, target), 0, TURNED_ROUND)
+    shaped = yield from within(wrap_steps(turned, target, source), TURNED_ROUND, SHAPED)
+    steps = carry_steps(source, shaped.vertices, target, carried, manners=manners, stiffness=stiffness, gap=gap)
+    return (yield from within(steps, SHAPED, 1))
+
+
+def carry(
+    body: Surface,
+    shape: Floats,
+    skin: Surface,
+    carried: Sequence[Carried],
+    *,
+    manners: Sequence[Manner] | None = None,
+    stiffness: float = 0.3,
+    gap: float = 0.0,
+) -> Dressed:
+    """Carry what belongs to a body along with it, as it takes another shape.
+
+    Args:
+        body: as it was.
+        shape: (n, 3) the new positions of its vertices.
+        skin: what is not to be entered: a surface in the new shape.
+        carried: surfaces and lines, in the body's frame and unit.
+        manners: how each is carried, see `dress`.
+        stiffness: how far what is soft keeps its form, in [0, 1].
+        gap: how far from the skin what was outside of it stays at least, in the unit of the shape.
+
+    Raises:
+        ValueError: a number is out of its range, or there is not a manner for each.
+    """
+    return drain(carry_steps(body, shape, skin, carried, manners=manners, stiffness=stiffness, gap=gap))
+
+
+def carry_steps(
+    body: Surface,
+    shape: Floats,
+    skin: Surface,
+    carried: Sequence[Carried],
+    *,
+    manners: Sequence[Manner] | None = None,
+    stiffness: float = 0.3,
+    gap: float = 0.0,
+) -> Steps[Dressed]:
+    """`carry` as a generator."""
+    _check(carried, manners, stiffness, gap)
+    how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
+    return (yield from spread(alone(_carried(body, shape, skin, carried, how, stiffness, gap)), 0, 1, STAGE))
+
+
+def _carried(
+    body: Surface,
+    shape: Floats,
+    skin: Surface,
+    carried: Sequence[Carried],
+    manners: Sequence[Manner],
+    stiffness: float,
+    gap: float,
+) -> Generator[float, None, Dressed]:
+    following = Following(body, shape)
+    yield 0.1
+    barriers = [Barrier(_skin(body, following.unit), _skin(skin, following.unit_after))]
+    yield 0.2
+    fits = []
+    for number, (each, manner) in enumerate(zip(carried, manners, strict=True), start=1):
+        fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
+        yield 0.2 + 0.3 * number / len(carried)
+    stuck = 0
+    found: dict[int, Floats] = {}
+    # From the skin outwards: what lies beneath is a barrier for what lies above.
+    order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
+    for done, number in enumerate(order, start=1):
+        fit = fits[number]
+        positions, wrong = fit.held_off(barriers, gap / following.unit_after)
+        stuck += wrong
+        found[number] = following.unit_after * fit.of_vertices(positions, following)
+        if done < len(order) and fit.is_layer:
+            triangles = fit.facing_away(barriers[0].before)
+            barriers.append(Barrier(Skin(fit.form.rest, triangles), Skin(positions, triangles), is_layer=True))
+        yield 0.5 + 0.5 * done / len(order)
+    growth = following.unit_after / following.unit
+    turns = tuple(growth * following.motion(fit.form.places).turns for fit in fits)
+    notes = (f"{stuck} places could not be brought out of the skin: look at these.",) if stuck else ()
+    return Dressed(tuple(found[number] for number in range(len(fits))), turns, notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A form, where the body takes it.
+
+    Attributes:
+        form: what is carried.
+        motion: of its points, with the body.
+        positions: (n, 3) where it is.
+        parts: points of its solid parts.
+        is_rigid: whether all of it is one.
+    """
+
+    form: Form
+    motion: Motion
+    positions: Floats
+    parts: list[Integers]
+    is_rigid: bool
+
+    @classmethod
+    def of(cls, form: Form, following: Following, manner: Manner, stiffness: float) -> _Fit:
+        motion = following.motion(form.rest)
+        if manner == "rigid":
+            moved = procrustes(form.rest, motion.images, form.areas)(form.rest)
+            return cls(form, motion, moved, [], True)
+        parts = solid_parts(form) if manner == "automatic" else []
+        return cls(form, motion, _soft(form, motion, stiffness), parts, False)
+
+    @property
+    def is_layer(self) -> bool:
+        """Whether it keeps others on their side of it."""
+        return not self.is_rigid and len(self.form.triangles) > 0 and len(self.soft) > len(self.form.rest) / 2
+
+    @property
+    def soft(self) -> Integers:
+        """Points of no solid part."""
+        return np.setdiff1d(np.arange(len(self.form.rest)), np.concatenate([[], *self.parts]))
+
+    def facing_away(self, skin: Skin) -> Integers:
+        """(m, 3) its triangles, wound so that each connected component faces away from the skin."""
+        corners, first = self.form.triangles.copy(), self.form.triangles[:, 0]
+        middles = self.form.rest[corners].mean(axis=1)
+        facing = np.einsum("mx,mx->m", area_normals(self.form.rest, corners), skin.sides(middles)[1])
+        inward = (np.bincount(self.form.component[first], facing) < 0)[self.form.component[first]]
+        corners[inward] = corners[inward, ::-1]
+        return corners
+
+    def held_off(self, barriers: Sequence[Barrier], gap: float) -> tuple[Floats, int]:
+        """(n, 3) positions out of the skin, by a gap, and how many places are still in it."""
+        if self.is_rigid:
+            return held_off_as_a_whole(self.form, self.positions, self.motion.growth, barriers, gap)
+        soft = self.soft
+        positions, wrong = held_off(self.form, self.positions, self.motion.growth, barriers, gap, soft)
+        return with_solid_parts(self.form, self.parts, self.motion.images, positions), wrong
+
+    def of_vertices(self, positions: Floats, following: Following) -> Floats:
+        """(n_v, 3) positions of the vertices, of which those that nothing connects follow the body alone."""
+        number = self.form.number
+        found, alone = positions[number], np.flatnonzero(number < 0)
+        if len(alone):
+            found[alone] = following.motion(self.form.places[alone]).images
+        return found
+
+
+def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
+    """(n, 3) positions near where the body takes them, whose edges are those at rest, turned and grown."""
+    length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
+    pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
+    factors = factorised(csc_array(diags_array(pull) + length**2 * form.stiffness))
+    gradients = (turned_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+    return np.asarray(factors.solve(np.asfortranarray(pull[:, None] * motion.images + length**2 * gradients)))
+
+
+def _skin(surface: Surface, unit: float) -> Skin:
+    """A surface, in a unit, wound outwards."""
+    triangles, working = surface.triangles.copy(), surface.working
+    inward = working.triangle_of[working.flipped]
+    triangles[inward] = triangles[inward, ::-1]
+    return Skin(surface.vertices / unit, triangles)
+
+
+def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffness: float, gap: float) -> None:
+    if not len(carried):
+        raise ValueError("Nothing is carried: give at least one surface, or lines.")
+    if manners is not None and (len(manners) != len(carried) or not set(manners) <= set(get_args(Manner))):
+        known = ", ".join(repr(each) for each in get_args(Manner))
+        raise ValueError(f"manners are {list(manners)!r}: give one of {known} for each of the {len(carried)} things.")
+    if not 0 <= stiffness <= 1:
+        raise ValueError(f"stiffness is {stiffness!r}: give a number from 0 to 1.")
+    if not gap >= 0:
+        raise ValueError(f"gap is {gap!r}: give a distance of zero or more.")

@@ -1,0 +1,108 @@
+"""The form of what is carried, at unit area of the body that wears it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse.csgraph import connected_components
+
+from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.spectral.laplacian import mesh_laplacian
+
+# A line counts as at least this part of the longest one.
+SHORTEST = 1e-6
+# Guard against division by zero.
+SMALLEST = 1e-300
+
+
+class Lines:
+    """Points that lines connect, such as strands of hair.
+
+    Args:
+        vertices: (n, 3) positions.
+        edges: (e, 2) vertex numbers.
+
+    Raises:
+        MeshError: there are no points, coordinates are not finite, or numbers are out of range.
+    """
+
+    def __init__(self, vertices: ArrayLike, edges: ArrayLike) -> None:
+        self.vertices: Floats = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
+        self.edges: Integers = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
+        if not len(self.vertices):
+            raise MeshError("The lines have no points: leave them out.")
+        if not np.isfinite(self.vertices).all():
+            raise MeshError("Some points of the lines have coordinates that are not finite: remove them.")
+        if self.edges.size and not (self.edges.min() >= 0 and self.edges.max() < len(self.vertices)):
+            raise MeshError(f"An edge of the lines has no point among the {len(self.vertices)}: correct the edges.")
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """The form of what is carried.
+
+    Attributes:
+        places: (n_v, 3) its vertices.
+        number: (n_v,) the point of each vertex, -1 where nothing connects it.
+        rest: (n, 3) its points: vertices of a surface that coincide at borders are one.
+        stiffness: (n, n) of what connects them; rows sum to zero.
+        areas: (n,) of the points; lengths, of lines.
+        triangles: (m, 3) between them; none of lines.
+        component: (n,) the number of the connected component of each.
+    """
+
+    places: Floats
+    number: Integers
+    rest: Floats
+    stiffness: csc_array
+    areas: Floats
+    triangles: Integers
+    component: Integers
+
+    @classmethod
+    def of(cls, carried: Surface | Lines, unit: float) -> Form:
+        """The form of a surface or of lines, in a unit."""
+        places = carried.vertices / unit
+        if isinstance(carried, Lines):
+            return cls(places, np.arange(len(places)), places, *_of_lines(places, carried.edges))
+        working = carried.working
+        stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
+        rest, areas = working.to_surface(working.vertices) / unit, areas * carried.area / unit**2
+        corners, component = working.oriented_triangles, working.component
+        return cls(places, working.vertex_of, rest, csc_array(stiffness), areas, corners, component)
+
+    def probes(self, chosen: Integers) -> csr_array:
+        """(p, n) what gives of positions the places that are looked at.
+
+        These are chosen points, and the middles of edges and triangles between them.
+        """
+        n = len(self.rest)
+        inside = np.zeros(n, dtype=bool)
+        inside[chosen] = True
+        triangles = self.triangles[inside[self.triangles].all(axis=1)]
+        edges, _ = unique_edges(triangles)
+        columns = [chosen, edges.ravel(), triangles.ravel()]
+        counts = np.repeat([1, 2, 3], [len(chosen), len(edges), len(triangles)])
+        rows = np.repeat(np.arange(len(counts)), counts)
+        shares = np.repeat([1, 1 / 2, 1 / 3], [len(each) for each in columns])
+        return csr_array((shares, (rows, np.concatenate(columns))), shape=(len(counts), n))
+
+
+def _of_lines(places: Floats, edges: Integers) -> tuple[csc_array, Floats, Integers, Integers]:
+    """Stiffness, lengths, triangles and components of lines."""
+    n = len(places)
+    length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
+    length = np.maximum(length, max(SHORTEST * length.max(initial=0), SMALLEST))
+    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
+    weights = csc_array((np.tile(1 / length, 2), (rows, columns)), shape=(n, n))
+    of_points = segment_sum(np.tile(length / 2, 2), rows, n)
+    # A point on no line counts like the others.
+    of_points = np.where(of_points > 0, of_points, of_points[of_points > 0].mean() if len(edges) else 1.0)
+    component = connected_components(weights, directed=False)[1]
+    stiffness = csc_array(diags_array(weights.sum(axis=0)) - weights)
+    return stiffness, of_points, np.zeros((0, 3), dtype=np.int64), component.astype(np.int64)

@@ -1,0 +1,116 @@
+"""Solid parts, such as eyes, teeth and buttons: they turn and grow as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.mesh.triangles import area_normals
+from zoomout_core.transfer.dressing.form import SMALLEST, Form
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class SolidTuning(Tuning, set_by="judgement"):
+    """Which parts are solid, and what they follow.
+
+    Attributes:
+        small: largest extent of a part that may be solid.
+        touching: parts that are nearer to each other move as one.
+        compact: the least volume, squared, over that of a ball of the same area, of what counts as solid.
+        share: of the area of parts that touch each other, that must count so.
+        beside: a part that is nearer than this part of its extent to a larger one follows that.
+        neighbours: points of the larger one near each point that say how.
+    """
+
+    small: float = tuned(0.08, "at unit area", 0, 10)
+    touching: float = tuned(0.004, "at unit area", 0, 1)
+    compact: float = tuned(0.2, "1", 0, 1)
+    share: float = tuned(0.3, "1", 0, 1)
+    beside: float = tuned(0.3, "1", 0, 10)
+    neighbours: int = tuned(8, "points", 1, 1000)
+
+
+SOLID = SolidTuning()
+# Points of other parts that are looked at to find out which parts touch.
+NEAREST = 8
+
+
+def solid_parts(form: Form) -> list[Integers]:
+    """Points of each group of small parts that touch each other and are solid, together."""
+    extent = _extents(form.rest, form.component)
+    small = extent < SOLID.small
+    if not len(form.triangles) or not small.any():
+        return []
+    points = np.flatnonzero(small[form.component])
+    group = _touching(form.rest[points], form.component[points], len(extent))
+    corner = form.triangles[:, 0]
+    normals = area_normals(form.rest, form.triangles)
+    area = segment_sum(np.linalg.norm(normals, axis=1) / 2, form.component[corner], len(extent))
+    middle = segment_sum(form.rest, form.component, len(extent)) / np.bincount(form.component)[:, None]
+    height = form.rest[form.triangles].mean(axis=1) - middle[form.component[corner]]
+    volume = segment_sum(np.einsum("mx,mx->m", height, normals) / 6, form.component[corner], len(extent))
+    compact = 36 * np.pi * volume**2 > SOLID.compact * np.maximum(area, SMALLEST) ** 3
+    parts = []
+    for number in np.unique(group[small]):
+        of_group = small & (group == number)
+        inside = points[of_group[form.component[points]]]
+        together = float(np.ptp(form.rest[inside], axis=0).max())
+        if together < SOLID.small and area[of_group & compact].sum() >= SOLID.share * area[of_group].sum():
+            parts.append(inside)
+    return parts
+
+
+def with_solid_parts(form: Form, parts: list[Integers], images: Floats, positions: Floats) -> Floats:
+    """(n, 3) positions of a form in which solid parts are similar images of what they were.
+
+    Args:
+        form: at rest.
+        parts: points of each.
+        images: (n, 3) where the body takes the points.
+        positions: (n, 3) where they are, as what is soft has them.
+    """
+    if not parts:
+        return positions
+    found, soft = positions.copy(), _others(parts, len(positions))
+    tree = cKDTree(form.rest[soft]) if len(soft) else None
+    for part in parts:
+        extent = float(np.ptp(form.rest[part], axis=0).max())
+        if tree is not None and np.min(tree.query(form.rest[part])[0]) < SOLID.beside * extent:
+            near = soft[np.unique(tree.query(form.rest[part], min(SOLID.neighbours, len(soft)))[1])]
+            motion = procrustes(form.rest[near], positions[near])
+        else:
+            motion = procrustes(form.rest[part], images[part], form.areas[part])
+        found[part] = motion(form.rest[part])
+    return found
+
+
+def _others(parts: list[Integers], count: int) -> Integers:
+    """Points of no part."""
+    free: Booleans = np.ones(count, dtype=bool)
+    free[np.concatenate(parts)] = False
+    return np.flatnonzero(free)
+
+
+def _extents(points: Floats, component: Integers) -> Floats:
+    """(c,) the largest side of the bounding box of each component."""
+    order = np.argsort(component, kind="stable")
+    first = np.flatnonzero(np.diff(component[order], prepend=-1))
+    sides = np.maximum.reduceat(points[order], first) - np.minimum.reduceat(points[order], first)
+    return np.asarray(sides.max(axis=1))
+
+
+def _touching(points: Floats, component: Integers, count: int) -> Integers:
+    """(c,) numbers of groups of components, some points of which touch each other."""
+    nearest = min(NEAREST, len(points))
+    distance, near = (np.asarray(each).ravel() for each in cKDTree(points).query(points, nearest))
+    close = distance < SOLID.touching
+    pairs = np.repeat(component, nearest)[close], component[near[close]]
+    graph = coo_array((close[close], pairs), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
