@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
@@ -12,6 +14,12 @@ from zoomout_core.mesh.triangles import edge_graph
 
 # In widths of the Gaussian: beyond, where it is 1e-4, the map stays as it is.
 REACH = 3.0
+# Places nearer to each other than the width would have to be moved to and fro by far more than they miss. So of their
+# displacements only what is smooth at that width is taken, down to this share of the largest singular value; Gaussians
+# of half the width, and so on, bring the rest, until only this share of the largest displacement is missed.
+SMOOTH, WIDTHS, MET = 0.1, 7, 1e-3
+# Distances that are held at a time.
+BLOCK = 1 << 23
 
 
 def bent(
@@ -32,14 +40,38 @@ def bent(
         target_triangles: (m, 3) of these.
         places: (l,) vertices of the target.
         missed: (l, 3) by how much the image of each is to be moved.
-        width: w of the Gaussian exp(-(d / w)^2), in the target's unit.
+        width: w of the Gaussian exp(-(d / w)^2), in the target's unit; narrower between places nearer to each other.
     """
     graph = edge_graph(target_vertices, target_triangles)
-    distance = np.atleast_2d(dijkstra(graph, indices=places, limit=REACH * width))
-    kernel = np.exp(-((distance / width) ** 2))
-    near = np.flatnonzero(np.isfinite(distance).any(axis=0))
-    images = surface_map.interpolate(source_vertices)[near]
-    bent_images = images + kernel[:, near].T @ np.linalg.lstsq(kernel[:, places], missed, rcond=None)[0]
+    size = max(1, BLOCK // len(target_vertices))
+    starts = range(0, len(places), size)
+
+    def distances(start: int) -> Floats:
+        return np.atleast_2d(dijkstra(graph, indices=places[start : start + size], limit=REACH * width))
+
+    if len(starts) == 1:
+        distances = cache(distances)
+    widths = width / 2.0 ** np.arange(WIDTHS)
+    weights = _weights(np.concatenate([distances(start)[:, places] for start in starts]), missed, widths)
+    moved = np.zeros(target_vertices.shape)
+    for start in starts:
+        distance = distances(start)
+        for each, weight in zip(widths, weights, strict=False):
+            moved += np.exp(-((distance / each) ** 2)).T @ weight[start : start + size]
+    near = np.flatnonzero(moved.any(axis=1))
+    bent_images = surface_map.interpolate(source_vertices)[near] + moved[near]
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
     triangle[near], barycentric[near] = closest_points(bent_images, source_vertices, surface_map.source_triangles)
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
+
+
+def _weights(distance: Floats, missed: Floats, widths: Floats) -> list[Floats]:
+    """(l, 3) for each width what the Gaussians around places (l,) are to be multiplied by."""
+    weights, enough = [], MET * np.abs(missed).max(initial=0)
+    for width in widths:
+        kernel = np.exp(-((distance / width) ** 2))
+        weights.append(np.linalg.lstsq(kernel, missed, rcond=SMOOTH)[0])
+        missed = missed - kernel @ weights[-1]
+        if np.abs(missed).max(initial=0) <= enough:
+            break
+    return weights

@@ -26,6 +26,8 @@ class LandmarkTuning(Tuning, set_by="correspondence"):
         turn_time: diffusion time that pseudo-scalars are smoothed by.
         turning: landmarks whose pseudo-scalars are used. These tell left from right; those of more would outweigh the
             distances, and their memory grows with the square.
+        most: landmarks that hold a map in place: of more, those that are farthest from each other. All of them count
+            where maps are compared.
     """
 
     distance_spread: float = tuned(0.3, "1", 0.01, 10)
@@ -33,6 +35,7 @@ class LandmarkTuning(Tuning, set_by="correspondence"):
     turn_weight: float = tuned(0.3, "1", 0, 10)
     turn_time: float = tuned(1e-3, "area, at unit area", 0, 1)
     turning: int = tuned(7, "landmarks", 0, 30)
+    most: int = tuned(60, "landmarks", 3, 1000)
 
 
 LANDMARKS = LandmarkTuning()
@@ -45,8 +48,8 @@ class LandmarkFeatures:
     Attributes:
         vertices: (m,) of the shape's mesh.
         distances: (n, m) smoothed geodesic distances to them, at unit area.
-        turns: (n, m, m) pseudo-scalars of the distances of each two, of unit deviation, antisymmetric: the
-            sense in which the two places lie around a point, as seen from outside.
+        turns: (n, t, t) pseudo-scalars of the distances of each two of the first t vertices, all or some, of unit
+            deviation, antisymmetric: the sense in which the two places lie around a point, as seen from outside.
     """
 
     vertices: Integers
@@ -69,15 +72,16 @@ class LandmarkFeatures:
         return np.hstack([distances, side * LANDMARKS.turn_weight * self.turns[:, chosen[i], chosen[j]]])
 
 
-def landmark_features(shape: ShapeAnalysis, vertices: Integers) -> LandmarkFeatures:
-    """The functions of the given vertices (m,) of the shape's mesh."""
+def landmark_features(shape: ShapeAnalysis, vertices: Integers, turning: int | None = None) -> LandmarkFeatures:
+    """The functions of the given vertices (m,) of the shape's mesh, and the turns of the first `turning` of them."""
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
     distances = np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1).T
     distances = shape.basis.smoothed(distances, LANDMARKS.distance_time)
-    i, j = np.triu_indices(len(vertices), k=1)
+    turning = len(vertices) if turning is None else min(turning, len(vertices))
+    i, j = np.triu_indices(turning, k=1)
     upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
     upper = shape.basis.smoothed(upper, LANDMARKS.turn_time)
     upper /= np.maximum(upper.std(axis=0), 1e-12)
-    turns = np.zeros((len(distances), len(vertices), len(vertices)))
+    turns = np.zeros((len(distances), turning, turning))
     turns[:, i, j], turns[:, j, i] = upper, -upper
     return LandmarkFeatures(np.asarray(vertices), distances, turns)

@@ -9,8 +9,9 @@ from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
-from zoomout_core.matching.landmark_features import landmark_features
+from zoomout_core.matching.landmark_features import LANDMARKS, landmark_features
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
+from zoomout_core.spectral.sampling import farthest_points
 
 
 def landmark_hypothesis(
@@ -24,10 +25,16 @@ def landmark_hypothesis(
         source_ids: (m,) vertices of the source's mesh.
         target_ids: (m,) the vertices of the target's mesh that they correspond to.
     """
+    origin = f"{len(source_ids)} landmarks"
+    if len(source_ids) > LANDMARKS.most:
+        spread = farthest_points(source.mesh.vertices[source_ids], LANDMARKS.most)
+        source_ids, target_ids = source_ids[spread], target_ids[spread]
     order, side = np.arange(len(source_ids)), int(sides_are_known(source, target))
-    of_source, of_target = landmark_features(source, source_ids), landmark_features(target, target_ids)
+    of_source, of_target = (
+        landmark_features(shape, ids, LANDMARKS.turning) for shape, ids in ((source, source_ids), (target, target_ids))
+    )
     anchors = Anchors(of_source.features(order, side), of_target.features(order, side))
-    return anchored_hypothesis(f"{len(source_ids)} landmarks", source, target, anchors)
+    return anchored_hypothesis(origin, source, target, anchors)
 
 
 def anchored_hypothesis(origin: str, source: ShapeAnalysis, target: ShapeAnalysis, anchors: Anchors) -> Hypothesis:

@@ -10,6 +10,7 @@ from shapes import sheet, truth
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
+from zoomout_core.matching.landmark_features import LANDMARKS
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import drain
 
@@ -57,3 +58,17 @@ def test_of_cloths_no_sense_is_known() -> None:
     assert anchors is not None
     assert not anchors.target[:, 3:].any()
     assert shape_of(SOURCE.surface).mesh.sides_are_known
+
+
+def test_hundreds_of_landmarks_hold_a_map_by_those_farthest_from_each_other() -> None:
+    """Functions of each two of 280 would take 150 MB, and minutes."""
+    source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
+    ids = np.arange(len(TARGET.directions))
+    guess = landmark_hypothesis(source, target, true_vertex(SOURCE, TARGET), ids)
+    assert guess.origin == "280 landmarks"
+    assert guess.anchors is not None
+    turns = LANDMARKS.turning * (LANDMARKS.turning - 1) // 2
+    assert guess.anchors.source.shape == (300, LANDMARKS.most + turns)
+    image = np.linalg.norm(guess.anchors.target[:, None] - guess.anchors.source, axis=2).argmin(axis=1)
+    off = source.mesh.vertices[image] - source.mesh.vertices[true_vertex(SOURCE, TARGET)]
+    assert np.linalg.norm(off, axis=1).mean() < 0.05

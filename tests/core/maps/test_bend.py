@@ -1,0 +1,46 @@
+"""Bent maps meet places, few or many, and stay calm between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from creatures import creature
+
+from zoomout_core.maps import bend
+from zoomout_core.maps.surface_map import SurfaceMap
+
+MADE = creature(1500)
+SURFACE = MADE.surface
+OWN = SurfaceMap.from_vertices(np.arange(1500), SURFACE)
+UNIT = float(np.sqrt(SURFACE.area))
+
+
+def bent(places: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """(n, 3) by how much the images of a map onto itself are moved."""
+    meshes = SURFACE.vertices, SURFACE.vertices, SURFACE.triangles
+    return bend.bent(OWN, *meshes, places, moves, 0.1 * UNIT).interpolate(SURFACE.vertices) - SURFACE.vertices
+
+
+def along_surface(places: np.ndarray, seed: int = 0) -> np.ndarray:
+    """(l, 3) small displacements to other vertices, as landmarks that were placed with a little care."""
+    near = np.linalg.norm(SURFACE.vertices[places][:, None] - SURFACE.vertices, axis=2).argsort(axis=1)
+    other = near[np.arange(len(places)), np.random.default_rng(seed).integers(0, 5, len(places))]
+    return SURFACE.vertices[other] - SURFACE.vertices[places]
+
+
+@pytest.mark.parametrize("count", [1, 5, 100, 600])
+def test_places_are_met_and_nothing_overshoots(count: int) -> None:
+    places = np.random.default_rng(1).choice(1500, count, replace=False)
+    moves = along_surface(places)
+    moved = bent(places, moves)
+    assert np.linalg.norm(moved[places] - moves, axis=1).mean() < 1e-3 * UNIT
+    most = np.linalg.norm(moves, axis=1).max()
+    assert np.linalg.norm(moved, axis=1).max() < 1.5 * most + 1e-9
+
+
+def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = np.arange(0, 1500, 20)
+    moves = along_surface(places)
+    whole = bent(places, moves)
+    monkeypatch.setattr(bend, "BLOCK", 10 * 1500)
+    np.testing.assert_allclose(bent(places, moves), whole, atol=1e-9)
