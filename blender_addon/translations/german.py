@@ -322,6 +322,7 @@ MESSAGES = {
     "Active Group Only": "Nur aktive Gruppe",
     "Only the active vertex group and its partner on the other side, as Arm.L and Arm.R": "Nur die aktive Punktgruppe und ihr Partner auf der anderen Seite, wie Arm.L und Arm.R",
     "Mirror Shape Key": "Formschlüssel spiegeln",
+    "Mirror Shape Key by Symmetry": "Formschlüssel nach Symmetrie spiegeln",
     "From the active shape key make that of the other side, or a left and a right one, or a symmetric one. Displacements turn with the surface, so it may be in any pose": "Aus dem aktiven Formschlüssel den der anderen Seite machen, oder einen linken und einen rechten, oder einen symmetrischen. Verschiebungen drehen sich mit der Oberfläche, also ist jede Pose möglich",
     "Shape Key": "Formschlüssel",
     "Name of the key; if empty, the active one": "Name des Schlüssels; wenn leer, der aktive",

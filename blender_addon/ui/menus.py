@@ -1,4 +1,8 @@
-"""The menus *Object > ZoomOut* and *Mesh > ZoomOut*, whose items Blender's search finds and which take shortcuts."""
+"""The menus *Object > ZoomOut Transfer* and *Mesh > ZoomOut Transfer*, whose items take shortcuts.
+
+Blender's search finds them, too, each with the menus that it is in: by the extension's whole name, they are told from
+*View > Zoom Out*.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +28,11 @@ from ..storage import stored_symmetry
 from ..translations import translated
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY, Kind
 
+EXTENSION = "ZoomOut Transfer"
+
 
 class ZOOMOUT_MT_object(Menu):
-    bl_label = "ZoomOut"
+    bl_label = EXTENSION
 
     def draw(self, context: Context) -> None:
         layout = invoking(self.layout)
@@ -88,7 +94,7 @@ class ZOOMOUT_MT_symmetry(Menu):
 
 
 class ZOOMOUT_MT_mesh(Menu):
-    bl_label = "ZoomOut"
+    bl_label = EXTENSION
 
     def draw(self, context: Context) -> None:
         layout = invoking(self.layout)

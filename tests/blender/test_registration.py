@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -78,6 +79,29 @@ def test_every_operator_option_and_choice_explains_itself():
 def test_operators_are_told_apart_by_their_labels():
     labels = [operator.get_rna_type().name for operator in operators().values()]
     assert len(set(labels)) == len(labels)
+
+
+def test_no_label_is_one_of_blenders_own_so_that_the_search_tells_them_apart():
+    modules = [getattr(bpy.ops, name) for name in dir(bpy.ops) if name != "zoomout"]
+    others = {getattr(module, name).get_rna_type().name.lower() for module in modules for name in dir(module)}
+    assert {"zoom out", "transfer mesh data", "mirror shape key"} <= others
+    labels = {operator.get_rna_type().name.lower() for operator in operators().values()}
+    assert not labels & others
+
+
+def test_what_the_search_shows_names_the_extension():
+    """It shows an item with the menus that it is in, and matches what is typed with all of their words."""
+    manifest = tomllib.loads((Path(blender_addon.__file__).parent / "blender_manifest.toml").read_text())
+    tops = [menus.ZOOMOUT_MT_object, menus.ZOOMOUT_MT_mesh]
+    assert {menu.bl_label for menu in tops} == {manifest["name"]}
+    texts = [text for menu in menus.CLASSES for text in drawn_texts(menu)]
+    assert not [text for text in texts if "zoom" in text.lower()]  # else it would come with View > Zoom Out
+
+
+def drawn_texts(menu):
+    layout = Layout([])
+    menu.draw(SimpleNamespace(layout=layout), Context())
+    return [text for kind, text, _ in layout.drawn if kind == "operator"]
 
 
 def nothing():

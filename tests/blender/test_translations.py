@@ -11,7 +11,7 @@ from blender_addon.ui import menus, panels, preferences
 from blender_addon.viewport import preview
 
 # The same in every language.
-NAMES = {"ZoomOut", "ESC", "X", "-X", "Y", "-Y", "Z", "-Z"}
+NAMES = {"ZoomOut", menus.EXTENSION, "ESC", "X", "-X", "Y", "-Y", "Z", "-Z"}
 # A language that lacks more is no help: whoever adds texts may leave a few to those who know it.
 MOST_MISSING = 0.1
 

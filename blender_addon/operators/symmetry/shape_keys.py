@@ -14,7 +14,7 @@ from .base import SymmetryOperator
 
 class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, DirectionOptions, SymmetryOperator):
     bl_idname = "zoomout.mirror_shape_key"
-    bl_label = "Mirror Shape Key"
+    bl_label = "Mirror Shape Key by Symmetry"
     bl_description = (
         "From the active shape key make that of the other side, or a left and a right one, or a symmetric one. "
         "Displacements turn with the surface, so it may be in any pose"

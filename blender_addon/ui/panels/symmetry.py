@@ -103,7 +103,7 @@ class ZOOMOUT_PT_symmetry_keys(SymmetrySubpanel, Panel):
         layout.prop(settings, "key_mode")
         if settings.key_mode == "SPLIT":
             layout.prop(settings, "blend")
-        layout.operator(operators.ZOOMOUT_OT_mirror_shape_key.bl_idname)
+        layout.operator(operators.ZOOMOUT_OT_mirror_shape_key.bl_idname, text="Mirror Shape Key")
 
 
 class ZOOMOUT_PT_symmetry_attributes(SymmetrySubpanel, Panel):
