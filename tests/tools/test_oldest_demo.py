@@ -1,0 +1,25 @@
+"""The demo in the oldest Blender; to run it takes minutes, so this looks at which one it is, and at what it runs on."""
+
+import tomllib
+import zipfile
+
+import extension
+import oldest_demo
+
+
+def test_it_runs_in_the_oldest_blender_that_the_manifest_names():
+    manifest = tomllib.loads((extension.ADDON / extension.MANIFEST).read_text())
+    assert oldest_demo.OLDEST.split(".")[:2] == manifest["blender_version_min"].split(".")[:2]
+
+
+def test_it_runs_on_the_wheels_of_the_zip_and_on_nothing_from_before(tmp_path, monkeypatch):
+    wheel = tmp_path / "one.whl"
+    with zipfile.ZipFile(wheel, "w") as written:
+        written.writestr("one/__init__.py", "")
+    asked = []
+    monkeypatch.setattr(extension, "locked_wheels", lambda *of: asked.append(of) or [wheel])
+    monkeypatch.setattr(oldest_demo, "LIBRARIES", tmp_path / "libraries")
+    (tmp_path / "libraries" / "former").mkdir(parents=True)
+    oldest_demo.unpack("3.11")
+    assert [path.name for path in (tmp_path / "libraries").iterdir()] == ["one"]
+    assert asked == [("cp311", oldest_demo.blender_versions.this_platform())]
