@@ -27,6 +27,12 @@ The target's topology gets the source's shape, as a shape key, as the mesh itsel
 >>> report["key"] == hero.name
 True
 
+What the source wears is copied onto the target, fitted to its body and bound to the same rig, by `dress`:
+
+>>> report = api.dress(context, hero, scan, [hat], api.Dressing(manner="rigid"))
+>>> report["objects"]
+{'Hat': 'Hat on Scan'}
+
 A character of several objects, each collection's body, eyes and clothes, is matched as a whole by `match_collections`.
 
 A mesh's own symmetry is found in any pose, stored on the mesh, and used by the functions that follow:
@@ -65,6 +71,7 @@ from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.collection_match import match_collections, match_collections_steps
+from .services.dress import Dressing, dress
 from .services.match import match_objects, match_steps
 from .services.symmetry.check import check_symmetry
 from .services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps, swap_sides
@@ -82,6 +89,7 @@ __all__ = [
     "DATA",
     "USUAL_DATA",
     "Binding",
+    "Dressing",
     "LandmarkPairs",
     "Settings",
     "Wrapping",
@@ -90,6 +98,7 @@ __all__ = [
     "choose_symmetry",
     "detect_symmetry",
     "detect_symmetry_steps",
+    "dress",
     "landmark_pairs",
     "match_collections",
     "match_collections_steps",

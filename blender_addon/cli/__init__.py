@@ -22,7 +22,13 @@ from .arguments import NAME
 
 # What the process ends with: argparse's 2 is for a command line that cannot be understood.
 DONE, FAILED = 0, 1
-RUN = {"match": pairs.match, "transfer": pairs.transfer, "wrap": pairs.wrap, "symmetry": symmetry.run}
+RUN = {
+    "match": pairs.match,
+    "transfer": pairs.transfer,
+    "wrap": pairs.wrap,
+    "dress": pairs.dress,
+    "symmetry": symmetry.run,
+}
 
 _handle: Any = None
 

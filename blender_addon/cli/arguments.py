@@ -11,6 +11,7 @@ from typing import Any
 from zoomout_core.matching.presets import DETAIL
 
 from ..adapters import DATA, USUAL_DATA
+from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
 from ..properties.transfer import BindChoice, BindOptions, BlendOptions
@@ -31,8 +32,10 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
     """
     parser = _parser()
     options = parser.parse_args(command_line)
-    if options.command == "wrap" and not (options.source and options.targets):
+    if options.command in ("wrap", "dress") and not (options.source and options.targets):
         parser.error("give --source and --target")
+    elif options.command == "dress" and not (options.things or options.collection):
+        parser.error("give --thing or --collection")
     elif options.command in ("match", "transfer"):
         _check_pair(parser, options)
     return options
@@ -68,6 +71,14 @@ def _parser() -> argparse.ArgumentParser:
     _add_objects(wrap)
     _add_options(wrap, MatchOptions)
     _add_options(wrap, WrapOptions)
+    dress = commands.add_parser("dress", help="copy clothes, hair and other things of a source onto targets")
+    _add_objects(dress)
+    dress.add_argument(
+        "--thing", action="append", dest="things", default=[], metavar="NAME", help="object; may be repeated"
+    )
+    dress.add_argument("--collection", metavar="NAME", help="collection of such objects")
+    _add_options(dress, MatchOptions)
+    _add_options(dress, DressOptions)
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and what is done along it"))
     for name, command in commands.choices.items():
         when = "if all was done" if name == "symmetry" else "when at least one target is done"

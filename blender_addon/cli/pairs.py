@@ -1,4 +1,4 @@
-"""The commands `match`, `transfer` and `wrap`."""
+"""The commands `match`, `transfer`, `wrap` and `dress`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain
 
+from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
+from ..scene.selection import worn_names
 from ..services.collection_match import match_collections_steps
+from ..services.dress import Dressing, prepare_dress_steps
 from ..services.match import prepare_match_steps
 from ..services.targets import Write, each_target_steps
 from ..services.transfer import prepare_transfer_steps
@@ -71,6 +74,22 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
     def work(target: str) -> Steps[Write[dict[str, Any]]]:
         return prepare_wrap_steps(context, options.source, target, wrapping, **_match_options(options))
+
+    return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
+
+
+def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Dress, and report on each target, by its name.
+
+    Raises:
+        MeshError: there is no collection of the name.
+    """
+    dressing = Dressing(**DressOptions.dress_options(as_in_sidebar(options, DressOptions)))
+    of_collection = worn_names(context, options.source, "", options.collection) if options.collection else []
+    names = [*options.things, *of_collection]
+
+    def work(target: str) -> Steps[Write[dict[str, Any]]]:
+        return prepare_dress_steps(context, options.source, target, names, dressing, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 

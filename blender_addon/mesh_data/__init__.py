@@ -69,6 +69,7 @@ from .shape_keys import (
     write_shape_keys,
 )
 from .shaped_copy import add_shaped_copy
+from .strands import attach_strands
 from .surface_points import (
     SurfacePoint,
     extent,
@@ -101,6 +102,17 @@ from .vertex_groups import (
     update_weights,
     write_weights,
 )
+from .worn import (
+    Worn,
+    add_worn_copy,
+    bind_worn_copy,
+    collection_beside,
+    content_of,
+    read_worn,
+    remove_worn_copies,
+    rest_in_world,
+    worn_copies,
+)
 
 __all__ = [
     "HAS_PARTNER",
@@ -123,13 +135,19 @@ __all__ = [
     "ShapeKey",
     "ShapeKeys",
     "SurfacePoint",
+    "Worn",
     "add_shaped_copy",
+    "add_worn_copy",
     "armatures_of",
+    "attach_strands",
     "base_mesh",
     "bind_like",
+    "bind_worn_copy",
     "can_be_put",
     "carried_values",
+    "collection_beside",
     "content_hash",
+    "content_of",
     "count_layers",
     "deforming_bones",
     "directions_in_world",
@@ -183,7 +201,10 @@ __all__ = [
     "read_undeformed_positions",
     "read_weights",
     "read_weights_steps",
+    "read_worn",
+    "remove_worn_copies",
     "reshape",
+    "rest_in_world",
     "select_only",
     "stands_as_modelled",
     "surface_point_in_face",
@@ -193,6 +214,7 @@ __all__ = [
     "untransferable_data",
     "update_weights",
     "without_faces",
+    "worn_copies",
     "write_active_layers",
     "write_animation",
     "write_custom_normals",

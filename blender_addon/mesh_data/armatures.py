@@ -87,7 +87,13 @@ def bind_like(source: Object, target: Object) -> None:
     if not given:
         target.modifiers.new("Armature", "ARMATURE").object = source.parent
         target.modifiers.move(len(target.modifiers) - 1, place)
-    _put(target, _parent_for(source), place_beside(source, target))
+    put(target, _parent_for(source), place_beside(source, target))
+
+
+def hang_like(source: Object, target: Object) -> None:
+    """Hang an object from what another one hangs from, in the same place."""
+    for name in (*OF_PARENT, *OF_PLACE, *DELTAS):
+        setattr(target, name, _copied(getattr(source, name)))
 
 
 def place_beside(source: Object, target: Object) -> Matrix:
@@ -100,7 +106,7 @@ def can_be_put(source: Object, target: Object) -> bool:
     """Whether an object would stand where another one does, if it were bound like that: nothing else holds it."""
     wanted = place_beside(source, target)
     with _restored(target):
-        _put(target, _parent_for(source), wanted)
+        put(target, _parent_for(source), wanted)
         bpy.context.view_layer.update()
         found = target.matrix_world.copy()
     bpy.context.view_layer.update()
@@ -118,7 +124,18 @@ def unbind(obj: Object) -> None:
         obj.matrix_world = placed
 
 
-def reshape(obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: Matrix) -> None:
+def matrix_at_rest(obj: Object) -> Matrix:
+    """The matrix of an object in the world, were the bone that it hangs from at rest."""
+    armature = obj.parent
+    if armature is None or obj.parent_type != "BONE" or obj.parent_bone not in armature.pose.bones:
+        return obj.matrix_world.copy()
+    bone, world = armature.pose.bones[obj.parent_bone], armature.matrix_world
+    return world @ bone.bone.matrix_local @ (world @ bone.matrix).inverted() @ obj.matrix_world
+
+
+def reshape(
+    obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: Matrix, stood: Matrix | None = None
+) -> None:
     """Move the vertices of an object, and of its shape keys, before it is given another place.
 
     Where it has no shape keys, it gets the shape that is seen of it, which an armature may have posed.
@@ -129,8 +146,9 @@ def reshape(obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: M
         at_rest: (n, 3) where these are to be, in world space.
         linear: (n, 3, 3) what becomes of differences around each vertex.
         place: the matrix that the object will have.
+        stood: the matrix by which its vertices are seen there; the object's own when not given.
     """
-    mesh = obj.data
+    mesh, to_world = obj.data, np.array(obj.matrix_world if stood is None else stood)
     to_object = np.array(place.inverted())
 
     def placed(offsets: Floats) -> Floats:
@@ -138,7 +156,8 @@ def reshape(obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: M
         return np.ascontiguousarray(world @ to_object[:3, :3].T + to_object[:3, 3], np.float32)
 
     blocks = mesh.shape_keys.key_blocks if mesh.shape_keys else ()
-    shapes = [placed(positions_in_world(obj, read_key_positions(mesh, block.name)) - seen) for block in blocks]
+    keys = [read_key_positions(mesh, block.name) @ to_world[:3, :3].T + to_world[:3, 3] for block in blocks]
+    shapes = [placed(key - seen) for key in keys]
     mesh.vertices.foreach_set("co", (shapes[0] if shapes else placed(np.zeros_like(seen))).ravel())
     for block, shape in zip(blocks, shapes, strict=True):
         block.points.foreach_set("co", shape.ravel())
@@ -174,7 +193,7 @@ def _place_of_modifiers(source: Object, target: Object) -> int:
     return max(behind, default=-1) + 1
 
 
-def _put(obj: Object, parent: Object, place: Matrix) -> None:
+def put(obj: Object, parent: Object, place: Matrix) -> None:
     """Hang an object from a parent, at a place in the world, sheared as that may be."""
     children = [(child, child.matrix_world.copy()) for child in obj.children]
     obj.parent, obj.parent_type = parent, "OBJECT"

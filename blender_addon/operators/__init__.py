@@ -7,6 +7,7 @@ from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .choose_data import ZOOMOUT_OT_choose_data
 from .clear_data import ZOOMOUT_OT_clear_match_data
 from .cut_seams import ZOOMOUT_OT_cut_seams
+from .dress import ZOOMOUT_OT_dress
 from .landmarks import (
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_confirm_landmarks,
@@ -34,6 +35,7 @@ CLASSES = (
     ZOOMOUT_OT_transfer,
     ZOOMOUT_OT_bind_to_rig,
     ZOOMOUT_OT_wrap,
+    ZOOMOUT_OT_dress,
     ZOOMOUT_OT_cut_seams,
     ZOOMOUT_OT_place_landmarks,
     ZOOMOUT_OT_landmarks_from_selected,

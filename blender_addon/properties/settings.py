@@ -7,6 +7,7 @@ from bpy.props import BoolProperty, PointerProperty, StringProperty
 from bpy.types import Object, Operator, PropertyGroup
 
 from .collections import CollectionSettings
+from .dress import DressCollection, DressOptions
 from .landmarks import LandmarkSettings
 from .match import MatchOptions, RedoOptions
 from .once import ONCE
@@ -51,6 +52,8 @@ class ZOOMOUT_PG_settings(
     BindChoice,
     BindOptions,
     WrapOptions,
+    DressOptions,
+    DressCollection,
     LandmarkSettings,
     CollectionSettings,
     PropertyGroup,

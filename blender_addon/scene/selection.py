@@ -99,3 +99,35 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
     if source is None or source.type != "MESH":
         raise zo.MeshError(f"There is no mesh '{name}' in the scene: choose another source.")
     return source, chosen_targets(context, source)
+
+
+def source_of_worn(context: Context, target: Object, named: str = "") -> str:
+    """The name of the source that wears what a target is dressed with; others are selected besides.
+
+    It is the object that is named, else the one chosen in the scene, else the one that the target was matched with.
+
+    Raises:
+        MeshError: there is no telling which it is.
+    """
+    chosen = context.scene.zoomout.source
+    name = named or (chosen.name if chosen else "") or matched_with(context, target)
+    if not name:
+        raise zo.MeshError("Choose the source in the sidebar: the body that wears what is to be carried.")
+    return name
+
+
+def worn_names(context: Context, source: str, target: str, collection: str = "") -> list[str]:
+    """The names of the objects that a target is to be dressed with.
+
+    They are those of a collection that is named, else of the one chosen in the scene, else all that are selected.
+
+    Raises:
+        MeshError: there is no such collection.
+    """
+    chosen = context.scene.zoomout.dress_collection
+    if collection:
+        chosen = next((each for each in context.scene.collection.children_recursive if each.name == collection), None)
+        if chosen is None:
+            raise zo.MeshError(f"There is no collection '{collection}' in the scene: choose another one.")
+    objects = context.selected_objects if chosen is None else chosen.all_objects
+    return [obj.name for obj in objects if obj.name not in (source, target)]

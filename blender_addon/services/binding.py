@@ -199,8 +199,21 @@ def _check_keys_of_posed(target: Object, seen: Floats) -> None:
 def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
     """The sources at rest, with the weights of the first one's bones."""
     with evaluated_sources(context, pair) as sources:
-        faces = [mesh_data.read_faces(source.mesh) for source in sources]
         weights, _ = mesh_data.read_joined_weights(sources)
+    source = find_mesh(context, pair.source_name)
+    bones = mesh_data.read_bones(source)
+    rest = pair.source.with_vertices(read_sources_at_rest(context, pair))
+    return _Rigged(rest, bones, _columns([weights], bones), mesh_data.preserves_volume(source))
+
+
+def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
+    """(n_s, 3) vertices of the sources where nothing deforms them, in world space.
+
+    Raises:
+        MeshError: that cannot be read.
+    """
+    with evaluated_sources(context, pair) as sources:
+        faces = [mesh_data.read_faces(source.mesh) for source in sources]
     rest = []
     for name, each in zip(pair.source_names, faces, strict=True):
         source = find_mesh(context, name)
@@ -211,10 +224,7 @@ def _read_rigged(context: Context, pair: ObjectPair) -> _Rigged:
                 "disable those that add or remove vertices, and match again."
             )
         rest.append(mesh_data.positions_in_world(source, positions.astype(np.float64)))
-    source = find_mesh(context, pair.source_name)
-    bones = mesh_data.read_bones(source)
-    surface = pair.source.with_vertices(np.concatenate(rest))
-    return _Rigged(surface, bones, _columns([weights], bones), mesh_data.preserves_volume(source))
+    return np.concatenate(rest)
 
 
 def _weights_of_target(context: Context, pair: ObjectPair, bones: Bones, weights: Attribute) -> csr_array:

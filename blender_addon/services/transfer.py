@@ -42,6 +42,7 @@ from ..storage import stored_match, stored_report
 from .binding import Bound, check_binding, keep_match, prepare_binding_steps, write_bound
 from .candidates import cache_made, last_made, store_match
 from .constraints import check_options, matching_steps, settings_to_store
+from .dress import taken_to_rest_steps
 from .targets import Write
 
 # Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
@@ -173,6 +174,7 @@ def prepare_transfer_steps(
             raise zo.MeshError(f"All vertex groups of '{target_name}' that bones would move are locked: unlock them.")
         bound = yield from within(prepare_binding_steps(context, job, *weights[0], binding), done, 1)
         remarks.notes.extend(bound.notes)
+        bind_worn = yield from taken_to_rest_steps(context, pair, bound.rest.positions)
 
     def write() -> dict[str, Any]:
         _, target = check_unedited(context, pair)
@@ -183,6 +185,7 @@ def prepare_transfer_steps(
                 one.write(target)
         if bound is not None:
             write_bound(context, pair, bound)
+            bind_worn()
         for one in adapters:
             if one.kind == "shape":  # which lies where the source is, and so where a bound target is
                 one.write(target)

@@ -17,6 +17,7 @@ from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
 from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
+from ..operators.dress import ZOOMOUT_OT_dress
 from ..operators.match import ZOOMOUT_OT_match
 from ..operators.match_collections import ZOOMOUT_OT_match_collections
 from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
@@ -42,6 +43,7 @@ class ZOOMOUT_MT_object(Menu):
             ZOOMOUT_OT_transfer,
             ZOOMOUT_OT_bind_to_rig,
             ZOOMOUT_OT_wrap,
+            ZOOMOUT_OT_dress,
             ZOOMOUT_OT_cut_seams,
         )
         _operators(layout, work)

@@ -25,7 +25,14 @@ def test_the_example_runs(objects):
     made = creature(1500, seed=1, bend=0.9)
     body = from_pydata("Body", made.surface.vertices.tolist(), made.surface.triangles.tolist())
     set_weights(body, "Arm.L", np.clip(made.directions[:, 0], 0, 1))
-    names = {"api": api, "context": bpy.context, **dict(zip(("hero", "scan"), objects, strict=True)), "body": body}
+    hat = ellipsoid("Hat", 2, (0.3, 0.3, 0.3))
+    names = {
+        "hat": hat,
+        "api": api,
+        "context": bpy.context,
+        **dict(zip(("hero", "scan"), objects, strict=True)),
+        "body": body,
+    }
     found = doctest.DocTestFinder().find(api, globs=names)
     (example,) = [test for test in found if test.name == api.__name__]
     assert len(example.examples) >= 13

@@ -189,6 +189,20 @@ def test_a_target_is_wrapped(pair, tmp_path, capsys):
     )
 
 
+def test_a_target_is_dressed(pair, tmp_path, capsys):
+    path, both = tmp_path / "report.json", ("--source", "Source", "--target", "Target", "--k-final", 30)
+    hat = ellipsoid("Hat", 2, (0.2, 0.2, 0.2))
+    hats = bpy.data.collections.new("Hats")
+    bpy.context.scene.collection.children.link(hats)
+    hats.objects.link(hat)
+    for chosen in (("--thing", "Hat"), ("--collection", "Hats")):
+        assert run("dress", *both, *chosen, "--dress-manner", "rigid", "--report", path) == 0
+        assert json.loads(path.read_text())["targets"]["Target"]["objects"] == {"Hat": "Hat on Target"}
+    assert run("dress", *both, "--thing", "None") == 1
+    assert "no object 'None'" in capsys.readouterr().err
+    assert run("dress", *both) == 2
+
+
 def test_collections_are_matched_part_by_part(pair, tmp_path):
     for name, obj in zip(("Hero", "Scan"), pair, strict=True):
         collection = bpy.data.collections.new(name)

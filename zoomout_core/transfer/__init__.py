@@ -9,6 +9,7 @@ from zoomout_core.transfer.dressing.dress import (
     carry_steps,
     dress,
     dress_steps,
+    shape_of_source_steps,
 )
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along, transfer_steps
@@ -36,6 +37,7 @@ __all__ = [
     "map_target",
     "reversed_match",
     "reversed_match_steps",
+    "shape_of_source_steps",
     "transfer",
     "transfer_along",
     "transfer_steps",

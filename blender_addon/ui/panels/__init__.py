@@ -2,6 +2,7 @@
 
 from . import symmetry
 from .collections import ZOOMOUT_PT_collections
+from .dress import ZOOMOUT_PT_dress
 from .landmarks import ZOOMOUT_PT_landmarks, ZOOMOUT_UL_landmarks
 from .match import ZOOMOUT_PT_match
 from .match_options import ZOOMOUT_PT_hints, ZOOMOUT_PT_match_advanced
@@ -23,6 +24,7 @@ CLASSES = (
     ZOOMOUT_PT_report,
     ZOOMOUT_PT_binding,
     ZOOMOUT_PT_wrap,
+    ZOOMOUT_PT_dress,
     ZOOMOUT_PT_blending,
     ZOOMOUT_PT_naming,
     ZOOMOUT_PT_topology,

@@ -35,8 +35,8 @@ from zoomout_core.tuning import Tuning, tuned
 # "automatic" is soft, but for small solid parts.
 Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
-# Parts of the progress at which the match is turned round, and the body has the target's shape, in [0, 1].
-TURNED_ROUND, SHAPED = 0.4, 0.8
+# Part of giving the body the target's shape that turning the match round takes, and of all that this takes, in [0, 1].
+TURNED_ROUND, SHAPED = 0.5, 0.8
 STAGE = "Dressing"
 
 
@@ -113,10 +113,15 @@ def dress_steps(
 ) -> Steps[Dressed]:
     """`dress` as a generator."""
     _check(carried, manners, stiffness, gap)
-    turned = yield from within(reversed_match_steps(result, source, target), 0, TURNED_ROUND)
-    shaped = yield from within(wrap_steps(turned, target, source), TURNED_ROUND, SHAPED)
-    steps = carry_steps(source, shaped.vertices, target, carried, manners=manners, stiffness=stiffness, gap=gap)
+    shape = yield from within(shape_of_source_steps(result, source, target), 0, SHAPED)
+    steps = carry_steps(source, shape, target, carried, manners=manners, stiffness=stiffness, gap=gap)
     return (yield from within(steps, SHAPED, 1))
+
+
+def shape_of_source_steps(result: Match | SurfaceMap, source: Surface, target: Surface) -> Steps[Floats]:
+    """(n_s, 3) the source's vertices where it has the target's shape; steps of `dress`."""
+    turned = yield from within(reversed_match_steps(result, source, target), 0, TURNED_ROUND)
+    return (yield from within(wrap_steps(turned, target, source), TURNED_ROUND, 1)).vertices
 
 
 def carry(

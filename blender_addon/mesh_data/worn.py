@@ -1,0 +1,246 @@
+"""What an object wears: other objects, as shapes in world space, and copies of them in other shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from bpy.types import Collection as BlenderCollection
+from bpy.types import Context, Depsgraph, Object
+from mathutils import Matrix
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+
+from .armatures import armatures_of, bind_like, hang_like, matrix_at_rest, put, reshape, stands_as_modelled
+from .arrays import hash_of, read_array
+from .base import read_base_positions, read_target_surface
+from .inspection import content_hash
+from .shape_keys import read_rest_positions
+from .strands import read_strands, write_strands
+from .surfaces import VERTEX_PRESERVING, check_evaluated
+
+# Types of objects that can be worn.
+TYPES = frozenset({"MESH", "CURVES"})
+# Modifiers that are bound to each vertex of another mesh.
+BOUND_TO_VERTICES = frozenset({"MESH_DEFORM", "SURFACE_DEFORM"})
+# A custom property of copies: the name of the object that each is of.
+COPY_OF = "zoomout_dressed"
+
+
+@dataclass(frozen=True, eq=False)
+class Worn:
+    """An object that is worn.
+
+    Attributes:
+        name: of the object.
+        shape: in world space.
+        stood: the matrix by which it is there.
+        at_rest: whether it is as it is without what deforms it.
+        hangs_from_bone: whether a bone moves it as a whole.
+        content: hash of its own data, by which edits are noticed.
+    """
+
+    name: str
+    shape: zo.Surface | zo.Lines
+    stood: Matrix
+    at_rest: bool
+    hangs_from_bone: bool
+    content: str
+
+
+def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
+    """Read an object that is worn.
+
+    Args:
+        obj: of one of `TYPES`.
+        depsgraph: Blender's.
+        at_rest: without what deforms it, and where it is while bones are at rest; else as it is seen, before modifiers
+            that add or remove vertices.
+
+    Raises:
+        MeshError: it is of another type, has no points, or is not evaluated.
+    """
+    if obj.type not in TYPES:
+        raise zo.MeshError(f"'{obj.name}' is neither a mesh nor hair curves: convert it to one of these.")
+    stood = matrix_at_rest(obj) if at_rest else obj.matrix_world.copy()
+    return Worn(
+        obj.name,
+        _curves(obj, depsgraph, at_rest, stood) if obj.type == "CURVES" else _mesh(obj, depsgraph, at_rest, stood),
+        stood,
+        at_rest,
+        obj.parent is not None and obj.parent_type == "BONE",
+        content_of(obj),
+    )
+
+
+def content_of(obj: Object) -> str:
+    """A hash of an object's own data."""
+    if obj.type == "MESH":
+        return content_hash(obj.data)
+    return hash_of("curves", read_array(obj.data.position_data, "vector", np.float32, 3))
+
+
+def rest_in_world(obj: Object) -> Floats:
+    """(n, 3) vertices of a mesh as it has them itself, in world space."""
+    return _in_world(read_rest_positions(obj.data), obj.matrix_world)
+
+
+def add_worn_copy(
+    worn: Worn,
+    obj: Object,
+    positions: Floats,
+    turns: Floats,
+    wearer: Object,
+    bodies: Collection[Object],
+    collection: BlenderCollection,
+    moved: Matrix,
+) -> tuple[Object, list[str]]:
+    """Add a copy of an object in another shape, that another object wears.
+
+    At rest it hangs, and is deformed, as what it is a copy of, by the same bones. Else it hangs from its wearer, and
+    has none of the modifiers that made its shape.
+
+    Args:
+        worn: as it was read.
+        obj: what is copied.
+        positions: (n, 3) of the copy's points, in world space.
+        turns: (n, 3, 3) what becomes of small differences of positions.
+        wearer: what wears the copy.
+        bodies: what wore the object: references to these become such to the wearer.
+        collection: the copy is linked to.
+        moved: how all that was worn has moved, where it is not at rest.
+
+    Returns:
+        The copy, and notes.
+    """
+    copy = obj.copy()
+    copy.data = obj.data.copy()
+    copy.name = copy.data.name = f"{obj.name} on {wearer.name}"
+    copy[COPY_OF] = obj.name
+    collection.objects.link(copy)
+    copy.select_set(False)
+    notes = _refer_to(copy, wearer, bodies)
+    place = worn.stood
+    if not worn.at_rest:
+        place = moved @ worn.stood
+        seen, is_deformed = (
+            worn.shape.vertices,
+            bool(armatures_of(obj)) or any(each.type in VERTEX_PRESERVING for each in obj.modifiers),
+        )
+        _free(copy)
+        if copy.type == "MESH" and copy.data.shape_keys and is_deformed and not stands_as_modelled(obj, seen):
+            copy.shape_key_clear()
+            notes.append(f"The shape keys of '{obj.name}' were left out, because it is deformed: undo that first.")
+    _write_positions(copy, worn, positions, turns, place)
+    if not worn.at_rest or copy.parent in bodies:
+        put(copy, wearer, place)
+    return copy, notes
+
+
+def worn_copies(wearer: Object) -> list[Object]:
+    """The copies that hang from an object that wears them."""
+    return [child for child in wearer.children if COPY_OF in child]
+
+
+def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Floats, wearer: Object) -> None:
+    """Take a copy to rest, and bind it as what it is a copy of is bound, if that is still there.
+
+    Args:
+        context: Blender's.
+        worn: the copy as it was read.
+        positions: (n, 3) of its points at rest, in world space.
+        turns: (n, 3, 3) what becomes of small differences of positions.
+        wearer: what wears it, bound already.
+    """
+    copy = context.scene.objects[worn.name]
+    original = context.scene.objects.get(copy[COPY_OF])
+    place = wearer.matrix_world.copy() if original is None else matrix_at_rest(original)
+    _write_positions(copy, worn, positions, turns, place)
+    put(copy, wearer, place)
+    if original is None:
+        return
+    if original.type == "MESH" and armatures_of(original):
+        bind_like(original, copy)
+    elif original.parent_type == "BONE":
+        hang_like(original, copy)
+
+
+def remove_worn_copies(collection: BlenderCollection, name: str) -> None:
+    """Remove earlier copies of an object from a collection."""
+    for copy in [each for each in collection.objects if each.get(COPY_OF) == name]:
+        data, kept = copy.data, bpy.data.meshes if copy.type == "MESH" else bpy.data.hair_curves
+        bpy.data.objects.remove(copy)
+        if not data.users:
+            kept.remove(data)
+
+
+def collection_beside(context: Context, obj: Object, name: str) -> BlenderCollection:
+    """The collection of some name beside an object, made where there is none."""
+    parent = next(iter(obj.users_collection), context.scene.collection)
+    found = parent.children.get(name)
+    if found is None:
+        found = bpy.data.collections.new(name)
+        parent.children.link(found)
+    return found
+
+
+def _mesh(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Matrix) -> zo.Surface | zo.Lines:
+    mesh = obj.data
+    if not mesh.vertices:
+        raise zo.MeshError(f"'{obj.name}' has no vertices: leave it out.")
+    check_evaluated(obj, depsgraph)
+    own = read_rest_positions(mesh) if at_rest else read_base_positions(obj, depsgraph)
+    positions = _in_world(own, stood)
+    if mesh.polygons:
+        return read_target_surface(obj, depsgraph).with_vertices(positions)
+    return zo.Lines(positions, read_array(mesh.edges, "vertices", np.int32, 2))
+
+
+def _curves(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Matrix) -> zo.Lines:
+    lines = read_strands(obj, None if at_rest else depsgraph)
+    if not at_rest:
+        return lines
+    moved = np.array(stood @ obj.matrix_world.inverted())
+    return zo.Lines(lines.vertices @ moved[:3, :3].T + moved[:3, 3], lines.edges)
+
+
+def _in_world(positions: Floats, matrix: Matrix) -> Floats:
+    """Positions (n, 3), moved by a matrix, in double precision."""
+    moved = np.array(matrix)
+    return positions.astype(np.float64) @ moved[:3, :3].T + moved[:3, 3]
+
+
+def _write_positions(copy: Object, worn: Worn, positions: Floats, turns: Floats, place: Matrix) -> None:
+    """Move the points of a copy to positions (n, 3) in world space, before it is given another place."""
+    if copy.type == "CURVES":
+        write_strands(copy.data, _in_world(positions, place.inverted()))
+    else:
+        reshape(copy, worn.shape.vertices, positions, turns, place, worn.stood)
+
+
+def _free(copy: Object) -> None:
+    """Take what makes a copy's shape and place off it."""
+    copy.animation_data_clear()
+    for constraint in list(copy.constraints):
+        copy.constraints.remove(constraint)
+    for modifier in [each for each in copy.modifiers if each.type in VERTEX_PRESERVING]:
+        copy.modifiers.remove(modifier)
+
+
+def _refer_to(copy: Object, wearer: Object, bodies: Collection[Object]) -> list[str]:
+    """Let what refers to bodies refer to their wearer, as far as it can; notes."""
+    notes = []
+    for modifier in list(copy.modifiers):
+        for prop in modifier.bl_rna.properties:
+            if prop.type != "POINTER" or prop.is_readonly or getattr(modifier, prop.identifier) not in bodies:
+                continue
+            if modifier.type in BOUND_TO_VERTICES:
+                name = modifier.name
+                copy.modifiers.remove(modifier)
+                notes.append(f"'{copy.name}' is not bound by '{name}', which holds for another mesh: bind it anew.")
+                break
+            setattr(modifier, prop.identifier, wearer)
+    return notes

@@ -1,0 +1,57 @@
+"""Dress the active mesh with what a source wears."""
+
+from __future__ import annotations
+
+from bpy.props import StringProperty
+from bpy.types import Context
+
+import zoomout_core as zo
+from zoomout_core.runtime.stepping import Steps
+
+from ..properties.dress import DressOptions
+from ..properties.match import MatchOptions
+from ..properties.once import ONCE
+from ..properties.settings import SourceName, take_settings
+from ..scene.selection import source_of_worn, worn_names
+from ..services.dress import Dressing, prepare_dress_steps, summary
+from ..services.targets import WRITING
+from ..viewport import preview
+from .stepped import SteppedOperator
+
+
+class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, SteppedOperator):
+    bl_idname = "zoomout.dress"
+    bl_label = "Dress"
+    bl_description = (
+        "Copy clothes, hair, eyes and other things of the source onto the active mesh, fitted to its body along their "
+        "match and bound to the same rig: all objects of the collection chosen in the sidebar, else those that are "
+        "selected besides the source"
+    )
+    bl_options = {"REGISTER", "UNDO"}
+
+    collection: StringProperty(
+        name="Collection",
+        description="Name of the collection of what is carried; if empty, the one chosen in the sidebar",
+        options=ONCE,
+    )
+
+    def draw(self, context: Context) -> None:
+        """What can be adjusted: the match is what it was."""
+        self.layout.use_property_split = True
+        for name in DressOptions.__annotations__:
+            self.layout.prop(self, name)
+
+    def steps(self, context: Context) -> Steps[str]:
+        take_settings(self, context.scene.zoomout)
+        target = context.active_object
+        source = source_of_worn(context, target, self.source)
+        if source == target.name:
+            raise zo.MeshError("Make the mesh active that is to be dressed: the active one is the source.")
+        names = worn_names(context, source, target.name, self.collection)
+        dressing = Dressing(**self.dress_options())
+        repeated, options = self.options.is_repeat, self.match_options()
+        write = yield from prepare_dress_steps(context, source, target.name, names, dressing, repeated, **options)
+        yield WRITING
+        report = write()
+        preview.clear_passing()
+        return summary(report)

@@ -1,0 +1,297 @@
+"""Dress a target with what its source wears: copies of clothes, hair, eyes and props, fitted along their match."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+from mathutils import Matrix
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.runtime.stepping import Progress, Steps, drain, within
+from zoomout_core.transfer import Dressed, Manner, carry_steps, shape_of_source_steps
+
+from .. import mesh_data
+from ..mesh_data import ObjectPair, Worn
+from ..scene.pair import check_unedited, edited, find_mesh
+from ..scene.stored_pair import stored_pair_steps
+from ..storage import stored_match
+from .binding import read_sources_at_rest
+from .candidates import cache_made, last_made, store_match
+from .constraints import check_options, matching_steps, settings_to_store
+from .targets import Write
+
+# Parts of the progress bar that matching takes, where there is no match yet, and giving the source the target's shape.
+MATCHING, SHAPING = 0.6, 0.8
+READING = Progress(0.0, "Reading what is worn")
+
+
+@dataclass(frozen=True)
+class Dressing:
+    """How a target is dressed.
+
+    Attributes:
+        manner: "automatic" lets small solid parts and what hangs from a bone turn and grow as a whole, and all else
+            follow the body; "soft" lets all follow it, "rigid" nothing.
+        stiffness: how far what follows the body keeps its form, in [0, 1].
+        gap: how far from the skin what was outside of it stays at least, in scene units.
+    """
+
+    manner: Manner = "automatic"
+    stiffness: float = 0.3
+    gap: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitting:
+    """What is carried onto which body.
+
+    Attributes:
+        source: the surface that was matched, in the pose in which it is carried.
+        target: the same of the target.
+        is_body: (n_s,) vertices of the source that are not worn themselves.
+        worn: what is carried.
+        notes: sentences.
+    """
+
+    source: zo.Surface
+    target: zo.Surface
+    is_body: np.ndarray
+    worn: list[Worn]
+    notes: list[str]
+
+
+def dress(
+    context: Context,
+    source: Object,
+    target: Object,
+    accessories: Iterable[Object],
+    dressing: Dressing | None = None,
+    **match_options: Any,
+) -> dict[str, Any]:
+    """Dress a target with copies of what belongs to a source, fitted to its body along their match or a new one.
+
+    Where both are bound to one armature, this is done in its rest pose, and the copies are bound to it as well.
+    Else they hang from the target, as they are seen, and come along when it is bound to the source's armature. Copies
+    that were made before of the same objects are replaced; the objects themselves stay as they are.
+
+    Args:
+        context: Blender's; all objects are in its scene.
+        source: the body that wears them.
+        target: was matched with it, or is now.
+        accessories: meshes, and hair curves.
+        dressing: how.
+        match_options: of `match_objects`, where no match of these two is stored.
+
+    Returns:
+        A report: `source` and `target` are names, `objects` has the names of the copies by those of the objects,
+        `left_out` says why others have none, `notes` are sentences.
+
+    Raises:
+        MeshError: nothing can be carried; nothing was written.
+        TypeError: a match has no option of a name.
+    """
+    names = [obj.name for obj in accessories]
+    return drain(
+        prepare_dress_steps(context, source.name, target.name, names, dressing or Dressing(), **match_options)
+    )()
+
+
+def prepare_dress_steps(
+    context: Context,
+    source_name: str,
+    target_name: str,
+    things: Sequence[str],
+    dressing: Dressing,
+    adjusted: bool = False,
+    **match_options: Any,
+) -> Steps[Write[dict[str, Any]]]:
+    """`dress` as a generator, which holds no Blender data while it is suspended; returns what writes.
+
+    Args:
+        context: Blender's; the objects are in its scene.
+        source_name: of the source.
+        target_name: of the target.
+        things: names of what is carried.
+        dressing: how.
+        adjusted: whether the target is dressed once more with other settings, and a match that was undone taken again.
+        match_options: those of `match_objects`.
+    """
+    check_options(match_options)
+    pair = yield from stored_pair_steps(context, source_name, target_name)
+    left_out: dict[str, str] = {}
+    fitting = yield from _read_steps(context, pair, things, left_out)
+    stored = stored_match.read(find_mesh(context, target_name).data, pair)
+    match: stored_match.Match
+    begin = 0.0
+    if stored is None:
+        made_with, begin = settings_to_store(context, pair, match_options), MATCHING
+        made = last_made(pair) if adjusted else None
+        match = made or (yield from within(matching_steps(context, pair, **match_options), 0, begin))
+        cache_made(pair, match)
+    else:
+        match, made_with = stored, stored.settings
+    steps = within(_carried_steps(match, fitting, dressing), begin, 1)
+    moved, dressed = yield from steps
+
+    def write() -> dict[str, Any]:
+        check_unedited(context, pair)
+        check_unchanged(context, fitting.worn)
+        if stored is None:
+            store_match(find_mesh(context, target_name).data, match, pair, made_with)
+        made, notes = _write(context, pair, fitting, dressed, moved)
+        return {
+            "source": source_name,
+            "target": target_name,
+            "objects": made,
+            "left_out": left_out,
+            "notes": [*dressed.notes, *fitting.notes, *notes],
+        }
+
+    return write
+
+
+def taken_to_rest_steps(context: Context, pair: ObjectPair, at_rest: Floats) -> Steps[Write[None]]:
+    """Take what a target wears along to the rest pose; what is returned binds it as what it is copied from is bound.
+
+    Args:
+        context: Blender's.
+        pair: whose target is bound.
+        at_rest: (n_t, 3) where its vertices will be, in world space.
+    """
+    target, worn = find_mesh(context, pair.target_name), list[Worn]()
+    for copy in mesh_data.worn_copies(target):
+        yield READING
+        worn.append(_read(context, copy.name, False))
+    if not worn:
+        return lambda: None
+    skin, shapes = pair.target.with_vertices(at_rest), [each.shape for each in worn]
+    dressed = yield from carry_steps(pair.target, at_rest, skin, shapes, manners=["automatic"] * len(worn))
+
+    def write() -> None:
+        check_unchanged(context, worn)
+        wearer = find_mesh(context, pair.target_name)
+        for each, positions, turns in zip(worn, dressed.vertices, dressed.turns, strict=True):
+            mesh_data.bind_worn_copy(context, each, positions, turns, wearer)
+
+    return write
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The report in one sentence."""
+    done = f"Dressed '{report['target']}' with {len(report['objects'])} objects of '{report['source']}'."
+    return " ".join([done, *report["left_out"].values(), *report["notes"]])
+
+
+def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
+    """Raise a MeshError if something that is worn was removed or edited since it was read."""
+    for each in worn:
+        obj = context.scene.objects.get(each.name)
+        if obj is None or mesh_data.content_of(obj) != each.content:
+            raise edited(each.name)
+
+
+def _read_steps(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> Steps[_Fitting]:
+    """Read what is worn, in the rest pose where the target hangs on the source's armature.
+
+    Raises:
+        MeshError: nothing can be read.
+    """
+    chosen = [name for name in dict.fromkeys(names) if name not in (pair.source_name, pair.target_name)]
+    if not chosen:
+        raise zo.MeshError(
+            f"There is nothing to dress '{pair.target_name}' with: select clothes, hair or other things besides the "
+            "source and the target, or choose their collection."
+        )
+    source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
+    armatures = set(mesh_data.armatures_of(source))
+    at_rest = bool(armatures & set(mesh_data.armatures_of(target)))
+    surface, onto, notes = pair.source, pair.target, []
+    if at_rest:
+        surface = surface.with_vertices(read_sources_at_rest(context, pair))
+        onto = onto.with_vertices(mesh_data.rest_in_world(target))
+    elif armatures:
+        notes.append(f"'{target.name}' is not bound to the armature of '{source.name}': bind it, and these come along.")
+    notes.extend(
+        f"'{each.name}' has particle hair, which stays there: convert it to curves, and dress "
+        f"'{target.name}' with these."
+        for each in (find_mesh(context, name) for name in pair.source_names)
+        if any(system.settings.type == "HAIR" for system in each.particle_systems)
+    )
+    worn = []
+    for name in chosen:
+        yield READING
+        try:
+            worn.append(_read(context, name, at_rest))
+        except zo.MeshError as error:
+            left_out[name] = str(error)
+    if not worn:
+        raise zo.MeshError(next(iter(left_out.values())))
+    worn_too = [name in chosen for name in pair.source_names]
+    is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
+    return _Fitting(surface, onto, is_body, worn, notes)
+
+
+def _read(context: Context, name: str, at_rest: bool) -> Worn:
+    obj = context.scene.objects.get(name)
+    if obj is None:
+        raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
+    if obj.mode == "EDIT" or (obj.type == "MESH" and obj.data.is_editmode):
+        raise zo.MeshError(f"'{name}' is in Edit Mode: switch to Object Mode first.")
+    return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
+
+
+def _carried_steps(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> Steps[tuple[Matrix, Dressed]]:
+    """How the body moves, as a similarity, and what it wears."""
+    shape = yield from within(shape_of_source_steps(match, fitting.source, fitting.target), 0, SHAPING)
+    body, shape = _part(fitting.source, shape, fitting.is_body)
+    manners: list[Manner] = [
+        "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
+    ]
+    steps = carry_steps(
+        body,
+        shape,
+        fitting.target,
+        [each.shape for each in fitting.worn],
+        manners=manners,
+        stiffness=dressing.stiffness,
+        gap=dressing.gap,
+    )
+    dressed = yield from within(steps, SHAPING, 1)
+    motion, moved = procrustes(body.vertices, shape), np.eye(4)
+    moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
+    return Matrix(moved.tolist()), dressed
+
+
+def _part(surface: zo.Surface, shape: Floats, kept: np.ndarray) -> tuple[zo.Surface, Floats]:
+    """The triangles of a surface between some vertices (n,), if there are any, and these in their new shape."""
+    triangles = surface.triangles[kept[surface.triangles].all(axis=1)]
+    if kept.all() or not len(triangles):
+        return surface, shape
+    number = np.cumsum(kept) - 1
+    return zo.Surface(surface.vertices[kept], number[triangles]), shape[kept]
+
+
+def _write(
+    context: Context, pair: ObjectPair, fitting: _Fitting, dressed: Dressed, moved: Matrix
+) -> tuple[dict[str, str], list[str]]:
+    """Add the copies; their names by those of what they are of, and notes."""
+    target = find_mesh(context, pair.target_name)
+    bodies = [find_mesh(context, name) for name in pair.source_names]
+    collection = mesh_data.collection_beside(context, target, f"{target.name} Dress")
+    made, notes = {}, []
+    for worn, positions, turns in zip(fitting.worn, dressed.vertices, dressed.turns, strict=True):
+        obj = context.scene.objects[worn.name]
+        mesh_data.remove_worn_copies(collection, worn.name)
+        copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, moved)
+        if copy.type == "CURVES":
+            mesh_data.attach_strands(copy, target, fitting.target, positions)
+        made[worn.name] = copy.name
+        notes.extend(more)
+    context.view_layer.update()
+    return made, notes

@@ -1,0 +1,28 @@
+"""Subpanel of the transfer: dressing the target with what the source wears."""
+
+from __future__ import annotations
+
+from bpy.types import Context, Panel
+
+from ...operators.dress import ZOOMOUT_OT_dress
+from ...properties.dress import DressOptions
+from ...scene.selection import matched_with
+from .sidebar import SidebarPanel, split_properties
+from .transfer import ZOOMOUT_PT_transfer
+
+
+class ZOOMOUT_PT_dress(SidebarPanel, Panel):
+    bl_label = "Dress"
+    bl_parent_id = ZOOMOUT_PT_transfer.__name__
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 8
+
+    def draw(self, context: Context) -> None:
+        layout, settings = self.layout, context.scene.zoomout
+        split_properties(layout)
+        layout.prop(settings, "dress_collection")
+        for name in DressOptions.__annotations__:
+            layout.prop(settings, name)
+        row = layout.row()
+        row.enabled = settings.source is not None or bool(matched_with(context, context.active_object))
+        row.operator(ZOOMOUT_OT_dress.bl_idname, icon="MOD_CLOTH")
