@@ -147,6 +147,15 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 
 @main.command()
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
+def session(json_file: Path | None) -> None:
+    """Presses and seconds from a fresh scene to a target that an animation poses, and how far it is off, by way."""
+    from benchmarks import session as session_table  # it starts Blender
+
+    report(session_table.run(), None, json_file)
+
+
+@main.command()
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def load(json_file: Path | None) -> None:
     """How long a character's 60 groups, 3 UV maps, 50 shape keys and the rest take onto 100k vertices, by kind."""
     from benchmarks.transfer import load as load_table  # it starts Blender

@@ -1,0 +1,173 @@
+"""A whole session, press by press: from a fresh scene to a target that the source's animation poses.
+
+Each way is driven by the operators that its buttons and menus call, with what these find selected. A press is a click,
+a key (with those held beside it), or a drag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+import zoomout_core as zo
+from benchmarks.binding.cases import positions
+from blender_addon import mesh_data, registered
+from blender_addon.demo.character import build_character, select_only
+from blender_addon.demo.target import POSE, clear_pose, posed_copy, remeshed, set_pose
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.closest_points import closest_points
+
+# Of the scene: the character's edges and the voxels of the scan, in metres, and how many vertices the scan has.
+CELL, VOXEL, VERTICES = 0.0134, 0.0125, 14000
+# How far the scan stands beside the character, in metres, and between keyframes, in frames.
+ASIDE, APART = 1.6, 10
+OTHER_POSE = {name: (-0.7 * x, -0.7 * y, -0.7 * z) for name, (x, y, z) in POSE.items()}
+# Frames, on keyframes and between them, in which the target is compared with the source.
+FRAMES = (1, 1 + APART // 2, 1 + APART, 1 + APART + APART // 2, 1 + 2 * APART)
+
+Row = dict[str, Any]
+
+
+class Scene(NamedTuple):
+    """A rigged and animated character, and a scan of it in a pose, beside it and without any data."""
+
+    source: Object
+    rig: Object
+    target: Object
+
+
+class Press(NamedTuple):
+    """What is pressed, and what Blender does then, if it takes time or changes anything."""
+
+    what: str
+    effect: Callable[[], Any] | None = None
+
+
+def bound(scene: Scene) -> list[Press]:
+    """With *Bind to Rig*."""
+    settings = bpy.context.scene.zoomout
+    return [
+        *_begun(scene),
+        Press("Check mark Bind to Rig", lambda: setattr(settings, "bind", True)),
+        Press("Match and Transfer", bpy.ops.zoomout.transfer),
+    ]
+
+
+def parented(scene: Scene) -> list[Press]:
+    """Without it: weights are transferred, and the target is parented by hand."""
+    return [*_begun(scene), Press("Match and Transfer", bpy.ops.zoomout.transfer), *_parented(scene)]
+
+
+def parented_in_its_shape(scene: Scene) -> list[Press]:
+    """Without it, in the source's shape: what of the target's own build and detail it lacks is lost."""
+    settings = bpy.context.scene.zoomout
+    return [
+        *_begun(scene),
+        Press("Check mark Shape as Key", lambda: setattr(settings, "shape", True)),
+        Press("Match and Transfer", bpy.ops.zoomout.transfer),
+        Press("Tab Object Data of the properties"),
+        Press("The key in the list"),
+        Press("Its value, to 1", lambda: setattr(scene.target.data.shape_keys.key_blocks[-1], "value", 1.0)),
+        *_parented(scene),
+    ]
+
+
+WAYS: dict[str, Callable[[Scene], list[Press]]] = {
+    "Bind to Rig": bound,
+    "weights, parented by hand": parented,
+    "weights and shape, parented by hand": parented_in_its_shape,
+}
+
+
+def run() -> dict[str, list[Row]]:
+    """Go through the session in each way.
+
+    Returns:
+        `rows`: for each way presses, seconds of work, and how far the target is from the source's own surface while
+        the animation runs, in percent of its height; `presses`: each of them.
+    """
+    rows: list[Row] = []
+    presses: list[Row] = []
+    with registered():
+        _press(bound(make_scene()), "")  # the first work of a process takes longer
+    for name, way in WAYS.items():
+        with registered():
+            zo.forget_shapes()
+            scene = make_scene()
+            pressed = _press(way(scene), name)
+            off = distances(scene)
+        total = sum(row["s"] for row in pressed)
+        median, high = np.median(off), np.percentile(off, 95)
+        rows.append({"way": name, "presses": len(pressed), "s": total, "off %": float(median), "p95 %": float(high)})
+        presses += pressed
+    return {"rows": rows, "presses": presses}
+
+
+def make_scene() -> Scene:
+    """A file in which nothing is selected."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    source, rig = build_character(CELL)
+    set_pose(rig)
+    posed = posed_copy(source)
+    target = remeshed(posed, VOXEL, VERTICES)
+    bpy.data.meshes.remove(posed.data)
+    clear_pose(rig)
+    for number, pose in enumerate(({}, POSE, OTHER_POSE)):
+        clear_pose(rig)
+        set_pose(rig, pose)
+        for bone in rig.pose.bones:
+            bone.keyframe_insert("rotation_quaternion", frame=1 + number * APART)
+    bpy.context.scene.frame_set(1)
+    target.location.x = ASIDE
+    bpy.ops.object.select_all(action="DESELECT")
+    bpy.context.view_layer.objects.active = None
+    return Scene(source, rig, target)
+
+
+def distances(scene: Scene) -> Floats:
+    """(n,) distances of the target's vertices from the source's surface, of all frames, in percent of its height."""
+    found = []
+    for frame in FRAMES:
+        bpy.context.scene.frame_set(frame)
+        source = mesh_data.read_source_surface(scene.source, bpy.context.evaluated_depsgraph_get())
+        points = positions(scene.target)
+        triangle, barycentric = closest_points(points, source.vertices, source.triangles)
+        nearest = np.einsum("nc,ncx->nx", barycentric, source.vertices[source.triangles[triangle]])
+        found.append(100 * np.linalg.norm(points - nearest, axis=1) / np.ptp(source.vertices[:, 2]))
+    return np.concatenate(found)
+
+
+def _press(presses: list[Press], way: str) -> list[Row]:
+    """Press after press, with the seconds of each."""
+    rows = []
+    for what, effect in presses:
+        begin = perf_counter()
+        if effect is not None:
+            effect()
+        rows.append({"way": way, "press": what, "s": perf_counter() - begin})
+    return rows
+
+
+def _begun(scene: Scene) -> list[Press]:
+    return [
+        Press("Click on the source", lambda: select_only(scene.source)),
+        Press("Shift-click on the target", lambda: select_only(scene.target, scene.source)),
+        Press("N, the sidebar"),
+        Press("Tab ZoomOut"),
+    ]
+
+
+def _parented(scene: Scene) -> list[Press]:
+    """By hand, as Blender's own guide has it."""
+    return [
+        Press("Click on the target", lambda: select_only(scene.target)),
+        Press("Alt G, to where the rig is", bpy.ops.object.location_clear),
+        Press("Shift-click on the rig", lambda: select_only(scene.rig, scene.target)),
+        Press("Ctrl P"),
+        Press("Armature Deform", lambda: bpy.ops.object.parent_set(type="ARMATURE")),
+    ]

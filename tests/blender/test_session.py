@@ -1,0 +1,41 @@
+"""The session of `benchmarks session`: how often it is pressed, and whether the target follows."""
+
+import numpy as np
+import pytest
+from drawing import Context, Layout
+
+from benchmarks import session
+from blender_addon.ui.panels import ZOOMOUT_PT_binding, ZOOMOUT_PT_transfer
+
+
+@pytest.fixture
+def scene(monkeypatch):
+    for name, value in {"CELL": 0.045, "VOXEL": 0.03, "VERTICES": 2500}.items():
+        monkeypatch.setattr(session, name, value)
+    return session.make_scene()
+
+
+def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_animation(scene):
+    presses = session.bound(scene)
+    assert len(presses) == 6
+    for _, effect in filter(lambda press: press.effect, presses[:-1]):
+        effect()
+    drawn = []
+    shown = type("Drawn", (), {"layout": Layout(drawn)})()
+    ZOOMOUT_PT_binding.draw_header(shown, Context())
+    ZOOMOUT_PT_transfer.draw(shown, Context())
+    usable = {(kind, name) for kind, name, is_usable in drawn if is_usable()}
+    assert {("prop", "bind"), ("prop", "shape"), ("operator", presses[-1].what)} <= usable
+    assert "DEFAULT_CLOSED" not in getattr(ZOOMOUT_PT_binding, "bl_options", set())
+    presses[-1].effect()
+    assert scene.target.parent == scene.rig
+    assert np.median(session.distances(scene)) < 0.2
+
+
+def test_by_hand_it_takes_more_and_weights_alone_tear_the_target(scene):
+    assert [len(way(scene)) for way in (session.parented, session.parented_in_its_shape)] == [10, 14]
+    groups = {group.name for group in scene.source.vertex_groups}
+    for _, effect in filter(lambda press: press.effect, session.parented(scene)):
+        effect()
+    assert {group.name for group in scene.target.vertex_groups} == groups
+    assert np.median(session.distances(scene)) > 2
