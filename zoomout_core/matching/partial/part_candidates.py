@@ -123,13 +123,15 @@ def _from_landmarks_steps(
     return sorted(compared, key=lambda candidate: candidate.scores["fit"])
 
 
-def rough_candidates_steps(regions: Sequence[Region]) -> Generator[float, None, list[PartCandidate]]:
+def rough_candidates_steps(
+    regions: Sequence[Region], sets: Sequence[Integers]
+) -> Generator[float, None, list[PartCandidate]]:
     """Maps of a part to a whole by which it is bent roughly only, the most likely first; yields the fraction done.
 
     Args:
         regions: that the part is looked for in, which compete; of the same part, at one scale or at several.
+        sets: of landmarks that it is searched for by.
     """
-    sets = landmark_sets(regions[0].part, PART_CANDIDATES.regions)
     return (yield from _sifted_steps(_searched, sets, regions))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import PartCandidate, rough_candidates_steps
+from zoomout_core.matching.partial.part_candidates import PartCandidate, landmark_sets, rough_candidates_steps
 from zoomout_core.matching.partial.part_match import part_match_steps
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
@@ -30,6 +30,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
         scales: of the part at unit area. Cuts of cats, horses, men and wolves are found from 0.8 to 1.25 times their
             true scales.
         small_scales: of parts such as hands, 0.1 to 0.15, and feet, 0.15 to 0.22, which are looked for in regions.
+        regions: of the part, which are searched for on their own to find its scale.
         far: distance between two places from which it tells the scale.
         likely: certainty below which no shape is taken for a part in another unit, as the scale that fits best is
             chosen of several.
@@ -38,6 +39,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
 
     scales: tuple[float, ...] = tuned(tuple(np.geomspace(0.25, 1.05, 6).round(3).tolist()), "1", 1e-3, 10)
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
+    regions: int = tuned(2, "regions", 0, 100)
     far: float = tuned(0.15, "length", 0, 10)
     likely: float = tuned(0.5, "probability", 0, 1)
     one_unit: float = tuned(1.25, "1", 1, 100)
@@ -89,7 +91,8 @@ def _rough_scale_steps(part: ShapeAnalysis, whole: ShapeAnalysis) -> Generator[f
     """How well a part fits at its best scale, the less the better, and that scale; both shapes have unit area."""
     there = IncompleteShape(whole)
     regions = [Region.everywhere(IncompleteShape(at_scale(part, scale)), there) for scale in UNKNOWN_SCALE.scales]
-    best = (yield from rough_candidates_steps(regions))[0]
+    sets = landmark_sets(regions[0].part, UNKNOWN_SCALE.regions)
+    best = (yield from rough_candidates_steps(regions, sets))[0]
     scale = next(scale for scale, region in zip(UNKNOWN_SCALE.scales, regions, strict=True) if region is best.region)
     return best.scores["fit"], scale * stretch(best)
 

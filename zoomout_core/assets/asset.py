@@ -1,0 +1,124 @@
+"""A mesh file with all that it carries: attributes, materials and skin, neutral to its format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+if TYPE_CHECKING:
+    from zoomout_core.assets.gltf import Document
+
+# Names of what there is one of. Texture coordinates and colours are numbered, as there may be several.
+WEIGHTS, SHAPE_KEYS, MATERIALS, NORMALS = "weights", "shape keys", "materials", "normals"
+UV, COLOR = "uv", "color"
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a face looks like, as far as every format can say it.
+
+    Attributes:
+        name: as the user knows it.
+        color: scene-linear base colour, with alpha.
+        image: the file of the base colour's image, PNG or JPEG.
+    """
+
+    name: str
+    color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    image: bytes | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The joints that deform a mesh, and what it is like at rest.
+
+    Attributes:
+        nodes: (b,) the nodes of the file that are joints.
+        names: of the joints.
+        parents: (b,) the number of each joint's parent, -1 for none.
+        inverse_bind: (b, 4, 4) from the rest pose to the frame of each joint.
+        transforms: (b, 4, 4) from the rest pose to where each joint stands in the file.
+        rest: (n, 3) the vertices in the rest pose.
+        weights: (n, b) sparse, rows that sum to one.
+    """
+
+    nodes: Integers
+    names: tuple[str, ...]
+    parents: Integers
+    inverse_bind: Floats
+    transforms: Floats
+    rest: Floats
+    weights: csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class Asset:
+    """All meshes of a file as one surface, as it is seen: placed, and posed as its skeleton stands.
+
+    Attributes:
+        surface: the meshes.
+        attributes: `UV` and `COLOR` with a number, `NORMALS`, `SHAPE_KEYS`, and `MATERIALS` with the number of each
+            face's material, -1 for none. Texture coordinates begin at the lower left.
+        materials: what these numbers mean.
+        skin: the joints that move it; None if there are none.
+        document: of a glTF file, with the nodes, animations and materials that it holds; None of another format.
+        notes: what was left out, a sentence each.
+    """
+
+    surface: Surface
+    attributes: tuple[Attribute, ...] = ()
+    materials: tuple[Material, ...] = ()
+    skin: Skin | None = None
+    document: Document | None = None
+    notes: tuple[str, ...] = ()
+
+    def find(self, name: str) -> Attribute | None:
+        """The attribute of some name."""
+        return next((each for each in self.attributes if each.name == name), None)
+
+
+def material_numbers(values: Integers) -> Attribute:
+    """The attribute of the numbers (f,) of faces' materials."""
+    return Attribute(MATERIALS, Domain.FACE, Kind.LABEL, values)
+
+
+def on_points(attribute: Attribute, surface: Surface) -> Floats:
+    """(n, w) values at the vertices: those of their corners, averaged."""
+    values = np.asarray(attribute.values, dtype=np.float64)
+    if attribute.domain is Domain.POINT:
+        return values
+    sums = segment_sum(values, surface.corner_vertex, len(surface.vertices))
+    count = np.bincount(surface.corner_vertex, minlength=len(surface.vertices))
+    return np.asarray(sums / np.maximum(count, 1)[:, None])
+
+
+def on_corners(attribute: Attribute, surface: Surface) -> Floats:
+    """(c, w) values at the corners: those of their vertices."""
+    values = np.asarray(attribute.values, dtype=np.float64)
+    return values if attribute.domain is Domain.CORNER else values[surface.corner_vertex]
+
+
+def from_srgb(colors: Floats) -> Floats:
+    """Colours (n, 3) or (n, 4) that files give for a screen, scene-linear; alpha stays."""
+    values = np.array(colors, dtype=np.float64)
+    rgb = np.clip(values[:, :3], 0, 1)
+    values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return values
+
+
+def to_srgb(colors: Floats) -> Floats:
+    """The inverse of `from_srgb`, of colours (n, 3)."""
+    rgb = np.clip(np.asarray(colors, dtype=np.float64), 0, 1)
+    return np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+
+
+def suffix_of(image: bytes) -> str:
+    """The ending of an image's file."""
+    return ".png" if image.startswith(b"\x89PNG") else ".jpg"

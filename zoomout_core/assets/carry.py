@@ -1,0 +1,158 @@
+"""From an asset to another mesh: attributes, materials and skin along a map, and the target at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin
+from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.runtime.stepping import Progress, Steps, spread
+from zoomout_core.runtime.threads import in_background
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
+from zoomout_core.transfer.rules import Match, map_target, transfer_along, transfer_steps
+from zoomout_core.transfer.skinning import normalised, skinning_matrices
+from zoomout_core.transfer.unpose import Rest, inverse_skinning, unposed
+
+# What can be carried, in this order.
+KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
+# How a target that gets a skin is taken to rest: unposed if it stands in another pose than the source at rest, always,
+# or never.
+SHAPES = ("automatic", "rest pose", "keep shape")
+# The share of a target's vertices that lie on the source where it stands in its pose and place.
+LYING = 0.9
+
+
+class Carried(NamedTuple):
+    """A target with what it received.
+
+    Attributes:
+        asset: the target.
+        received: names of attributes.
+        notes: what the user should know, a sentence each.
+    """
+
+    asset: Asset
+    received: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def carry_steps(
+    source: Asset,
+    target: Asset,
+    match: Match,
+    kinds: Collection[str] = KINDS[:-1],
+    shape: str = "automatic",
+    fill_below: float | None = None,
+) -> Steps[Carried]:
+    """Carry what an asset has onto another mesh; what the target has of the same kind gives place.
+
+    With a skin come the joints and what animates them: the target is taken to the rest pose, where it moves as the
+    source does. Yields progress.
+
+    Args:
+        source: that has the attributes.
+        target: that receives them.
+        match: of the two surfaces.
+        kinds: of `KINDS`, those to carry.
+        shape: of `SHAPES`, how the target is taken to rest.
+        fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
+
+    Raises:
+        MeshError: the source has nothing of these kinds, or the map is of other surfaces.
+    """
+    chosen = [each for each in source.attributes if each.name.partition(" ")[0] in kinds or each.name in kinds]
+    skin = source.skin if WEIGHTS in kinds else None
+    if not chosen and skin is None:
+        raise MeshError(f"The source has no {' or '.join(kinds)}: check which file is the source, or ask for others.")
+    mapped = map_target(match, source.surface, target.surface, fill_below)
+    received = {each.name: each for each in target.attributes if _stays(each, chosen)}
+    notes: list[str] = []
+    for number, attribute in enumerate(chosen):
+        start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
+        carrying = transfer_steps(attribute, mapped)
+        carried = yield from spread(carrying, start, end, f"Transferring {attribute.name}")
+        received[attribute.name] = carried
+        notes += carried.notes
+    asset = replace(target, attributes=tuple(received.values()), skin=None, document=source.document, notes=())
+    if MATERIALS in kinds:
+        asset = replace(asset, materials=source.materials)
+    if skin is not None:
+        binding = in_background(partial(_bound, source, skin, mapped, shape))
+        own, rest, found = yield from spread(binding, 0.7, 1.0, "Binding to the joints")
+        asset = replace(
+            asset, skin=own, attributes=tuple(_at_rest(each, rest, target.surface) for each in asset.attributes)
+        )
+        notes += found
+    yield Progress(1.0, "Done")
+    return Carried(asset, tuple(each.name for each in chosen), tuple(notes))
+
+
+def _stays(own: Attribute, chosen: list[Attribute]) -> bool:
+    """Whether the target keeps an attribute beside those that it receives: those of a kind give place together."""
+    return own.name.partition(" ")[0] not in {each.name.partition(" ")[0] for each in chosen}
+
+
+def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, Rest, list[str]]:
+    """The target's skin, the target at rest, and notes."""
+    target, notes = mapped.target, []
+    if _stands_as(source.surface, target):
+        weights = _weights(skin, mapped)
+        matrices = np.asarray(weights @ skin.transforms[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
+        scale = float(np.cbrt(np.abs(np.linalg.det(skin.transforms[:, :3, :3])).mean()))
+        positions, linear, _ = inverse_skinning(target.vertices, matrices, scale)
+        rest = Rest(positions, linear, 0)
+    else:
+        posed = posed_target(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
+        weights, pose = _weights(skin, posed.mapped), posed.pose
+        if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
+            rest = aligned(target, pose)
+        else:
+            matrices = skinning_matrices(pose.transforms, weights)
+            rest = unposed(target, matrices, pose.scale, posed.mapped.confidence)
+            notes.append(
+                f"The target stood in another pose, where its joints are turned by {pose.bend:.0f}° on average: it was "
+                "taken to the rest pose."
+            )
+    return replace(skin, rest=rest.positions, weights=weights), rest, notes
+
+
+def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
+    """(n_t, b) weights that sum to one; what has none takes those of the vertex nearest to it that has."""
+    attribute = Attribute(WEIGHTS, Domain.POINT, Kind.WEIGHT, skin.weights, skin.names)
+    weights = csr_array(transfer_along(attribute, mapped).values)
+    without = np.diff(weights.indptr) == 0
+    if without.any():
+        places = mapped.target.vertices
+        nearest = cKDTree(places[~without]).query(places)[1]
+        weights = csr_array(weights[np.where(without, np.flatnonzero(~without)[nearest], np.arange(len(places)))])
+    return normalised(weights)
+
+
+def _stands_as(source: Surface, target: Surface) -> bool:
+    """Whether a target lies on its source, in its pose and place."""
+    search = SurfaceSearch(source.vertices, source.triangles)
+    triangle, barycentric = search.closest(target.vertices)
+    near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])
+    off = np.linalg.norm(near - target.vertices, axis=1)
+    return bool(np.quantile(off, LYING) < REST.in_place * np.sqrt(source.area))
+
+
+def _at_rest(attribute: Attribute, rest: Rest, target: Surface) -> Attribute:
+    """What turns with the surface, turned as the target is when it is taken to rest."""
+    if attribute.kind is Kind.OFFSET:
+        return replace(attribute, values=np.einsum("nxy,nky->nkx", rest.linear, np.asarray(attribute.values)))
+    if attribute.kind is Kind.NORMAL:
+        inverse = np.linalg.pinv(rest.linear)[target.corner_vertex]
+        return replace(attribute, values=unit_vectors(np.einsum("cyx,cy->cx", inverse, np.asarray(attribute.values))))
+    return attribute

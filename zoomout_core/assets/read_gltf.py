@@ -1,0 +1,360 @@
+"""glTF and GLB files as assets: all meshes of the scene, placed and posed, in one surface.
+
+glTF splits vertices wherever texture coordinates or normals part; those that agree in position, skin weights and
+morph targets are one vertex here, and the rest belongs to the corners.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers
+from zoomout_core.assets.gltf import Document
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.skinning import moved, normalised
+from zoomout_core.transfer.unpose import inverse_skinning
+
+if TYPE_CHECKING:
+    from pygltflib import Primitive
+
+# Modes of primitives.
+TRIANGLES, STRIP, FAN = 4, 5, 6
+# The corners of every other triangle of a strip.
+EVEN, ODD = np.array([0, 1, 2]), np.array([1, 0, 2])
+# Difference of two bind matrices, relative to the largest entry, that is due to rounding.
+SAME = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class _Mesh:
+    """What one node shows: n vertices, and m triangles with three corners each.
+
+    Attributes:
+        node: its number.
+        skin: the number of its skin, None without one.
+        vertices: (n, 3) at rest, in the frame that the skin is bound in, or else that of the node.
+        triangles: (m, 3) vertex numbers.
+        material: (m,) numbers of materials, -1 for none.
+        corners: by name, values (3 m, w) of what the corners have.
+        offsets: (n, keys, 3) of morph targets.
+        keys: their names.
+        joint: (n, s) numbers in the skin,
+        weight: (n, s) and the weights of these joints.
+    """
+
+    node: int
+    skin: int | None
+    vertices: Floats
+    triangles: Integers
+    material: Integers
+    corners: dict[str, Floats]
+    offsets: Floats
+    keys: tuple[str, ...]
+    joint: Integers
+    weight: Floats
+
+
+def read_gltf(path: Path) -> Asset:
+    """Read a glTF or GLB file.
+
+    Raises:
+        MeshError: it cannot be read, is compressed, or has no triangles.
+        ImportError: pygltflib is not installed.
+    """
+    document = Document(path)
+    worlds, parent = document.worlds()
+    nodes = [number for number in document.in_order(parent) if document.gltf.nodes[number].mesh is not None]
+    meshes = [mesh for mesh in (_mesh(document, number) for number in nodes) if len(mesh.triangles)]
+    if not meshes:
+        raise MeshError(f"{path} holds no triangles: give a file with a surface.")
+    skeleton = _Skeleton(document, worlds, parent, meshes)
+    matrices = [skeleton.matrices(mesh) for mesh in meshes]
+    vertices = np.concatenate([moved(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)])
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
+    surface = Surface.from_corners(vertices, triangles.ravel(), np.arange(0, triangles.size + 1, 3))
+    attributes = [
+        *_corner_attributes(meshes, matrices),
+        *_shape_keys(meshes, matrices),
+        material_numbers(np.concatenate([mesh.material for mesh in meshes])),
+    ]
+    notes = [
+        f"{path.name} holds {word}, which {'are' if plural else 'is'} left out."
+        for found, word, plural in (
+            (any(_modes(document, nodes) - {TRIANGLES, STRIP, FAN}), "points or lines", True),
+            (sum(bool(mesh.keys) for mesh in meshes) > 1, "animated weights of several meshes' morph targets", True),
+        )
+        if found
+    ]
+    return Asset(
+        surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, tuple(notes)
+    )
+
+
+def _modes(document: Document, nodes: Sequence[int]) -> set[int]:
+    meshes = (document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes)
+    return {TRIANGLES if p.mode is None else p.mode for mesh in meshes for p in mesh.primitives}
+
+
+# --- meshes -------------------------------------------------------------------------------------------------
+
+
+def _mesh(document: Document, number: int) -> _Mesh:
+    """What a node shows, with vertices that were split for their corners in one again."""
+    node = document.gltf.nodes[number]
+    mesh = document.gltf.meshes[node.mesh]
+    primitives = [
+        each
+        for each in mesh.primitives
+        if each.mode in (None, TRIANGLES, STRIP, FAN) and each.attributes.POSITION is not None
+    ]
+    attributes = [
+        {name: document.array(at) for name, at in vars(each.attributes).items() if isinstance(at, int)}
+        for each in primitives
+    ]
+    counts = [len(each["POSITION"]) for each in attributes]
+    triangles = [_triangles(document, each, count) for each, count in zip(primitives, counts, strict=True)]
+    first = np.cumsum([0, *counts])
+    rows = _rows_of_all(attributes, counts)
+    targets = max((len(each.targets or []) for each in primitives), default=0)
+    keys = tuple((mesh.extras or {}).get("targetNames") or [])[:targets]
+    keys += tuple(f"Target {key + 1}" for key in range(len(keys), targets))
+    offsets = np.zeros((first[-1], targets, 3))
+    for each, start, count in zip(primitives, first, counts, strict=False):
+        for key, target in enumerate(each.targets or []):
+            at = target.get("POSITION") if isinstance(target, dict) else target.POSITION
+            if at is not None:
+                offsets[start : start + count, key] = document.array(at)
+    joint, weight = _influences(rows)
+    row = np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * targets)])
+    _, chosen, merged = np.unique(row, axis=0, return_index=True, return_inverse=True)
+    # In the order of the file.
+    order = np.argsort(chosen, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    chosen, merged = chosen[order], rank[merged.ravel()]
+    corner = np.concatenate([np.zeros((0, 3), int), *(t + start for t, start in zip(triangles, first, strict=False))])
+    names = (name for name in rows if name.startswith(("TEXCOORD_", "COLOR_")) or name == "NORMAL")
+    return _Mesh(
+        number,
+        node.skin,
+        rows["POSITION"][chosen],
+        merged[corner],
+        np.repeat([-1 if each.material is None else each.material for each in primitives], [len(t) for t in triangles]),
+        {name: rows[name][corner.ravel()] for name in names},
+        offsets[chosen],
+        keys,
+        joint[chosen],
+        weight[chosen],
+    )
+
+
+def _rows_of_all(attributes: Sequence[dict[str, np.ndarray]], counts: Sequence[int]) -> dict[str, Floats]:
+    """By name (n, w) of all primitives, zero where one lacks it."""
+    width = {"POSITION": 3} | {name: values.shape[1] for each in attributes for name, values in each.items()}
+    rows = {name: np.zeros((sum(counts), w)) for name, w in width.items()}
+    start = 0
+    for each, count in zip(attributes, counts, strict=True):
+        for name, values in each.items():
+            rows[name][start : start + count, : values.shape[1]] = values
+            if name.startswith("COLOR_") and values.shape[1] == 3:
+                rows[name][start : start + count, 3:] = 1
+        start += count
+    return rows
+
+
+def _triangles(document: Document, primitive: Primitive, count: int) -> Integers:
+    """(m, 3) vertex numbers of a primitive."""
+    numbers = np.arange(count) if primitive.indices is None else document.array(primitive.indices).ravel().astype(int)
+    if len(numbers) and numbers.max() >= count:
+        raise MeshError(f"A face names vertex {numbers.max()}, but there are {count}: export the file again.")
+    if primitive.mode == STRIP:
+        at = np.arange(max(len(numbers) - 2, 0))[:, None]
+        return numbers[np.where(at % 2, at + ODD, at + EVEN)]
+    if primitive.mode == FAN:
+        at = np.arange(max(len(numbers) - 2, 0))
+        return numbers[np.column_stack([at + 1, at + 2, np.zeros_like(at)])]
+    return numbers[: len(numbers) // 3 * 3].reshape(-1, 3)
+
+
+def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats]:
+    """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0."""
+    count = len(rows["POSITION"])
+    sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows and f"WEIGHTS_{number}" in rows]
+    joint = np.hstack([np.zeros((count, 0)), *(rows[f"JOINTS_{number}"] for number in sets)]).astype(int)
+    weight = np.hstack([np.zeros((count, 0)), *(rows[f"WEIGHTS_{number}"] for number in sets)])
+    order = np.lexsort((joint, -weight)) if joint.shape[1] else np.zeros_like(joint)
+    joint, weight = np.take_along_axis(joint, order, 1), np.take_along_axis(weight, order, 1)
+    return np.where(weight > 0, joint, 0), np.maximum(weight, 0)
+
+
+# --- attributes ---------------------------------------------------------------------------------------------
+
+
+def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Attribute]:
+    """Texture coordinates, colours and normals of all corners; zero, or white, where a mesh has none."""
+    found = []
+    for name in sorted({name for mesh in meshes for name in mesh.corners}):
+        width = max(mesh.corners[name].shape[1] for mesh in meshes if name in mesh.corners)
+        blank = 1.0 if name.startswith("COLOR_") else 0.0
+        values = [
+            np.full((mesh.triangles.size, width), blank) if name not in mesh.corners else mesh.corners[name]
+            for mesh in meshes
+        ]
+        if name == "NORMAL":
+            if all(name in mesh.corners for mesh in meshes):
+                turned = [_turned(*each) for each in zip(values, meshes, matrices, strict=True)]
+                found.append(Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, np.concatenate(turned)))
+            continue
+        filled = [np.hstack([each, np.ones((len(each), width - each.shape[1]))]) for each in values]
+        whole, number = np.concatenate(filled), name.rpartition("_")[2]
+        if name.startswith("COLOR_"):
+            found.append(Attribute(f"{COLOR} {number}", Domain.CORNER, Kind.COLOR, whole))
+        else:
+            found.append(Attribute(f"{UV} {number}", Domain.CORNER, Kind.UV, whole * [1, -1] + [0, 1]))
+    return found
+
+
+def _turned(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
+    """Normals (3 m, 3) of a mesh as it is seen."""
+    inverse = np.linalg.pinv(matrices[:, :, :3])[mesh.triangles.ravel()]
+    return unit_vectors(np.einsum("cyx,cy->cx", inverse, normals))
+
+
+def _shape_keys(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Attribute]:
+    """Morph targets of all meshes, by their names."""
+    keys = list(dict.fromkeys(key for mesh in meshes for key in mesh.keys))
+    if not keys:
+        return []
+    offsets = [np.zeros((len(mesh.vertices), len(keys), 3)) for mesh in meshes]
+    for each, mesh, matrix in zip(offsets, meshes, matrices, strict=True):
+        each[:, [keys.index(key) for key in mesh.keys]] = np.einsum("nxy,nky->nkx", matrix[:, :, :3], mesh.offsets)
+    return [Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, np.concatenate(offsets), tuple(keys))]
+
+
+def materials_of(document: Document) -> tuple[Material, ...]:
+    """The materials of a document, as far as every format can say them."""
+    materials = []
+    for number, material in enumerate(document.gltf.materials):
+        look = material.pbrMetallicRoughness
+        color = look.baseColorFactor if look is not None and look.baseColorFactor else [1.0, 1.0, 1.0, 1.0]
+        texture = None if look is None else look.baseColorTexture
+        image = None if texture is None else document.image(document.gltf.textures[texture.index].source)
+        materials.append(Material(material.name or f"Material {number + 1}", tuple(color), image))
+    return tuple(materials)
+
+
+# --- joints -------------------------------------------------------------------------------------------------
+
+
+class _Skeleton:
+    """The joints of all skins of a file, and the nodes that what is parented to a joint hangs from.
+
+    Args:
+        document: the file.
+        worlds: (nodes, 4, 4) the frames of the nodes.
+        parent: (nodes,) the parent of each.
+        meshes: that are seen.
+    """
+
+    def __init__(self, document: Document, worlds: Floats, parent: Integers, meshes: Sequence[_Mesh]) -> None:
+        self.document, self.worlds, self.parent = document, worlds, parent
+        self.skins = {
+            number: (np.asarray(document.gltf.skins[number].joints), self._inverse_bind(number))
+            for number in sorted({mesh.skin for mesh in meshes if mesh.skin is not None})
+        }
+        bind: dict[int, Floats] = {}
+        for nodes, inverse_bind in self.skins.values():
+            for node, matrix in zip(nodes.tolist(), inverse_bind, strict=True):
+                bind.setdefault(node, matrix)
+        self.nodes = np.array(sorted(bind), dtype=np.int64)
+        self.bind = np.array([bind[node] for node in self.nodes]).reshape(-1, 4, 4)
+        self.transforms = worlds[self.nodes] @ self.bind
+
+    def _inverse_bind(self, number: int) -> Floats:
+        skin = self.document.gltf.skins[number]
+        if skin.inverseBindMatrices is None:
+            return np.tile(np.eye(4), (len(skin.joints), 1, 1))
+        return self.document.matrices(skin.inverseBindMatrices)
+
+    def matrices(self, mesh: _Mesh) -> Floats:
+        """(n, 3, 4) that take the vertices of a mesh to where they are seen."""
+        count = len(mesh.vertices)
+        if mesh.skin is None:
+            return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
+        nodes, inverse_bind = self.skins[mesh.skin]
+        shares = normalised(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
+        matrices = np.asarray(shares @ (self.worlds[nodes] @ inverse_bind)[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
+        unweighted = np.diff(shares.indptr) == 0
+        matrices[unweighted] = self.worlds[mesh.node][:3]
+        return matrices
+
+    def skin(self, meshes: Sequence[_Mesh], seen: Floats) -> Skin | None:
+        """One skin for all meshes, which are seen at (n, 3)."""
+        if not len(self.nodes):
+            return None
+        weights, rest, start = [], [], 0
+        for mesh in meshes:
+            count = len(mesh.vertices)
+            own = self._weights(mesh)
+            weights.append(own)
+            if mesh.skin is not None and self._is_bound_alike(mesh.skin):
+                rest.append(mesh.vertices)
+            else:
+                matrices = np.asarray(own @ self.transforms[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
+                scale = float(np.cbrt(abs(np.linalg.det(self.transforms[:, :3, :3])).mean()))
+                rest.append(inverse_skinning(seen[start : start + count], matrices, scale)[0])
+            start += count
+        number = {node: joint for joint, node in enumerate(self.nodes.tolist())}
+        names = (self.document.gltf.nodes[node].name or f"Joint {node}" for node in self.nodes.tolist())
+        parents = [number.get(self._ancestor(int(self.parent[node])), -1) for node in self.nodes.tolist()]
+        stacked = csr_array(_stacked(weights))
+        return Skin(
+            self.nodes, tuple(names), np.array(parents), self.bind, self.transforms, np.concatenate(rest), stacked
+        )
+
+    def _weights(self, mesh: _Mesh) -> csr_array:
+        """(n, b) of the joints of all skins; what has no weight goes with the joint above it, or the first."""
+        count, size = len(mesh.vertices), (len(mesh.vertices), len(self.nodes))
+        hanging = max(int(np.searchsorted(self.nodes, max(self._ancestor(mesh.node), 0))), 0)
+        hanging = min(hanging, len(self.nodes) - 1)
+        rows = np.arange(count)[:, None]
+        if mesh.skin is None:
+            return _sparse(rows, np.full((count, 1), hanging), np.ones((count, 1)), size)
+        joint = np.searchsorted(self.nodes, self.skins[mesh.skin][0])[mesh.joint]
+        none = mesh.weight.sum(axis=1, keepdims=True) <= 0
+        joint, weight = np.hstack([joint, np.full((count, 1), hanging)]), np.hstack([mesh.weight, none])
+        return normalised(_sparse(rows, joint, weight, size))
+
+    def _ancestor(self, node: int) -> int:
+        """The nearest joint at a node or above it, -1 without one."""
+        while node >= 0 and node not in self.nodes:
+            node = int(self.parent[node])
+        return node
+
+    def _is_bound_alike(self, number: int) -> bool:
+        """Whether a skin binds its joints as the first one does that has them."""
+        nodes, inverse_bind = self.skins[number]
+        common = self.bind[np.searchsorted(self.nodes, nodes)]
+        return bool(np.abs(inverse_bind - common).max() <= SAME * np.abs(common).max())
+
+
+def _sparse(rows: Integers, columns: Integers, values: Floats, shape: tuple[int, int]) -> csr_array:
+    rows, columns, values = (each.ravel() for each in np.broadcast_arrays(rows, columns, values))
+    kept = values > 0
+    return csr_array(coo_array((values[kept], (rows[kept], columns[kept])), shape=shape))
+
+
+def _stacked(parts: Sequence[csr_array]) -> csr_array:
+    from scipy.sparse import vstack
+
+    return csr_array(vstack(parts))

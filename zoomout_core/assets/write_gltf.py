@@ -1,0 +1,220 @@
+"""Assets as glTF and GLB files: one mesh, with the nodes, animations and materials of the document that it goes by."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin, on_corners, suffix_of
+from zoomout_core.assets.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, Document, library
+from zoomout_core.assets.read_gltf import materials_of
+from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.transfer.skinning import normalised, row_of
+
+if TYPE_CHECKING:
+    from pygltflib import GLTF2, Primitive
+
+# Joints of one vertex in a set.
+INFLUENCES = 4
+
+
+def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
+    """Write an asset, whose skin says where its vertices are at rest, to a .glb or .gltf file.
+
+    All meshes of the asset's document give place to its surface.
+
+    Raises:
+        ImportError: pygltflib is not installed.
+    """
+    gltf = library()
+    document = asset.document
+    made: GLTF2 = gltf.GLTF2(asset=gltf.Asset(version="2.0")) if document is None else deepcopy(document.gltf)
+    buffer = _without_meshes(made, document)
+    if document is not None and asset.materials == materials_of(document):
+        _keep_images(made, document, buffer)
+    else:
+        _write_materials(made, asset, buffer)
+    weighed = _nodes_with_weights(document)
+    keys = asset.find(SHAPE_KEYS)
+    mesh = gltf.Mesh(name=path.stem, primitives=_primitives(asset, buffer))
+    if keys is not None and keys.labels:
+        mesh.weights, mesh.extras = [0.0] * len(keys.labels), {"targetNames": list(keys.labels)}
+    made.meshes = [mesh]
+    node = gltf.Node(name=path.stem, mesh=0)
+    if asset.skin is not None:
+        made.skins = [_skin(asset.skin, buffer)]
+        node.skin = 0
+    made.nodes.append(node)
+    if not made.scenes:
+        made.scenes, made.scene = [gltf.Scene(nodes=[])], 0
+    made.scenes[made.scene or 0].nodes.append(len(made.nodes) - 1)
+    _animate_weights(made, weighed if keys is not None and keys.labels else [], len(made.nodes) - 1)
+    buffer.finish()
+    if path.suffix.lower() == ".gltf":
+        made.convert_buffers(gltf.BufferFormat.DATAURI)
+        path.write_text(made.to_json())
+    else:
+        path.write_bytes(b"".join(made.save_to_bytes()))
+    return ()
+
+
+def _without_meshes(made: GLTF2, document: Document | None) -> Buffer:
+    """Take the meshes and skins out of a document, and give it a buffer of what remains."""
+    accessors, made.accessors = made.accessors, []
+    buffer = Buffer(made)
+    made.meshes, made.skins = [], []
+    for node in made.nodes:
+        node.mesh = node.skin = None
+        node.weights = []
+    if document is None:
+        return buffer
+    anew: dict[int, int] = {}
+    for animation in made.animations:
+        for sampler in animation.samplers:
+            for end in ("input", "output"):
+                number = getattr(sampler, end)
+                if number not in anew:
+                    old, values = accessors[number], document.array(number).astype("<f4")
+                    anew[number] = buffer.add(values, bounded=old.min is not None)
+                setattr(sampler, end, anew[number])
+    return buffer
+
+
+def _keep_images(made: GLTF2, document: Document, buffer: Buffer) -> None:
+    """Put the images of a document into its new buffer, those of other files, too."""
+    for number, image in enumerate(made.images):
+        content = document.image(number)
+        if content is not None:
+            image.bufferView, image.uri, image.mimeType = buffer.add_view(content), None, _mime_type(content)
+
+
+def _mime_type(image: bytes) -> str:
+    return {".png": "image/png", ".jpg": "image/jpeg"}[suffix_of(image)]
+
+
+def _write_materials(made: GLTF2, asset: Asset, buffer: Buffer) -> None:
+    """Materials by base colour and its image, in the place of what the document has."""
+    gltf = library()
+    made.materials, made.textures, made.images, made.samplers = [], [], [], []
+    for material in asset.materials:
+        look = gltf.PbrMetallicRoughness(baseColorFactor=list(material.color), metallicFactor=0.0)
+        if material.image is not None:
+            view = buffer.add_view(material.image)
+            made.images.append(gltf.Image(bufferView=view, mimeType=_mime_type(material.image)))
+            made.textures.append(gltf.Texture(source=len(made.images) - 1))
+            look.baseColorTexture = gltf.TextureInfo(index=len(made.textures) - 1)
+        made.materials.append(gltf.Material(name=material.name, pbrMetallicRoughness=look))
+
+
+def _nodes_with_weights(document: Document | None) -> list[int]:
+    """The nodes of a document whose meshes have morph targets."""
+    if document is None:
+        return []
+    nodes = ((number, node.mesh) for number, node in enumerate(document.gltf.nodes) if node.mesh is not None)
+    return [number for number, mesh in nodes if any(each.targets for each in document.gltf.meshes[mesh].primitives)]
+
+
+def _animate_weights(made: GLTF2, weighed: list[int], node: int) -> None:
+    """Have what animated the morph targets of the only mesh that had some do so for a node; else leave it out."""
+    for animation in made.animations:
+        kept = []
+        for channel in animation.channels:
+            if channel.target.path != "weights":
+                kept.append(channel)
+            elif len(weighed) == 1 and channel.target.node == weighed[0]:
+                channel.target.node = node
+                kept.append(channel)
+        animation.channels = kept
+    made.animations = [animation for animation in made.animations if animation.channels]
+
+
+# --- the mesh -----------------------------------------------------------------------------------------------
+
+
+def _primitives(asset: Asset, buffer: Buffer) -> list[Primitive]:
+    """A primitive for each material, with the vertices split where corners differ."""
+    gltf = library()
+    surface, materials = asset.surface, asset.find(MATERIALS)
+    positions = surface.vertices if asset.skin is None else asset.skin.rest
+    rows, corners = _corner_rows(asset, positions)
+    number = np.full(len(surface.face_start) - 1, -1) if materials is None else np.asarray(materials.values)
+    primitives = []
+    for material in np.unique(number[surface.triangle_face]):
+        chosen = surface.triangle_corners[number[surface.triangle_face] == material]
+        split, triangles = np.unique(corners[chosen], return_inverse=True)
+        # One corner of each vertex stands for all.
+        example = np.empty(len(split), dtype=np.int64)
+        example[triangles.ravel()] = chosen.ravel()
+        vertex = surface.corner_vertex[example]
+        columns = {name: values[example] for name, values in rows.items()}
+        attributes = gltf.Attributes(
+            POSITION=buffer.add(positions[vertex].astype("<f4"), ARRAY_BUFFER, bounded=True),
+            **{name: buffer.add(values.astype("<f4"), ARRAY_BUFFER) for name, values in columns.items()},
+        )
+        if asset.skin is not None:
+            _add_influences(attributes, asset.skin, vertex, buffer)
+        primitive = gltf.Primitive(attributes=attributes, mode=4)
+        primitive.indices = buffer.add(triangles.ravel().astype("<u4"), ELEMENT_ARRAY_BUFFER)
+        if material >= 0:
+            primitive.material = int(material)
+        keys = asset.find(SHAPE_KEYS)
+        if keys is not None and keys.labels:
+            offsets = np.asarray(keys.values)[vertex].astype("<f4")
+            primitive.targets = [
+                gltf.Attributes(POSITION=buffer.add(offsets[:, key], ARRAY_BUFFER, bounded=True))
+                for key in range(offsets.shape[1])
+            ]
+        primitives.append(primitive)
+    return primitives
+
+
+def _corner_rows(asset: Asset, positions: Floats) -> tuple[dict[str, Floats], Integers]:
+    """By glTF's name what each corner (c, w) has, and (c,) a number for each vertex that it is split into."""
+    surface = asset.surface
+    normals = asset.find(NORMALS)
+    if normals is None:
+        of_corner = vertex_normals(positions, surface.triangles)[surface.corner_vertex]
+    else:
+        of_corner = np.asarray(normals.values)
+    of_corner = np.where(np.linalg.norm(of_corner, axis=1, keepdims=True) > 0.5, of_corner, [0, 0, 1])
+    rows = {"NORMAL": of_corner}
+    for kind, name in ((UV, "TEXCOORD"), (COLOR, "COLOR")):
+        found = [attribute for attribute in asset.attributes if attribute.name.startswith(f"{kind} ")]
+        for number, attribute in enumerate(sorted(found, key=lambda each: each.name)):
+            values = on_corners(attribute, surface)
+            rows[f"{name}_{number}"] = values * [1, -1] + [0, 1] if kind == UV else _rgba(values)
+    key = np.column_stack([surface.corner_vertex, *rows.values()]).astype(np.float32)
+    # Vertex numbers above 2^24 are no single floats.
+    whole = np.column_stack([surface.corner_vertex, np.ascontiguousarray(key[:, 1:]).view(np.int32)])
+    return rows, np.asarray(np.unique(whole, axis=0, return_inverse=True)[1]).ravel()
+
+
+def _rgba(colors: Floats) -> Floats:
+    return np.clip(np.column_stack([colors, np.ones((len(colors), 4 - colors.shape[1]))]), 0, 1)
+
+
+def _add_influences(attributes: Any, skin: Skin, vertex: Integers, buffer: Buffer) -> None:
+    """Joints and weights of vertices, the strongest first, in sets of four."""
+    weights = normalised(skin.weights)
+    row, count = row_of(weights), np.diff(weights.indptr)
+    order = np.lexsort((weights.indices, -weights.data, row))
+    rank = np.arange(len(row)) - np.repeat(weights.indptr[:-1], count)
+    sets = max(-(-int(count.max(initial=1)) // INFLUENCES), 1)
+    joint = np.zeros((weights.shape[0], sets * INFLUENCES), "<u1" if weights.shape[1] <= 256 else "<u2")
+    share = np.zeros(joint.shape, "<f4")
+    joint[row, rank], share[row, rank] = weights.indices[order], weights.data[order]
+    # Readers want single floats that sum to one.
+    share[:, 0] += 1 - share.sum(axis=1, dtype=np.float64)
+    for number in range(sets):
+        columns = slice(number * INFLUENCES, (number + 1) * INFLUENCES)
+        setattr(attributes, f"JOINTS_{number}", buffer.add(joint[vertex, columns], ARRAY_BUFFER))
+        setattr(attributes, f"WEIGHTS_{number}", buffer.add(share[vertex, columns], ARRAY_BUFFER))
+
+
+def _skin(skin: Skin, buffer: Buffer) -> Any:
+    matrices = skin.inverse_bind.transpose(0, 2, 1).reshape(-1, 16).astype("<f4")
+    return library().Skin(joints=skin.nodes.tolist(), inverseBindMatrices=buffer.add(matrices))
