@@ -1,5 +1,8 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.carry import carry, carry_steps
+from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.evaluation import geodesic_error
 from zoomout_core.geometry.shot import shot
 from zoomout_core.maps.descriptor_fit import fit_functional_map
@@ -46,6 +49,7 @@ from zoomout_core.transfer import (
 )
 
 __all__ = [
+    "Asset",
     "Attribute",
     "Domain",
     "Dressed",
@@ -62,6 +66,8 @@ __all__ = [
     "SurfaceMap",
     "Symmetry",
     "Wrapped",
+    "carry",
+    "carry_steps",
     "commutativity_error",
     "conform",
     "detect_symmetry",
@@ -85,6 +91,7 @@ __all__ = [
     "orientation_operators",
     "orthonormality_error",
     "precise_map_of",
+    "read_asset",
     "read_point_cloud",
     "read_surface",
     "set_threads",
@@ -97,6 +104,7 @@ __all__ = [
     "wave_kernel_signature",
     "wrap",
     "wrap_steps",
+    "write_asset",
     "zoomout",
     "zoomout_both_ways",
 ]

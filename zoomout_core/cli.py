@@ -34,6 +34,7 @@ from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError, Surface, as_surface, vertex_numbers
 from zoomout_core.runtime.outputs import check_output
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
+from zoomout_core.transfer_command import transfer
 
 # A start that nothing follows.
 NEAREST = "nearest"
@@ -44,6 +45,9 @@ NEAREST = "nearest"
 @threads_option
 def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
+
+
+main.add_command(transfer)
 
 
 def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:

@@ -10,7 +10,19 @@ import zoomout_core
 
 CORE = Path(zoomout_core.__file__).parent
 # Each may import those that stand before it.
-ROOMS = ("arrays", "tuning", "mesh", "geometry", "spectral", "maps", "transfer", "matching", "symmetry", "evaluation")
+ROOMS = (
+    "arrays",
+    "tuning",
+    "mesh",
+    "geometry",
+    "spectral",
+    "maps",
+    "transfer",
+    "assets",
+    "matching",
+    "symmetry",
+    "evaluation",
+)
 # Leaves on their way down: they import nothing of the rooms.
 RUNTIME = "runtime"
 
@@ -41,7 +53,7 @@ def allowed(room: str, other: str) -> bool:
     """Whether a room may import another one."""
     if room == RUNTIME:
         return False
-    if room == "matching" and other == "transfer":
+    if room == "matching" and other in ("transfer", "assets"):
         return False
     return other == RUNTIME or (other in ROOMS and ROOMS.index(other) < ROOMS.index(room))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,7 +15,7 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.runtime.stepping import Progress, Steps, spread
+from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -45,6 +45,11 @@ class Carried(NamedTuple):
     asset: Asset
     received: tuple[str, ...]
     notes: tuple[str, ...]
+
+
+def carry(source: Asset, target: Asset, match: Match, kinds: Collection[str] = KINDS[:-1], **options: Any) -> Carried:
+    """`carry_steps`, all at once."""
+    return drain(carry_steps(source, target, match, kinds, **options))
 
 
 def carry_steps(

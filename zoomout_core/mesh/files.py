@@ -52,7 +52,7 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    vertices, corner_vertex, face_start = _read(_existing(path))
+    vertices, corner_vertex, face_start = _read(existing(path))
     try:
         if len(face_start) < 2:
             return PointCloud(vertices, _normals(Path(path)))
@@ -69,14 +69,15 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    vertices = _read(_existing(path))[0]
+    vertices = _read(existing(path))[0]
     try:
         return PointCloud(vertices, _normals(Path(path)))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 
 
-def _existing(path: str | PathLike[str]) -> Path:
+def existing(path: str | PathLike[str]) -> Path:
+    """The path of a file that is there, else a MeshError."""
     if not isinstance(path, str | PathLike):
         raise TypeError(f"A file is named by a string or a path, not by a {type(path).__name__}.")
     path = Path(path)

@@ -1,0 +1,94 @@
+"""What an asset carries, on another mesh: bound to the joints at rest, in whatever pose it stood."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from skinned_tubes import LENGTH, PNG, tube, weights_of, write_tube
+
+from zoomout_core.assets.asset import SHAPE_KEYS, Asset
+from zoomout_core.assets.carry import carry_steps
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+
+def finer_tube() -> Surface:
+    """The tube by other rings and sides, closed along its seam."""
+    positions, _, triangles = tube(31, 20)
+    _, first, number = np.unique(np.round(positions, 9), axis=0, return_index=True, return_inverse=True)
+    return Surface(positions[first], number.ravel()[triangles])
+
+
+def matched(source: Asset, at_rest: np.ndarray) -> Any:
+    """The map by which points at rest lie on the source, taken for certain."""
+    assert source.skin is not None
+    triangles = source.surface.triangles
+    surface_map = SurfaceMap(*closest_points(at_rest, source.skin.rest, triangles), triangles)
+    return SimpleNamespace(surface_map=surface_map, confidence=np.ones(len(at_rest)), has_partner=None)
+
+
+def bent(points: np.ndarray, angle: float) -> np.ndarray:
+    """Points as two joints take them, of which the upper one is turned about z."""
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    joint = np.array([0, LENGTH / 2, 0])
+    upper = weights_of(points[:, 1])[:, 1:]
+    return (1 - upper) * points + upper * ((points - joint) @ turn.T + joint)
+
+
+@pytest.mark.parametrize("stands", ["as the source", "bent otherwise, elsewhere"])
+def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
+    write_tube(tmp_path / "tube.glb", 0.1, bend=0.7, parts=2)
+    source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
+    assert source.skin is not None
+    seen = bent(made.vertices, 0.7) if stands == "as the source" else 2 * bent(made.vertices, -0.4) + [5, 1, 0]
+    match = matched(source, 10 * made.vertices)
+    carried = drain(carry_steps(source, Asset(made.with_vertices(seen)), match))
+    write_asset(carried.asset, tmp_path / "out.glb")
+    again = read_asset(tmp_path / "out.glb")
+    assert again.skin is not None
+    # At rest it lies where it was made, in the frame of the armature.
+    off = np.linalg.norm(again.skin.rest[:, None] - 10 * made.vertices, axis=2).min(axis=1)
+    assert np.median(off) < 0.01 * 10 * LENGTH
+    assert off.max() < 0.05 * 10 * LENGTH
+    np.testing.assert_allclose(again.skin.inverse_bind, source.skin.inverse_bind)
+    expected = weights_of(again.skin.rest[:, 1] / 10)
+    assert np.abs(again.skin.weights.toarray() - expected).mean() < 0.02
+    assert bool(carried.notes) == (stands != "as the source")
+    assert again.materials == source.materials
+    keys = again.find(SHAPE_KEYS)
+    assert keys is not None
+    low = again.skin.rest[:, 1] < 0.25 * 10 * LENGTH
+    np.testing.assert_allclose(keys.values[low, 0, 0], again.skin.rest[low, 1] / 10 / LENGTH, atol=0.05)
+
+
+def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:
+    write_tube(tmp_path / "tube.glb")
+    source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
+    own = Attribute("color 0", Domain.POINT, Kind.COLOR, np.full((len(made.vertices), 4), 0.25))
+    old = Attribute("uv 1", Domain.CORNER, Kind.UV, np.zeros((len(made.corner_vertex), 2)))
+    carried = drain(carry_steps(source, Asset(made, (own, old)), matched(source, made.vertices), ["uv"]))
+    assert [each.name for each in carried.asset.attributes] == ["color 0", "uv 0"]
+    assert carried.asset.skin is None
+    assert carried.asset.materials == ()
+    assert carried.received == ("uv 0",)
+    with pytest.raises(MeshError, match="The source has no color: check which file is the source"):
+        drain(carry_steps(source, Asset(made), matched(source, made.vertices), ["color"]))
+
+
+def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: Path) -> None:
+    write_tube(tmp_path / "tube.glb")
+    source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
+    carried = drain(carry_steps(source, Asset(made), matched(source, made.vertices), ["uv", "weights"]))
+    write_asset(carried.asset, tmp_path / "out.glb")
+    again = read_asset(tmp_path / "out.glb")
+    assert again.materials == ()
+    assert again.skin is not None
+    assert PNG not in (tmp_path / "out.glb").read_bytes()

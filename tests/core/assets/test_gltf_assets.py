@@ -1,0 +1,208 @@
+"""glTF files are read with all that they carry, and written so that they say the same."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skinned_tubes import LENGTH, PNG, RINGS, SIDES, tube, weights_of, write_tube
+
+from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Material, material_numbers
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.gltf import Document
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "tube.glb"
+
+
+def test_vertices_split_for_their_texture_coordinates_are_one_again(path: Path) -> None:
+    write_tube(path)
+    asset = read_asset(path)
+    positions, uv, triangles = tube()
+    assert len(asset.surface.vertices) == RINGS * SIDES < len(positions)
+    np.testing.assert_allclose(
+        asset.surface.vertices[asset.surface.corner_vertex], positions[triangles.ravel()], atol=1e-6
+    )
+    found = asset.find("uv 0")
+    assert found is not None
+    np.testing.assert_allclose(found.values, uv[triangles.ravel()] * [1, -1] + [0, 1], atol=1e-6)
+    assert asset.materials == (Material("Cloth 0", (0.5, 0.25, 0, 1), PNG),)
+
+
+@pytest.mark.parametrize("armature_scale", [1.0, 0.01])
+def test_a_skin_is_read_with_its_rest_pose_whatever_the_pose_and_the_frame(path: Path, armature_scale: float) -> None:
+    write_tube(path, armature_scale, bend=0.9)
+    asset = read_asset(path)
+    skin, positions = asset.skin, tube()[0]
+    assert skin is not None
+    assert skin.names == ("Lower", "Upper")
+    assert skin.parents.tolist() == [-1, 0]
+    np.testing.assert_allclose(skin.weights.toarray(), weights_of(skin.rest[:, 1] * armature_scale), atol=1e-6)
+    at_rest = skin.rest * armature_scale
+    assert np.linalg.norm(at_rest[:, None] - positions, axis=2).min(axis=1).max() < 1e-5
+    # The end of the tube is turned about the joint by 0.9, what is below it stays.
+    end, fixed = at_rest[:, 1] > 0.99 * LENGTH, at_rest[:, 1] < 0.29 * LENGTH
+    turn = np.array([[np.cos(0.9), -np.sin(0.9), 0], [np.sin(0.9), np.cos(0.9), 0], [0, 0, 1]])
+    joint = np.array([0, LENGTH / 2, 0])
+    np.testing.assert_allclose(asset.surface.vertices[end], (at_rest[end] - joint) @ turn.T + joint, atol=1e-5)
+    np.testing.assert_allclose(asset.surface.vertices[fixed], at_rest[fixed], atol=1e-5)
+    keys = asset.find(SHAPE_KEYS)
+    assert keys is not None
+    assert keys.labels == ("Lean",)
+    np.testing.assert_allclose(keys.values[fixed, 0, 0], at_rest[fixed, 1] / LENGTH, atol=1e-5)
+    np.testing.assert_allclose(keys.values[end, 0], np.tile(turn @ [1, 0, 0], (end.sum(), 1)), atol=1e-5)
+
+
+def as_corners(asset: Asset) -> np.ndarray:
+    """(c, ...) where the corners are, their texture coordinates and weights, in an order of their own."""
+    uv = asset.find("uv 0")
+    assert uv is not None
+    assert asset.skin is not None
+    vertex = asset.surface.corner_vertex
+    rows = np.hstack(
+        [asset.surface.vertices[vertex], uv.values, asset.skin.weights.toarray()[vertex], asset.skin.rest[vertex]]
+    )
+    return rows[np.lexsort(np.round(rows, 4).T)]
+
+
+@pytest.mark.parametrize("ending", [".glb", ".gltf"])
+def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
+    write_tube(path, 0.1, bend=0.4, parts=3)
+    asset = read_asset(path)
+    there = path.with_name(f"again{ending}")
+    assert write_asset(asset, there) == ()
+    again = read_asset(there)
+    np.testing.assert_allclose(as_corners(again), as_corners(asset), atol=1e-4)
+    assert again.materials == asset.materials
+    before, after = asset.skin, again.skin
+    assert before is not None
+    assert after is not None
+    np.testing.assert_array_equal(after.inverse_bind, before.inverse_bind)
+    assert after.names == before.names
+    # Half of what moves the joints, and the morph target, goes by the new node.
+    old, new = Document(path), Document(there)
+    (animation,) = new.gltf.animations
+    assert [channel.target.path for channel in animation.channels] == ["rotation", "weights"]
+    assert animation.channels[0].target.node == 2
+    assert new.gltf.nodes[animation.channels[1].target.node].mesh == 0
+    for number, sampler in enumerate(animation.samplers):
+        was = old.gltf.animations[0].samplers[number]
+        np.testing.assert_array_equal(new.array(sampler.output), old.array(was.output))
+    assert new.gltf.meshes[0].extras == {"targetNames": ["Lean"]}
+    # Nothing of the former mesh is left behind.
+    assert sum(node.mesh is not None for node in new.gltf.nodes) == 1
+
+
+def test_weights_sum_to_one_in_single_precision_and_unused_joints_are_zero(path: Path) -> None:
+    write_tube(path)
+    asset = read_asset(path)
+    assert asset.skin is not None
+    uneven = asset.skin.weights * 0.7
+    write_asset(replace(asset, skin=replace(asset.skin, weights=uneven)), path)
+    document = Document(path)
+    attributes = document.gltf.meshes[0].primitives[0].attributes
+    weights, joints = document.array(attributes.WEIGHTS_0), document.array(attributes.JOINTS_0)
+    assert weights.dtype == np.float32
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=2e-7)
+    assert (np.diff(weights, axis=1) <= 0).all()
+    assert (joints[weights == 0] == 0).all()
+
+
+def test_a_mesh_without_a_document_is_written_with_its_materials(tmp_path: Path) -> None:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    surface = Surface(vertices, [[0, 1, 2], [0, 2, 3]])
+    color = Attribute(
+        "color 0", Domain.POINT, Kind.COLOR, np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
+    )
+    materials = Material("A", (1, 0, 0, 1)), Material("B", image=PNG)
+    asset = Asset(surface, (color, material_numbers(np.array([1, 0]))), materials)
+    write_asset(asset, tmp_path / "new.glb")
+    again = read_asset(tmp_path / "new.glb")
+    assert again.materials == materials
+    numbers, colors = again.find("materials"), again.find("color 0")
+    assert numbers is not None
+    assert colors is not None
+    assert sorted(numbers.values.tolist()) == [0, 1]
+    at_corner = again.surface.vertices[again.surface.corner_vertex]
+    expected = color.values[np.argmin(np.linalg.norm(at_corner[:, None] - vertices, axis=2), axis=1)]
+    np.testing.assert_allclose(colors.values[:, :3], expected, atol=1e-6)
+    assert again.find(NORMALS) is not None
+
+
+def edited(path: Path, change: object) -> None:
+    """Change the JSON of a GLB file."""
+    content = path.read_bytes()
+    size = int.from_bytes(content[12:16], "little")
+    text = json.dumps(change(json.loads(content[20 : 20 + size]))).encode()  # type: ignore[operator]
+    text += b" " * (-len(text) % 4)
+    rest = content[20 + size :]
+    head = content[:8] + (20 + len(text) + len(rest)).to_bytes(4, "little") + len(text).to_bytes(4, "little") + b"JSON"
+    path.write_bytes(head + text + rest)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda made: made | {"extensionsRequired": ["KHR_draco_mesh_compression"]}, "compressed by Draco: export it"),
+        (lambda made: made | {"meshes": [{"primitives": []}]}, "holds no triangles"),
+        (lambda made: made | {"bufferViews": [view | {"byteLength": 8} for view in made["bufferViews"]]}, "too early"),
+        (lambda made: made | {"accessors": []}, "could not be read"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_in_a_sentence(path: Path, change: object, sentence: str) -> None:
+    write_tube(path)
+    edited(path, change)
+    with pytest.raises(MeshError, match=sentence):
+        read_asset(path)
+
+
+def test_half_a_file_is_refused_in_a_sentence(path: Path) -> None:
+    write_tube(path)
+    path.write_bytes(path.read_bytes()[:700])
+    with pytest.raises(MeshError, match=r"could not be read .* is it complete"):
+        read_asset(path)
+
+
+def test_a_mesh_that_hangs_from_a_joint_moves_with_it(path: Path) -> None:
+    write_tube(path, bend=0.9)
+
+    def hang(made: dict) -> dict:
+        """Give the upper joint a second node with the same mesh, without a skin."""
+        made["nodes"].append({"name": "Hat", "mesh": 0, "translation": [0, 3, 0]})
+        made["nodes"][2]["children"] = [len(made["nodes"]) - 1]
+        return made
+
+    edited(path, hang)
+    asset = read_asset(path)
+    assert asset.skin is not None
+    count = len(asset.surface.vertices) // 2
+    upper = [asset.skin.weights.toarray()[part, 1].min() for part in (slice(0, count), slice(count, None))]
+    assert sorted(np.round(upper, 6)) == [0, 1]
+    hat = slice(0, count) if upper[0] == 1 else slice(count, None)
+    matrix = asset.skin.transforms[1]
+    moved = asset.skin.rest[hat] @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(moved, asset.surface.vertices[hat], atol=1e-5)
+
+
+def test_strips_and_fans_are_triangles(path: Path) -> None:
+    write_tube(path)
+    whole = read_asset(path).surface
+    for mode, expected in ((5, 3 * 2), (6, 3 * 2)):
+
+        def as_mode(made: dict, mode: int = mode) -> dict:
+            primitive = made["meshes"][0]["primitives"][0]
+            primitive["mode"] = mode
+            made["accessors"][primitive["indices"]]["count"] = 4
+            return made
+
+        write_tube(path)
+        edited(path, as_mode)
+        assert len(read_asset(path).surface.corner_vertex) == expected
+    assert len(whole.corner_vertex) > expected

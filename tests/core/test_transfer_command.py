@@ -1,0 +1,74 @@
+"""`zoomout transfer`: one file in, another out, with all that the first carries."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from creatures import creature, true_vertex
+
+from zoomout_core.assets.asset import Asset, Material, material_numbers
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.cli import main
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A coloured creature, and another mesh of it that is bent."""
+    folder = tmp_path_factory.mktemp("creatures")
+    made, other = creature(900, asymmetry=0.3), creature(800, seed=1, bend=0.3, asymmetry=0.3)
+    colors = np.clip(0.5 + 0.5 * made.directions, 0, 1)
+    attributes = (
+        Attribute("color 0", Domain.POINT, Kind.COLOR, colors),
+        material_numbers((made.directions[made.surface.triangles[:, 0], 2] > 0).astype(int)),
+    )
+    write_asset(Asset(made.surface, attributes, (Material("low"), Material("high"))), folder / "source.glb")
+    write_asset(Asset(other.surface), folder / "target.ply")
+    return folder / "source.glb", folder / "target.ply"
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(main, ["transfer", *map(str, arguments), "--detail", "fast", "--cache", "off"])
+    return result.exit_code, result.stdout + (result.stderr if result.exit_code else "")
+
+
+def test_colours_and_materials_arrive(files: tuple[Path, Path], tmp_path: Path) -> None:
+    code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
+    assert code == 0, said
+    report = json.loads(said)
+    assert report["transferred"] == ["color 0", "normals", "materials"][::2]
+    assert report["certainty"] > 0.5
+    again = read_asset(tmp_path / "out.glb")
+    made, other = creature(900, asymmetry=0.3), creature(800, seed=1, bend=0.3, asymmetry=0.3)
+    true = np.clip(0.5 + 0.5 * made.directions[true_vertex(made, other)], 0, 1)
+    colors = again.find("color 0")
+    assert colors is not None
+    at = again.surface.vertices[again.surface.corner_vertex]
+    nearest = np.argmin(np.linalg.norm(at[:, None] - other.surface.vertices, axis=2), axis=1)
+    assert np.abs(colors.values[:, :3] - true[nearest]).mean() < 0.1
+    assert [material.name for material in again.materials] == ["low", "high"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("-o", "{folder}/out.fbx"), "no format that can be written"),
+        (("-o", "{target}"), "is itself an input"),
+        (("-o", "{folder}/out.glb", "--kinds", "bones"), "--kinds is 'bones': give some of uv, color"),
+        (("-o", "{folder}/out.glb", "--kinds", "weights"), "The source has no weights"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_a_sentence(
+    files: tuple[Path, Path], tmp_path: Path, arguments: tuple[str, ...], sentence: str
+) -> None:
+    before = files[1].read_bytes()
+    code, said = run(*files, *(each.format(folder=tmp_path, target=files[1]) for each in arguments))
+    assert code == 1
+    assert sentence in said
+    assert "Traceback" not in said
+    assert files[1].read_bytes() == before
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,54 @@
+"""Mesh files with all that they carry: glTF, OBJ and PLY; of other formats the shape alone."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.obj import read_obj, write_obj
+from zoomout_core.assets.ply import read_ply, write_ply
+from zoomout_core.assets.read_gltf import read_gltf
+from zoomout_core.assets.write_gltf import write_gltf
+from zoomout_core.mesh.files import existing, read_surface
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import written_together
+
+READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
+WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
+
+
+def read_asset(path: str | PathLike[str]) -> Asset:
+    """Read a mesh file with its attributes, materials and skin; of formats that are not known here the shape alone.
+
+    Raises:
+        MeshError: the file is missing, cannot be read, or holds no faces.
+        ImportError: a package that reads this format is not installed.
+    """
+    place = existing(path)
+    reader = READERS.get(place.suffix.lower())
+    try:
+        return Asset(read_surface(place)) if reader is None else reader(place)
+    except (MeshError, ImportError):
+        raise
+    except Exception as error:  # what a broken file leads to depends on where it is broken
+        reason = " ".join(str(error).split())
+        raise MeshError(f"{path} could not be read ({reason}): is it complete, and is its ending right?") from error
+
+
+def check_format(path: str | PathLike[str]) -> None:
+    """Raise a MeshError if no file of this ending can be written."""
+    if Path(path).suffix.lower() not in WRITERS:
+        raise MeshError(f"{path} is of no format that can be written: give it the ending {', '.join(WRITERS)}.")
+
+
+def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:
+    """Write an asset, with the files that it names beside it; returns what the format cannot hold, a sentence each.
+
+    Raises:
+        MeshError: no file of this ending can be written.
+        OutputError: it could not be written; what was there before is there still.
+    """
+    check_format(path)
+    with written_together(path) as place:
+        return WRITERS[place.suffix.lower()](asset, place)

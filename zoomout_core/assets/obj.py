@@ -1,0 +1,170 @@
+"""OBJ files as assets: texture coordinates, vertex colours and materials, with their images beside them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from zoomout_core.arrays import Integers
+from zoomout_core.assets.asset import (
+    COLOR,
+    MATERIALS,
+    NORMALS,
+    UV,
+    Asset,
+    Material,
+    from_srgb,
+    material_numbers,
+    on_points,
+    suffix_of,
+    to_srgb,
+)
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+
+def read_obj(path: Path) -> Asset:
+    """Read an OBJ file with its .mtl files.
+
+    Raises:
+        MeshError: it cannot be read, or holds no faces.
+    """
+    surface = read_surface(path)
+    uvs: list[list[float]] = []
+    colors: list[list[float]] = []
+    coordinate: list[int] = []
+    number: list[int] = []
+    names: dict[str, int] = {}
+    materials: dict[str, Material] = {}
+    current = -1
+    for keyword, words in _lines(path):
+        if keyword == "vt":
+            uvs.append([float(word) for word in words[:2]] + [0.0] * (2 - len(words)))
+        elif keyword == "v" and len(words) >= 6:
+            colors.append([float(word) for word in words[3:6]])
+        elif keyword == "usemtl":
+            current = names.setdefault(" ".join(words), len(names))
+        elif keyword == "mtllib":
+            materials |= _read_mtl(path.parent / " ".join(words))
+        elif keyword == "f":
+            number.append(current)
+            coordinate += [_coordinate(corner, len(uvs)) for corner in words]
+    attributes = []
+    if uvs and max(coordinate, default=-1) >= 0:
+        table = np.vstack([uvs, [[0.0, 0.0]]])  # corners without any have the last
+        attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, table[coordinate]))
+    if len(colors) == len(surface.vertices):
+        attributes.append(Attribute(f"{COLOR} 0", Domain.POINT, Kind.COLOR, from_srgb(np.array(colors))))
+    if names:
+        attributes.append(material_numbers(np.array(number)))
+    return Asset(surface, tuple(attributes), tuple(materials.get(name, Material(name)) for name in names))
+
+
+def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+    text = path.read_bytes().decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
+    for line in text.splitlines():
+        words = line.partition("#")[0].split()
+        if words:
+            yield words[0], words[1:]
+
+
+def _coordinate(corner: str, known: int) -> int:
+    """The texture coordinate of a face corner `v/vt/vn`, -1 for none."""
+    written = corner.split("/")[1:2]
+    if not written or not written[0]:
+        return -1
+    number = int(written[0])
+    return number - 1 if number > 0 else known + number
+
+
+def _read_mtl(path: Path) -> dict[str, Material]:
+    """The materials of a file by their names; none of a file that is missing."""
+    if not path.is_file():
+        return {}
+    found: dict[str, Material] = {}
+    name, color, image = None, [1.0, 1.0, 1.0, 1.0], None
+    for keyword, words in [*_lines(path), ("newmtl", [])]:
+        if keyword == "newmtl":
+            if name is not None:
+                found[name] = Material(name, (color[0], color[1], color[2], color[3]), image)
+            name, color, image = " ".join(words), [1.0, 1.0, 1.0, 1.0], None
+        elif keyword == "Kd" and len(words) >= 3:
+            color[:3] = [float(word) for word in words[:3]]
+        elif keyword == "d" and words:
+            color[3] = float(words[-1])
+        elif keyword == "map_Kd" and words:
+            # Options stand before the name, which may have spaces.
+            places = [path.parent / name for name in (" ".join(words), words[-1])]
+            image = next((place.read_bytes() for place in places if place.is_file()), None)
+    return found
+
+
+def write_obj(asset: Asset, path: Path) -> tuple[str, ...]:
+    """Write an OBJ file with its .mtl file and images; what it cannot hold is said in the notes."""
+    surface, text = asset.surface, io.StringIO()
+    uv, color, normals = (asset.find(name) for name in (f"{UV} 0", f"{COLOR} 0", NORMALS))
+    materials = asset.find(MATERIALS) if asset.materials else None
+    if materials is not None:
+        text.write(f"mtllib {path.stem}.mtl\n")
+    columns = [surface.vertices]
+    if color is not None:
+        columns.append(to_srgb(np.asarray(on_points(color, surface))[:, :3]))
+    np.savetxt(text, np.hstack(columns), fmt="v" + " %.9g" * sum(each.shape[1] for each in columns))
+    written, indices = [], [surface.corner_vertex]
+    for letters, attribute in (("vt", uv), ("vn", normals)):
+        if attribute is None:
+            indices.append(np.full(len(surface.corner_vertex), -1))
+            continue
+        values, index = np.unique(np.asarray(attribute.values, dtype=np.float64), axis=0, return_inverse=True)
+        np.savetxt(text, values, fmt=letters + " %.9g" * values.shape[1])
+        indices.append(index.ravel())
+        written.append(letters)
+    _write_faces(text, surface.face_start, np.stack(indices, axis=1), asset, materials)
+    path.write_text(text.getvalue())
+    if materials is not None:
+        _write_mtl(asset.materials, path)
+    return _notes(asset)
+
+
+def _write_faces(
+    text: io.StringIO, face_start: Integers, indices: Integers, asset: Asset, materials: Attribute | None
+) -> None:
+    """The faces with their corners (c, 3), each material's together."""
+    corners = ["/".join(str(each + 1) if each >= 0 else "" for each in row).rstrip("/") for row in indices.tolist()]
+    faces = [" ".join(corners[start:end]) for start, end in pairwise(face_start)]
+    number = np.full(len(faces), -1) if materials is None else np.asarray(materials.values)
+    for material in np.unique(number):
+        if material >= 0:
+            text.write(f"usemtl {asset.materials[material].name}\n")
+        text.writelines(f"f {faces[face]}\n" for face in np.flatnonzero(number == material))
+
+
+def _write_mtl(materials: tuple[Material, ...], path: Path) -> None:
+    lines = []
+    for number, material in enumerate(materials):
+        lines += [
+            f"newmtl {material.name}",
+            "Kd {:.6g} {:.6g} {:.6g}".format(*material.color),
+            f"d {material.color[3]:.6g}",
+        ]
+        if material.image is not None:
+            image = path.with_name(f"{path.stem}_{number}{suffix_of(material.image)}")
+            image.write_bytes(material.image)
+            lines.append(f"map_Kd {image.name}")
+    path.with_suffix(".mtl").write_text("\n".join(lines) + "\n")
+
+
+def _notes(asset: Asset) -> tuple[str, ...]:
+    several = [
+        each.name for each in asset.attributes if each.name.startswith((UV, COLOR)) and not each.name.endswith(" 0")
+    ]
+    left = [
+        *several,
+        *(["skin weights"] if asset.skin is not None else []),
+        *(["shape keys"] if asset.find("shape keys") else []),
+    ]
+    return (f"OBJ holds no {' and no '.join(left)}: left out; write a .glb to keep them.",) if left else ()

@@ -1,0 +1,74 @@
+"""PLY files as assets: colours and texture coordinates of vertices or corners."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from zoomout_core.assets.asset import COLOR, UV, Asset, from_srgb, on_points, to_srgb
+from zoomout_core.mesh.files import ply_columns, read_surface
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+# What vertices' texture coordinates are called.
+COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+
+
+def read_ply(path: Path) -> Asset:
+    """Read a PLY file.
+
+    Raises:
+        MeshError: it cannot be read, or holds no faces.
+    """
+    surface = read_surface(path)
+    columns = ply_columns(path.read_bytes())
+    vertex, attributes = columns["vertex"], []
+    if {"red", "green", "blue"} <= vertex.keys():
+        names = ("red", "green", "blue", *(["alpha"] if "alpha" in vertex else []))
+        values = np.stack([np.asarray(vertex[name], dtype=np.float64) for name in names], axis=1)
+        if vertex["red"].dtype.kind in "iu" or values.max(initial=0) > 1:
+            values /= 255
+        attributes.append(Attribute(f"{COLOR} 0", Domain.POINT, Kind.COLOR, from_srgb(values)))
+    of_corners = columns.get("face", {}).get("texcoord")
+    for u, v in COORDINATES:
+        if of_corners is None and {u, v} <= vertex.keys():
+            uv = np.stack([np.asarray(vertex[name], dtype=np.float64) for name in (u, v)], axis=1)
+            attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, uv[surface.corner_vertex]))
+            break
+    if of_corners is not None:
+        flat = np.concatenate([np.asarray(each, dtype=np.float64).ravel() for each in of_corners])
+        if len(flat) == 2 * len(surface.corner_vertex):
+            attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, flat.reshape(-1, 2)))
+    return Asset(surface, tuple(attributes))
+
+
+def write_ply(asset: Asset, path: Path) -> tuple[str, ...]:
+    """Write a binary PLY file; what it cannot hold is said in the notes."""
+    surface = asset.surface
+    uv, color = asset.find(f"{UV} 0"), asset.find(f"{COLOR} 0")
+    fields: list[tuple[str, str]] = [(axis, "<f8") for axis in "xyz"]
+    values = list(surface.vertices.T)
+    if color is not None:
+        rgba = np.asarray(on_points(color, surface))
+        rgba = np.column_stack([to_srgb(rgba[:, :3]), rgba[:, 3:] if rgba.shape[1] == 4 else np.ones(len(rgba))])
+        fields += [(name, "u1") for name in ("red", "green", "blue", "alpha")]
+        values += list(np.round(255 * np.clip(rgba, 0, 1)).T)
+    table = np.zeros(len(surface.vertices), dtype=fields)
+    for (name, _), column in zip(fields, values, strict=True):
+        table[name] = column
+    types = {"<f8": "double", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    header += [f"property {types[kind]} {name}" for name, kind in fields]
+    header += [f"element face {len(surface.face_start) - 1}", "property list int int vertex_indices"]
+    if uv is not None:
+        header.append("property list int float texcoord")
+    body = bytearray()
+    for start, end in zip(surface.face_start[:-1].tolist(), surface.face_start[1:].tolist(), strict=True):
+        body += np.array([end - start, *surface.corner_vertex[start:end]], "<i4").tobytes()
+        if uv is not None:
+            body += np.array([2 * (end - start)], "<i4").tobytes() + uv.values[start:end].astype("<f4").tobytes()
+    path.write_bytes("\n".join([*header, "end_header\n"]).encode() + table.tobytes() + bytes(body))
+    held = (f"{UV} 0", f"{COLOR} 0", "normals")
+    left = [each.name for each in asset.attributes if each.name not in held]
+    left += ["skin weights"] if asset.skin is not None else []
+    return (f"PLY holds no {' and no '.join(left)}: left out; write a .glb to keep them.",) if left else ()

@@ -1,0 +1,130 @@
+"""The command `zoomout transfer`: from one mesh file to another, without Blender and without MeshLab."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.carry import KINDS, SHAPES, Carried, carry_steps
+from zoomout_core.assets.files import check_format, read_asset, write_asset
+from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
+from zoomout_core.matching.match import MatchResult, match_steps
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.stepping import Steps, within
+
+# The fraction of the progress at which two meshes are matched.
+MATCHED = 0.8
+# Confidence below which a vertex counts as doubtful.
+LOW = 0.5
+
+
+@click.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(dir_okay=False),
+    help="The .glb, .gltf, .obj or .ply file to write.",
+)
+@in_place_option
+@click.option(
+    "--kinds",
+    default=",".join(kind.replace(" ", "-") for kind in KINDS[:-1]),
+    show_default=True,
+    metavar="KIND,KIND",
+    help=f"What to transfer, of {', '.join(kind.replace(' ', '-') for kind in KINDS)}.",
+)
+@click.option(
+    "--shape",
+    type=click.Choice([each.replace(" ", "-") for each in SHAPES]),
+    default=SHAPES[0],
+    show_default=True,
+    help="With skin weights: whether TARGET is taken to the rest pose, if it stands in another, or always, or never.",
+)
+@click.option("--candidate", type=click.IntRange(min=0), default=0, show_default=True, help="Which map to go by.")
+@click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON.")
+@match_options
+def transfer(
+    source: str,
+    target: str,
+    output: str,
+    in_place: bool,
+    kinds: str,
+    shape: str,
+    candidate: int,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Transfer what the mesh SOURCE carries to the mesh TARGET, which may differ in pose, triangles and placement.
+
+    From glTF these are texture coordinates, colours, materials with their images, morph targets, and skin weights: the
+    joints come along, with what animates them, and TARGET moves as SOURCE does. OBJ has texture coordinates, colours
+    and materials, PLY texture coordinates and colours; of other formats only the shape is read.
+    """
+    try:
+        chosen = _checked_kinds(kinds)
+        check_format(output)
+        check_output(output, [each for each in (source, target, options["landmarks"]) if each], in_place)
+        assets = read_asset(source), read_asset(target)
+        steps = _steps(*assets, candidate, chosen, shape.replace("-", " "), start_arguments(**options))
+        result, carried = with_progress_bar(steps)
+        left_out = write_asset(carried.asset, output)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    notes = [*assets[0].notes, *result.notes, *carried.notes, *left_out]
+    if as_json:
+        click.echo(json.dumps(_figures(result, carried, notes, output), indent=1))
+        return
+    click.echo(f"Transferred: {', '.join(_names(carried))}.")
+    low = (result.confidence < LOW).mean()
+    click.echo(f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.")
+    click.echo(f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.")
+    click.echo(f"{len(result.candidates)} maps were found; where sides are swapped, try --candidate 1.")
+    for note in notes:
+        click.echo(note)
+    click.echo(f"Written to {output}")
+
+
+def _checked_kinds(kinds: str) -> list[str]:
+    chosen = [kind.strip().lower().replace("-", " ") for kind in kinds.split(",") if kind.strip()]
+    unknown = [kind for kind in chosen if kind not in KINDS]
+    if unknown or not chosen:
+        known = ", ".join(kind.replace(" ", "-") for kind in KINDS)
+        raise MeshError(f"--kinds is {kinds!r}: give some of {known}, with commas between.")
+    return chosen
+
+
+def _steps(
+    source: Asset, target: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any]
+) -> Steps[tuple[MatchResult, Carried]]:
+    result = yield from within(match_steps(source.surface, target.surface, **arguments), 0.0, MATCHED)
+    if candidate:
+        result = yield from within(result.use_steps(candidate), MATCHED, MATCHED)
+    carried = yield from within(carry_steps(source, target, result, kinds, shape), MATCHED, 1.0)
+    return result, carried
+
+
+def _names(carried: Carried) -> list[str]:
+    """What the target has received."""
+    return [*carried.received, *(["skin weights"] if carried.asset.skin is not None else [])]
+
+
+def _figures(result: MatchResult, carried: Carried, notes: list[str], output: str) -> dict[str, Any]:
+    """What a program may want to know."""
+    return {
+        "output": output,
+        "transferred": _names(carried),
+        "certainty": result.certainty,
+        "mean_confidence": float(result.confidence.mean()),
+        "low_confidence": float((result.confidence < LOW).mean()),
+        "share_without_partner": result.share_without_partner,
+        "source_share_without_partner": result.source_share_without_partner,
+        "candidates": len(result.candidates),
+        "notes": notes,
+    }
