@@ -1,8 +1,8 @@
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.carry import carry, carry_steps
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.transfer_asset import transfer_asset, transfer_asset_steps
 from zoomout_core.evaluation import geodesic_error
 from zoomout_core.geometry.shot import shot
 from zoomout_core.maps.descriptor_fit import fit_functional_map
@@ -66,8 +66,6 @@ __all__ = [
     "SurfaceMap",
     "Symmetry",
     "Wrapped",
-    "carry",
-    "carry_steps",
     "commutativity_error",
     "conform",
     "detect_symmetry",
@@ -99,6 +97,8 @@ __all__ = [
     "slanted_sizes",
     "store_shapes",
     "transfer",
+    "transfer_asset",
+    "transfer_asset_steps",
     "vertex_map_of",
     "wave_kernel_map",
     "wave_kernel_signature",

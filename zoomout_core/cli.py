@@ -31,7 +31,8 @@ from zoomout_core.matching.proximity import (
     match_by_proximity_steps,
 )
 from zoomout_core.mesh.files import read_shape
-from zoomout_core.mesh.surface import MeshError, Surface, as_surface, vertex_numbers
+from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.runtime.outputs import check_output
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
 from zoomout_core.transfer_command import transfer

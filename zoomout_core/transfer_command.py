@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.carry import KINDS, SHAPES, Carried, carry_steps
 from zoomout_core.assets.files import check_format, read_asset, write_asset
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, TransferredAsset, transfer_asset_steps
 from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
 from zoomout_core.matching.match import MatchResult, match_steps
 from zoomout_core.mesh.surface import MeshError
@@ -102,20 +102,20 @@ def _checked_kinds(kinds: str) -> list[str]:
 
 def _steps(
     source: Asset, target: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any]
-) -> Steps[tuple[MatchResult, Carried]]:
+) -> Steps[tuple[MatchResult, TransferredAsset]]:
     result = yield from within(match_steps(source.surface, target.surface, **arguments), 0.0, MATCHED)
     if candidate:
         result = yield from within(result.use_steps(candidate), MATCHED, MATCHED)
-    carried = yield from within(carry_steps(source, target, result, kinds, shape), MATCHED, 1.0)
+    carried = yield from within(transfer_asset_steps(source, target, result, kinds, shape), MATCHED, 1.0)
     return result, carried
 
 
-def _names(carried: Carried) -> list[str]:
+def _names(carried: TransferredAsset) -> list[str]:
     """What the target has received."""
     return [*carried.received, *(["skin weights"] if carried.asset.skin is not None else [])]
 
 
-def _figures(result: MatchResult, carried: Carried, notes: list[str], output: str) -> dict[str, Any]:
+def _figures(result: MatchResult, carried: TransferredAsset, notes: list[str], output: str) -> dict[str, Any]:
     """What a program may want to know."""
     return {
         "output": output,

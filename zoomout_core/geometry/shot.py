@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
-from zoomout_core.mesh.surface import PointCloud, Surface, as_surface, from_working
+from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working
 from zoomout_core.mesh.triangles import cross, vertex_areas
 from zoomout_core.runtime.threads import threads
 
@@ -25,7 +25,7 @@ FEWEST = 5
 BLOCK = 1 << 17
 
 
-def shot(shape: Surface | PointCloud, radius: float = 0.1) -> Floats:
+def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
     """(n, 352) SHOT descriptors of the vertices or points: 8 azimuths x 2 elevations x 2 radii x 11 cosines.
 
     They stay the same when a shape is moved, turned or scaled, and differ from its mirror image's. Time grows with the
@@ -43,6 +43,7 @@ def shot(shape: Surface | PointCloud, radius: float = 0.1) -> Floats:
         MeshError: no surface passes through the points.
         TypeError: the shape is none.
     """
+    shape = as_shape(shape)
     mesh = as_surface(shape).working
     if not 0 < radius < np.inf:
         raise ValueError(f"The radius is {radius!r}: give a positive number, relative to the root of the area.")

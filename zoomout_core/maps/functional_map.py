@@ -13,7 +13,8 @@ from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import PointCloud, Surface, as_surface, vertex_numbers
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 
@@ -67,7 +68,7 @@ def vertex_map_of(functional_map: ArrayLike, basis_source: SpectralBasis, basis_
 
 
 def precise_map_of(
-    functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis, source: Surface | PointCloud
+    functional_map: ArrayLike, basis_source: SpectralBasis, basis_target: SpectralBasis, source: ShapeLike
 ) -> SurfaceMap:
     """The map of a functional map (k_t, k_s) to points of the source's triangles, the precise map.
 

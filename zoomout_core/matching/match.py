@@ -56,7 +56,8 @@ from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank_steps, with
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
 from zoomout_core.matching.scores import Disagreement
-from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
+from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import for_each, in_background, on_one_blas_thread, side_by_side
@@ -190,14 +191,13 @@ class MatchResult:
         return _result_steps(self.pair, self.candidates, candidate, 0.0)
 
 
-def match(
-    source: Surface | PointCloud, target: Surface | PointCloud, options: MatchOptions | None = None, **given: Any
-) -> MatchResult:
+def match(source: ShapeLike, target: ShapeLike, options: MatchOptions | None = None, **given: Any) -> MatchResult:
     """Find for every vertex of the target the point on the source that it corresponds to.
 
     Args:
         source: the surface that the map lands on; it carries the attributes. Of a point cloud it is the surface that
-            is reconstructed from it, `PointCloud.surface`.
+            is reconstructed from it, `PointCloud.surface`. Arrays (vertices, faces), a mesh of another library and the
+            path of a file do as well, see `ShapeLike`.
         target: the surface, or the points, that the map starts from; it receives them.
         options: how to match them, see `MatchOptions`.
         given: the same as keyword arguments, or what of the options is to be different.
@@ -214,13 +214,14 @@ def match(
 
 @on_one_blas_thread
 def match_steps(
-    source: Surface | PointCloud, target: Surface | PointCloud, options: MatchOptions | None = None, **given: Any
+    source: ShapeLike, target: ShapeLike, options: MatchOptions | None = None, **given: Any
 ) -> Steps[MatchResult]:
     """`match` as a generator that yields `Progress` and returns the result."""
     if options is not None and not isinstance(options, MatchOptions):
         raise TypeError(f"{options!r} is not MatchOptions: give options by their names, such as initial='proximity'.")
     options = MatchOptions(**given) if options is None else replace(options, **given)
     yield Progress(0.0, "Reading the meshes")
+    source, target = as_shape(source), as_shape(target)
     reading = side_by_side(_reading_steps(source), _reading_steps(target))
     surfaces = yield from spread(reading, 0.0, 0.01, "Reading the meshes")
     notes = (*_notes_on_cloud("source", source, surfaces[0]), *_notes_on_cloud("target", target, surfaces[1]))

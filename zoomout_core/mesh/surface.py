@@ -13,7 +13,6 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.reconstruction import triangulated_points
@@ -214,37 +213,6 @@ class PointCloud:
         if not len(triangles):
             raise MeshError("No surface passes through the points: do they lie on a line, or in one place?")
         return Surface(self.points, triangles)
-
-
-def as_surface(shape: Surface | PointCloud) -> Surface:
-    """A surface itself, and of a point cloud the one that is reconstructed from it.
-
-    Raises:
-        MeshError: no surface passes through the points.
-        TypeError: it is neither.
-    """
-    if isinstance(shape, PointCloud):
-        return shape.surface
-    if not isinstance(shape, Surface):
-        raise TypeError(
-            f"A Surface or a PointCloud is needed, not a {type(shape).__name__}: make one, such as "
-            "Surface(vertices, faces)."
-        )
-    return shape
-
-
-def from_working(shape: Surface | PointCloud, values: Floats) -> Floats:
-    """(n, d) values (m, d) of the working mesh's vertices, at those of the surface or at the points.
-
-    They are zero at a vertex that no face uses. A point that the surface leaves out is as good as the one beside it.
-    """
-    vertex_of = as_surface(shape).working.vertex_of
-    unused = vertex_of < 0
-    found = values[vertex_of]
-    found[unused] = 0
-    if isinstance(shape, PointCloud):
-        found[unused] = found[~unused][cKDTree(shape.points[~unused]).query(shape.points[unused])[1]]
-    return found
 
 
 # --- the edge: what a user hands in -------------------------------------------------------------------------

@@ -21,7 +21,8 @@ from zoomout_core.arrays import Floats, SingleFloats, check_counts, segment_sum
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.decimation import decimated_steps
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface, from_working
+from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import one_blas_thread, threads
@@ -141,7 +142,7 @@ def check_size(basis: SpectralBasis, k: int) -> None:
         )
 
 
-def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> SpectralBasis:
+def eigenbasis(shape: ShapeLike, k: int = 200, seed: int = 0) -> SpectralBasis:
     """The first `k` eigenfunctions of a surface or point cloud.
 
     Borders that coincide are welded first; a vertex of several welded ones gets its share of their area. That of a
@@ -159,6 +160,7 @@ def eigenbasis(shape: Surface | PointCloud, k: int = 200, seed: int = 0) -> Spec
         MeshError: k is out of range, or no surface passes through the points.
         TypeError: the shape is none, or k no whole number.
     """
+    shape = as_shape(shape)
     surface = as_surface(shape)
     check_is_whole(k)
     with one_blas_thread:

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
-from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.spectral.eigenbasis import SpectralBasis, basis_of, check_is_whole, on_shape
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 
 def hamiltonian_basis(
-    shape: Surface | PointCloud, potential: ArrayLike, k: int = 200, strength: float = 10.0, seed: int = 0
+    shape: ShapeLike, potential: ArrayLike, k: int = 200, strength: float = 10.0, seed: int = 0
 ) -> SpectralBasis:
     """The first `k` eigenfunctions of a Hamiltonian, which live where the potential is low.
 
@@ -48,6 +48,7 @@ def hamiltonian_basis(
         MeshError: k is out of range, or no surface passes through the points.
         TypeError: the shape is none, or k no whole number.
     """
+    shape = as_shape(shape)
     surface = as_surface(shape)
     check_is_whole(k)
     if not (isinstance(strength, Real) and 0 <= strength < np.inf):

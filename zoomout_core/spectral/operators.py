@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats
-from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
 
 
@@ -33,7 +33,7 @@ def multiplication_operators(basis: SpectralBasis, descriptors: ArrayLike, k: in
     return np.stack([(weighted * f) @ rows for f in functions.T])
 
 
-def orientation_operators(shape: Surface | PointCloud, basis: SpectralBasis, descriptors: ArrayLike, k: int) -> Floats:
+def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: ArrayLike, k: int) -> Floats:
     """(d, k, k) the operators g -> <n x grad f, grad g> of each descriptor f, with the outward normals n.
 
     On linear functions they are integrated exactly, and depend on no metric. They are antisymmetric where the surface

@@ -28,7 +28,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit
-from zoomout_core.mesh.surface import PointCloud, Surface, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.stepping import Steps, drain, scaled, spread, within
 from zoomout_core.runtime.threads import (
@@ -97,7 +97,7 @@ class Symmetry(SelfMap):
 
 
 def detect_symmetry(
-    surface: Surface | PointCloud,
+    surface: ShapeLike,
     most: int = 8,
     left: ArrayLike = LEFT,
     k_final: int = K_FINAL,
@@ -133,7 +133,7 @@ def detect_symmetry(
 
 @on_one_blas_thread
 def detect_symmetry_steps(
-    surface: Surface | PointCloud,
+    surface: ShapeLike,
     most: int = 8,
     left: ArrayLike = LEFT,
     k_final: int = K_FINAL,

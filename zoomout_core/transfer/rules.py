@@ -12,7 +12,8 @@ from scipy.sparse import issparse
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.continuation import continued
@@ -123,8 +124,8 @@ RULES: dict[Kind, Rule] = {
 def transfer(
     attribute: Attribute,
     result: Match | SurfaceMap,
-    source: Surface | PointCloud,
-    target: Surface | PointCloud,
+    source: ShapeLike,
+    target: ShapeLike,
     fill_below: float | None = None,
     **options: Any,
 ) -> Attribute:
@@ -156,8 +157,8 @@ def transfer(
 
 def map_target(
     result: Match | SurfaceMap,
-    source: Surface | PointCloud,
-    target: Surface | PointCloud,
+    source: ShapeLike,
+    target: ShapeLike,
     fill_below: float | None = None,
 ) -> MappedTarget:
     """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.

@@ -8,7 +8,8 @@ from creatures import Creature, directions
 from scipy.spatial import ConvexHull, Delaunay
 
 from zoomout_core.mesh.reconstruction import _hull_corners, _manifold, triangulated_points
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface, as_surface
+from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 
 
@@ -104,7 +105,7 @@ def test_points_on_a_line_are_no_surface() -> None:
 def test_surfaces_stay_and_other_things_are_refused(resting: Creature) -> None:
     assert as_surface(resting.surface) is resting.surface
     assert isinstance(as_surface(PointCloud(directions(50, seed=1))), Surface)
-    with pytest.raises(TypeError, match="A Surface or a PointCloud is needed"):
+    with pytest.raises(TypeError, match="A mesh is needed"):
         as_surface(resting.surface.vertices)  # type: ignore[arg-type]
 
 

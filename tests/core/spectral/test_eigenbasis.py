@@ -105,7 +105,7 @@ def test_more_eigenfunctions_than_vertices_are_refused(resting: Creature, k: int
 
 def test_what_is_no_shape_or_no_number_is_refused_by_saying_what_is_wanted(resting: Creature) -> None:
     for shape in (resting.surface.vertices, [], None, resting):
-        with pytest.raises(TypeError, match=r"A Surface or a PointCloud is needed, not a \w+: make one"):
+        with pytest.raises(TypeError, match=r"A mesh is needed, not a \w+: give"):
             eigenbasis(shape, 10)
     for k in (10.0, "10", None):
         with pytest.raises(TypeError, match=r"is .*: give a whole number\.$"):

@@ -147,7 +147,7 @@ def test_potentials_that_are_none_are_refused(resting: Creature, potential, argu
 
 
 def test_what_is_no_shape_or_no_number_is_refused(resting: Creature) -> None:
-    with pytest.raises(TypeError, match="A Surface or a PointCloud is needed"):
+    with pytest.raises(TypeError, match="A mesh is needed"):
         zo.hamiltonian_basis(resting.surface.vertices, np.zeros(4000), 10)
     for k in (0, 4000):
         with pytest.raises(zo.MeshError, match="4000 vertices allow 1 to 3999"):

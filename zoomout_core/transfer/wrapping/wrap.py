@@ -14,6 +14,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
@@ -50,8 +51,8 @@ class Wrapped:
 
 def wrap(
     result: Match | SurfaceMap,
-    source: Surface,
-    target: Surface,
+    source: ShapeLike,
+    target: ShapeLike,
     *,
     smoothness: float = 0.5,
     detail: float = 1.0,
@@ -98,8 +99,8 @@ def wrap(
 
 def wrap_steps(
     result: Match | SurfaceMap,
-    source: Surface,
-    target: Surface,
+    source: ShapeLike,
+    target: ShapeLike,
     *,
     smoothness: float = 0.5,
     detail: float = 1.0,
@@ -111,6 +112,7 @@ def wrap_steps(
     for name, value in (("smoothness", smoothness), ("detail", detail)):
         if not 0 <= value <= 1:
             raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
+    source, target = as_surface(source), as_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
     weight = _checked_mask(mask, len(target.vertices))
     mapped = replace(mapped, confidence=mapped.confidence * weight)

@@ -33,7 +33,7 @@ SHAPES = ("automatic", "rest pose", "keep shape")
 LYING = 0.9
 
 
-class Carried(NamedTuple):
+class TransferredAsset(NamedTuple):
     """A target with what it received.
 
     Attributes:
@@ -47,19 +47,21 @@ class Carried(NamedTuple):
     notes: tuple[str, ...]
 
 
-def carry(source: Asset, target: Asset, match: Match, kinds: Collection[str] = KINDS[:-1], **options: Any) -> Carried:
-    """`carry_steps`, all at once."""
-    return drain(carry_steps(source, target, match, kinds, **options))
+def transfer_asset(
+    source: Asset, target: Asset, match: Match, kinds: Collection[str] = KINDS[:-1], **options: Any
+) -> TransferredAsset:
+    """`transfer_asset_steps`, all at once."""
+    return drain(transfer_asset_steps(source, target, match, kinds, **options))
 
 
-def carry_steps(
+def transfer_asset_steps(
     source: Asset,
     target: Asset,
     match: Match,
     kinds: Collection[str] = KINDS[:-1],
     shape: str = "automatic",
     fill_below: float | None = None,
-) -> Steps[Carried]:
+) -> Steps[TransferredAsset]:
     """Carry what an asset has onto another mesh; what the target has of the same kind gives place.
 
     With a skin come the joints and what animates them: the target is taken to the rest pose, where it moves as the
@@ -100,7 +102,7 @@ def carry_steps(
         )
         notes += found
     yield Progress(1.0, "Done")
-    return Carried(asset, tuple(each.name for each in chosen), tuple(notes))
+    return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
 
 
 def _stays(own: Attribute, chosen: list[Attribute]) -> bool:

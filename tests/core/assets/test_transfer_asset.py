@@ -11,8 +11,8 @@ import pytest
 from skinned_tubes import LENGTH, PNG, tube, weights_of, write_tube
 
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
-from zoomout_core.assets.carry import carry_steps
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.assets.transfer_asset import transfer_asset_steps
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -50,7 +50,7 @@ def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
     assert source.skin is not None
     seen = bent(made.vertices, 0.7) if stands == "as the source" else 2 * bent(made.vertices, -0.4) + [5, 1, 0]
     match = matched(source, 10 * made.vertices)
-    carried = drain(carry_steps(source, Asset(made.with_vertices(seen)), match))
+    carried = drain(transfer_asset_steps(source, Asset(made.with_vertices(seen)), match))
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.skin is not None
@@ -74,19 +74,19 @@ def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
     own = Attribute("color 0", Domain.POINT, Kind.COLOR, np.full((len(made.vertices), 4), 0.25))
     old = Attribute("uv 1", Domain.CORNER, Kind.UV, np.zeros((len(made.corner_vertex), 2)))
-    carried = drain(carry_steps(source, Asset(made, (own, old)), matched(source, made.vertices), ["uv"]))
+    carried = drain(transfer_asset_steps(source, Asset(made, (own, old)), matched(source, made.vertices), ["uv"]))
     assert [each.name for each in carried.asset.attributes] == ["color 0", "uv 0"]
     assert carried.asset.skin is None
     assert carried.asset.materials == ()
     assert carried.received == ("uv 0",)
     with pytest.raises(MeshError, match="The source has no color: check which file is the source"):
-        drain(carry_steps(source, Asset(made), matched(source, made.vertices), ["color"]))
+        drain(transfer_asset_steps(source, Asset(made), matched(source, made.vertices), ["color"]))
 
 
 def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
-    carried = drain(carry_steps(source, Asset(made), matched(source, made.vertices), ["uv", "weights"]))
+    carried = drain(transfer_asset_steps(source, Asset(made), matched(source, made.vertices), ["uv", "weights"]))
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.materials == ()

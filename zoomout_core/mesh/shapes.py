@@ -1,0 +1,85 @@
+"""What users hand in as a shape: a surface or a point cloud, arrays, another library's mesh, or the path of a file."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.surface import PointCloud, Surface
+
+
+class MeshLike(Protocol):
+    """A mesh of another library, such as trimesh.
+
+    Attributes:
+        vertices: (n, 3) positions.
+        faces: (m, 3) vertex numbers.
+    """
+
+    @property
+    def vertices(self) -> Any: ...
+
+    @property
+    def faces(self) -> Any: ...
+
+
+# A surface, a point cloud, (vertices, faces), a mesh of another library, or the path of a file.
+ShapeLike: TypeAlias = Surface | PointCloud | tuple[ArrayLike, ArrayLike] | MeshLike | str | PathLike[str]
+
+
+def as_shape(shape: ShapeLike) -> Surface | PointCloud:
+    """The surface or the point cloud that a user hands in.
+
+    Args:
+        shape: itself; positions (n, 3) with faces, as `Surface` takes them; an object that has `vertices` and `faces`,
+            or `triangles`, such as those of trimesh and Open3D, or `vertices` alone; or the path of a mesh file.
+
+    Raises:
+        MeshError: it cannot be used, or the file cannot be read.
+        TypeError: it is none of these.
+    """
+    if isinstance(shape, Surface | PointCloud):
+        return shape
+    if isinstance(shape, str | PathLike):
+        return read_shape(shape)
+    if isinstance(shape, tuple | list) and len(shape) == 2:
+        return Surface(*shape)
+    vertices = getattr(shape, "vertices", None)
+    if vertices is None:
+        raise TypeError(
+            f"A mesh is needed, not a {type(shape).__name__}: give a Surface, a PointCloud, (vertices, faces), the "
+            "path of a file, or an object with vertices and faces, such as trimesh's."
+        )
+    faces = getattr(shape, "faces", getattr(shape, "triangles", None))
+    return PointCloud(np.asarray(vertices)) if faces is None else Surface(np.asarray(vertices), np.asarray(faces))
+
+
+def as_surface(shape: ShapeLike) -> Surface:
+    """The surface that a user hands in, and of a point cloud the one that is reconstructed from it.
+
+    Raises:
+        MeshError: it cannot be used, or no surface passes through the points.
+        TypeError: it is no shape, see `as_shape`.
+    """
+    found = as_shape(shape)
+    return found.surface if isinstance(found, PointCloud) else found
+
+
+def from_working(shape: Surface | PointCloud, values: Floats) -> Floats:
+    """(n, d) values (m, d) of the working mesh's vertices, at those of the surface or at the points.
+
+    They are zero at a vertex that no face uses. A point that the surface leaves out is as good as the one beside it.
+    """
+    vertex_of = as_surface(shape).working.vertex_of
+    unused = vertex_of < 0
+    found = values[vertex_of]
+    found[unused] = 0
+    if isinstance(shape, PointCloud):
+        found[unused] = found[~unused][cKDTree(shape.points[~unused]).query(shape.points[unused])[1]]
+    return found
