@@ -276,9 +276,9 @@ def test_the_example_of_the_api_runs(source, symmetric):
     api = part("api")
     source.name, symmetric.name = "Hero", "Body"
     set_weights(symmetric, "Arm.L", np.clip(positions(symmetric.data)[:, 0], 0, 1))
-    scan = ellipsoid("Scan", 4)
+    scan, hat = ellipsoid("Scan", 4), ellipsoid("Hat", 2, (0.3, 0.3, 0.3))
     bpy.context.view_layer.update()
-    names = {"api": api, "context": bpy.context, "hero": source, "scan": scan, "body": symmetric}
+    names = {"api": api, "context": bpy.context, "hero": source, "scan": scan, "hat": hat, "body": symmetric}
     (example,) = [test for test in doctest.DocTestFinder().find(api, globs=names) if test.name == api.__name__]
     assert len(example.examples) > 5
     assert doctest.DocTestRunner().run(example).failed == 0
