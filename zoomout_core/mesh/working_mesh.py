@@ -11,11 +11,9 @@ from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers, segment_sum
 from zoomout_core.mesh.triangles import Sides, area_normals, cross, sides_by_edge, triangle_areas, vertex_normals
+from zoomout_core.mesh.welding import lies_twice, welded
 from zoomout_core.tuning import Tuning, tuned
 
-# Borders closer than this part of the bounding box are the same border: exporters split vertices at UV seams. A cell of
-# this lattice takes 21 bits of a coordinate.
-WELD_TOLERANCE = 2.0**-20
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9
 
@@ -167,12 +165,17 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     """
     given = triangles
     sides = sides_by_edge(triangles)
-    welded = _weld(vertices, triangles, sides)
-    triangles = welded[triangles]
-    proper = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
-    if not (proper.all() and (triangles == given).all()):
-        triangles = triangles[proper]
+    stands_for = welded(vertices, triangles, sides)
+    triangles = stands_for[triangles]
+    kept = np.flatnonzero(np.all(triangles != np.roll(triangles, 1, axis=1), axis=1))
+    if not (len(kept) == len(triangles) and (triangles == given).all()):
+        triangles = triangles[kept]
         sides = sides_by_edge(triangles)
+    again = lies_twice(triangles, sides)
+    if again.any():
+        kept, triangles = kept[~again], triangles[~again]
+        sides = sides_by_edge(triangles)
+        area = float(triangle_areas(vertices, triangles).sum())
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
     number = np.where(used, np.cumsum(used) - 1, -1)
@@ -187,29 +190,12 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
         vertices=points,
         triangles=triangles,
         flipped=_flipped(points, triangles, sides),
-        vertex_of=np.where(of_a_face, number[welded], -1),
-        triangle_of=np.flatnonzero(proper),
+        vertex_of=np.where(of_a_face, number[stands_for], -1),
+        triangle_of=kept,
         component=_component(points, triangles),
         scale=scale,
         origin=origin,
     )
-
-
-def _weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
-    """(n,) the vertex that stands for each: coinciding border vertices become one, all others stay."""
-    side, first = sides
-    alone = side[first[:-1][np.diff(first) == 1]]
-    border = np.unique(np.concatenate([triangles.ravel()[alone], np.roll(triangles, -1, axis=1).ravel()[alone]]))
-    stands_for = np.arange(len(vertices))
-    if len(border) == 0:
-        return stands_for
-    points = vertices[border]
-    extent = float(np.ptp(vertices[triangles.ravel()], axis=0).max())
-    lattice = np.rint((points - points.min(axis=0)) / (extent * WELD_TOLERANCE)).astype(np.int64)
-    keys = (lattice[:, 0] << 42) | (lattice[:, 1] << 21) | lattice[:, 2]
-    _, begin, group = np.unique(keys, return_index=True, return_inverse=True)
-    stands_for[border] = border[begin[group]]
-    return stands_for
 
 
 def _component(vertices: Floats, triangles: Integers) -> Integers:

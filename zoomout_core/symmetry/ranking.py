@@ -182,5 +182,6 @@ def _fine_handedness(candidate: Candidate, shape: ShapeAnalysis) -> float:
     """
     image, _ = map_after_alignment(candidate.sample_map, None, candidate.mirrored, shape, shape)
     pseudo_scalars = shape.descriptors[1]
-    here, there = shape.search.rows @ pseudo_scalars, shape.basis.eigenvectors[image] @ pseudo_scalars
+    # Samples tell fewer functions apart than there may be, so these are taken from the basis itself.
+    here, there = (shape.basis.eigenvectors[vertices] @ pseudo_scalars for vertices in (shape.search.samples, image))
     return (-1 if candidate.reverses_orientation else 1) * correlation(here, there, shape.weights)

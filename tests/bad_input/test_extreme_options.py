@@ -1,0 +1,21 @@
+"""Options that are allowed, but larger than usual, work."""
+
+from __future__ import annotations
+
+import numpy as np
+from creatures import creature, true_vertex
+
+import zoomout_core as zo
+
+SOURCE, TARGET = creature(520), creature(480, seed=1)
+
+
+def test_more_functions_than_samples_or_than_are_resolved() -> None:
+    result = zo.match(SOURCE.surface, TARGET.surface, k_final=1000, samples=20)
+    truth = true_vertex(SOURCE, TARGET)
+    assert zo.geodesic_error(result.surface_map, SOURCE.surface, np.arange(len(truth)), truth).mean() < 0.03
+    assert len(result.use(1).confidence) == len(truth)
+
+
+def test_symmetries_by_more_functions_than_search_samples() -> None:
+    assert zo.detect_symmetry(SOURCE.surface, k_final=450)[0].certainty > 0.5

@@ -1,0 +1,169 @@
+"""Vertices that are one but for rounding: at borders, which exporters split, and of parts that are there twice."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.triangles import Sides
+
+# Vertices nearer to each other than this part of the surface's diameter are one. Cells of a third of it (and a bit)
+# take 21 bits of a coordinate.
+TOLERANCE = 2.0**-20
+# Of cells with more vertices in different places than this one is looked at: a part is smaller than the tolerance.
+CROWDED = 16
+
+
+def welded(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
+    """(n,) the vertex that stands for each, the first of those that are one.
+
+    These are vertices of borders that coincide, and of parts that lie wholly on others, triangle on triangle, as the
+    other sides of thin things and forgotten copies do; elsewhere a surface may touch itself. Vertices nearer to each
+    other than the tolerance are one, and so are those that others between them connect, in whatever frame.
+
+    Args:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex numbers.
+        sides: of the triangles.
+    """
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
+    number = np.flatnonzero(used)
+    points = vertices[number] - vertices[number].mean(axis=0)
+    tolerance = 2 * float(np.linalg.norm(points, axis=1).max()) * TOLERANCE
+    cell = _cells(points, tolerance)
+    stands_for = np.arange(len(vertices))
+    border = np.flatnonzero(_on_border(triangles, sides, len(vertices))[number])
+    if len(border):
+        stands_for[number[border]] = number[border[_clusters(points[border], cell[border], tolerance)]]
+    apart = cell[stands_for[number] == number]
+    if len(np.unique(apart)) == len(apart):
+        return stands_for
+    place = np.arange(len(vertices))
+    place[number] = number[_clusters(points, cell, tolerance)]
+    return _copies_welded(stands_for, place, triangles)
+
+
+def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
+    """(m,) which triangles (m, 3) are the second of their three vertices, or a later one, in whatever order these are.
+
+    A fold of a closed surface is none of these: to its edges two other triangles are joined, to those of a sheet of two
+    sides one at most.
+    """
+    side, first = sides
+    opposite = np.roll(triangles, 1, axis=1).ravel()
+    count = np.diff(first)
+    pair = first[:-1][count == 2]
+    doubled = pair[opposite[side[pair]] == opposite[side[pair + 1]]]
+    among = np.unique(np.concatenate([side[doubled], side[np.repeat(count > 2, count)]]) // 3)
+    _, begin, group, size = np.unique(
+        np.sort(triangles[among], axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    group = np.where(size[group.ravel()] > 1, group.ravel(), -1)
+    among, begin, group = among[group >= 0], among[begin], group[group >= 0]
+    again = np.zeros(len(triangles), dtype=bool)
+    if len(among):
+        group_of = np.full(len(triangles), -1)
+        group_of[among] = group
+        again[among] = (among != begin[group]) & ~_folded(triangles, sides, group_of, len(size))[group]
+    return again
+
+
+def _folded(triangles: Integers, sides: Sides, group_of: Integers, groups: int) -> Booleans:
+    """(g,) which groups of triangles that lie on one another belong to a fold.
+
+    Args:
+        triangles: (m, 3) vertex numbers.
+        sides: of the triangles.
+        group_of: (m,) number of the group that each triangle is in, -1 for none.
+        groups: how many there are.
+    """
+    side, first = sides
+    edge = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    group = group_of[side // 3]
+    doubled = np.flatnonzero(group >= 0)
+    others = np.bincount(edge, group < 0)
+    # Those of one sheet or fold: edges stand behind the groups in the graph.
+    patch = _components(groups + len(others), np.stack([group[doubled], groups + edge[doubled]], axis=1))
+    folded = np.zeros(patch.max() + 1, dtype=bool)
+    folded[patch[groups + edge[doubled[others[edge[doubled]] > 1]]]] = True
+    there = group_of >= 0
+    a, b, c = triangles[there].T
+    turn = np.where((a < b).astype(int) + (b < c) + (c < a) == 2, 1, -1)
+    balanced = np.bincount(group_of[there], turn, groups) == 0
+    return np.asarray(balanced & folded[patch[:groups]])
+
+
+def _on_border(triangles: Integers, sides: Sides, count: int) -> Booleans:
+    """(n,) which vertices are on an edge of one triangle alone."""
+    side, first = sides
+    alone = side[first[:-1][np.diff(first) == 1]]
+    border = np.zeros(count, dtype=bool)
+    border[triangles.ravel()[alone]] = True
+    border[np.roll(triangles, -1, axis=1).ravel()[alone]] = True
+    return border
+
+
+def _cells(points: Floats, tolerance: float) -> Integers:
+    """(n,) the cell that each point is in; of one cell no two points are farther apart than the tolerance."""
+    lattice = np.floor((points - points.min(axis=0)) * (np.sqrt(3) / tolerance)).astype(np.int64)
+    return np.asarray((lattice[:, 0] << 42) | (lattice[:, 1] << 21) | lattice[:, 2])
+
+
+def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
+    """(n,) the first point of all that are connected by steps of at most the tolerance.
+
+    Args:
+        points: (n, 3) positions.
+        cell: (n,) of each, whose points are one in any case.
+        tolerance: in their unit.
+    """
+    _, begin, group = np.unique(cell, return_index=True, return_inverse=True)
+    apart = (points != points[begin[group]]).any(axis=1)
+    crowded = np.bincount(group, apart) > CROWDED
+    chosen = np.concatenate([begin, np.flatnonzero(apart & ~crowded[group])])
+    pairs = group[chosen[cKDTree(points[chosen]).query_pairs(tolerance, output_type="ndarray")]]
+    label = _components(len(begin), pairs)
+    return _first_of(label[group])
+
+
+def _copies_welded(stands_for: Integers, place: Integers, triangles: Integers) -> Integers:
+    """What stands for each vertex, once parts that lie wholly on others share these others' vertices.
+
+    Args:
+        stands_for: (n,) at the borders.
+        place: (n,) the first vertex in the same place.
+        triangles: (m, 3) vertex numbers.
+    """
+    own = stands_for[triangles]
+    part = _components(len(place), np.concatenate([own[:, :2], own[:, 1:]]))[own[:, 0]]
+    largest_first = np.argsort(np.argsort(-np.bincount(part), kind="stable"))[part]
+    corners = place[triangles]
+    order = np.argsort(corners, axis=1)
+    corners = np.take_along_axis(corners, order, axis=1)
+    proper = np.flatnonzero((np.diff(corners, axis=1) > 0).all(axis=1))
+    proper = proper[np.argsort(largest_first[proper], kind="stable")]
+    _, begin, group = np.unique(corners[proper], axis=0, return_index=True, return_inverse=True)
+    twin = proper[begin[group.ravel()]]  # in the largest part that has one
+    lies_on_another = np.ones(part.max() + 1, dtype=bool)
+    lies_on_another[part[proper[part[twin] == part[proper]]]] = False
+    copied = lies_on_another[part[proper]]
+    vertices = np.take_along_axis(triangles, order, axis=1)
+    of_copy, of_other = vertices[proper[copied]].ravel(), vertices[twin[copied]].ravel()
+    pairs = np.concatenate([np.stack([np.arange(len(place)), stands_for]), np.stack([of_copy, of_other])], axis=1)
+    return _first_of(_components(len(place), pairs.T))
+
+
+def _components(count: int, pairs: Integers) -> Integers:
+    """(n,) the number of the connected component of each vertex, by connected ones (e, 2)."""
+    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _first_of(label: Integers) -> Integers:
+    """(n,) the first with the same label."""
+    _, begin, group = np.unique(label, return_index=True, return_inverse=True)
+    return np.asarray(begin[group])
