@@ -202,6 +202,13 @@ def test_options_are_kept_as_presets(installed):
     assert bpy.utils.preset_find("rig", "zoomout/transfer")  # came along
 
 
+def test_the_preferences_of_the_extension_show_what_is_new(installed):
+    assert type(bpy.context.preferences.addons[EXTENSION].preferences).__name__ == "ZOOMOUT_AP_preferences"
+    manual = importlib.import_module(f"{EXTENSION}.ui.manual")
+    news = Path(url2pathname(urlparse(manual.address(manual.NEWS)).path)).read_text(encoding="utf-8")
+    assert f"<h2>{MANIFEST['version']}</h2>" in news
+
+
 def test_the_guide_is_a_page_that_came_along(installed):
     manual = importlib.import_module(f"{EXTENSION}.ui.manual")
     addresses = {
