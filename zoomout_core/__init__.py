@@ -108,3 +108,12 @@ __all__ = [
     "zoomout",
     "zoomout_both_ways",
 ]
+
+
+def __getattr__(name: str) -> str:
+    """`__version__`, read when it is asked for."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("zoomout-core")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,8 +13,6 @@ from zoomout_core.command_options import (
     in_place_option,
     match_options,
     mesh_options,
-    read_axis,
-    read_landmarks,
     start_arguments,
     threads_option,
     with_progress_bar,
@@ -35,6 +33,7 @@ from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.runtime.outputs import check_output
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
+from zoomout_core.text_arguments import read_axis, read_landmarks
 from zoomout_core.transfer_command import transfer
 
 # A start that nothing follows.
@@ -299,7 +298,9 @@ def demo(output: str) -> None:
     """Build, pose, match and transfer a character in headless Blender, and measure it against the truth."""
     try:
         from blender_addon.demo import run, summary
-    except ImportError as error:
+    except ModuleNotFoundError as error:
+        if error.name == "blender_addon":
+            raise click.ClickException("The demo is part of the project's source: run `make demo` there.") from None
         raise click.ClickException(f"The demo needs Blender as a module ({error}): pip install bpy.") from None
     try:
         report = run(Path(output))

@@ -7,22 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
 from zoomout_core.maps.surface_map import read_vertex_map
-from zoomout_core.matching.constraints import checked_axes
 from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.stepping import Result, Steps
 from zoomout_core.runtime.threads import set_threads
+from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
 
-STARTS = ("auto", "landmarks", "proximity")
 NO_CACHE = "off"
-AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
 
 
 def threads_option(command: Any) -> Any:
@@ -150,38 +147,6 @@ def start_arguments(
             raise MeshError(f"--common-axis is evidence for --initial auto, not for {initial}: leave one of them out.")
         arguments["common_axes"] = [read_axis(axis) for axis in common_axes]
     return arguments
-
-
-def read_axis(text: str, option: str = "--common-axis") -> np.ndarray:
-    """The direction (3,) that `x`, `-y` or three numbers with commas stand for, of unit length.
-
-    Raises:
-        MeshError: it is no direction.
-    """
-    try:
-        return checked_axes([float(number) for number in AXES.get(text.lower(), text).split(",")])[0]
-    except ValueError:
-        raise MeshError(f"{option} is {text!r}: give x, -x, y, -y, z, -z, or a direction such as 0,0,1.") from None
-
-
-def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Source and target vertices (m,), or points (m, 3), from a text file with a pair a line.
-
-    Raises:
-        MeshError: a line is neither a pair of vertex numbers nor one of points, or unlike the others.
-    """
-    try:
-        lines = [line.partition("#")[0].split() for line in Path(path).read_text(encoding="utf-8").splitlines()]
-        rows = list(filter(None, lines))
-        columns = 6 if len(rows[0]) == 6 else 2
-        table = np.array(rows).reshape(len(rows), columns).astype(np.float64 if columns == 6 else np.int64)
-    except (ValueError, OverflowError, IndexError):
-        raise MeshError(
-            f"{path} is no list of landmarks: give two vertex numbers a line, source and target, or six coordinates, "
-            "of a point on the source and of one on the target."
-        ) from None
-    source, target = np.split(table, 2, axis=1)
-    return (source, target) if columns == 6 else (source[:, 0], target[:, 0])
 
 
 def with_progress_bar(steps: Steps[Result]) -> Result:

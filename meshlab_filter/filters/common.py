@@ -8,11 +8,11 @@ import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
-from zoomout_core.command_options import STARTS, read_axis, read_landmarks
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet

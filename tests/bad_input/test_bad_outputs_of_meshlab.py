@@ -12,7 +12,7 @@ from doors import Limit, contents, refused
 from doors import run as run_command
 from PIL import Image
 
-from meshlab_filter.__main__ import main
+from meshlab_filter.commands import main
 from meshlab_filter.files import save_beside, texture_files
 
 NOTHING = "<!DOCTYPE FilterScript><FilterScript></FilterScript>"

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from creature import SOURCE_POSE, TARGET_POSE, chart_of, creature, rest_of, write_textured_obj
 from PIL import Image
 
-from meshlab_filter.__main__ import main
+from meshlab_filter.commands import main
 
 SIZE = 14.2**0.5
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from creature import SOURCE_POSE, TARGET_POSE, creature
 
-from meshlab_filter.__main__ import main
+from meshlab_filter.commands import main
 from meshlab_filter.script import read_script, run_script_steps
 from zoomout_core.mesh.files import ply_columns
 from zoomout_core.runtime.stepping import drain

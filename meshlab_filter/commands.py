@@ -1,0 +1,163 @@
+"""The commands of `python -m meshlab_filter`: transfer between files, and scripts of filters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from meshlab_filter.batch import LOW, REPORT, Outcome, is_folder, planned, transfer_steps, write_report
+from meshlab_filter.files import FORMATS, TextureFiles, load_mesh, new_mesh_set, save_beside, texture_files
+from meshlab_filter.script import read_script, run_script_steps
+from zoomout_core.command_options import (
+    in_place_option,
+    match_options,
+    start_arguments,
+    threads_option,
+    with_progress_bar,
+)
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import check_output
+
+# Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
+FAILED, PARTLY = 1, 3
+
+
+@click.group()
+@threads_option
+def main() -> None:
+    """Filters for mesh files, in every format that MeshLab reads."""
+
+
+@main.command()
+@click.argument("source", type=click.Path())
+@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(),
+    help="The PLY or OBJ file to write for a single target; or a folder, for any number of them.",
+)
+@click.option(
+    "--format",
+    "ending",
+    type=click.Choice([ending[1:] for ending in FORMATS]),
+    default="ply",
+    show_default=True,
+    help="Of the files in a folder.",
+)
+@click.option(
+    "--candidate", default=0, show_default=True, help="Which correspondence to use: another if sides are swapped."
+)
+@in_place_option
+@match_options
+def transfer(
+    source: str,
+    targets: tuple[str, ...],
+    output: str,
+    ending: str,
+    candidate: int,
+    in_place: bool,
+    **options: Any,
+) -> None:
+    """Transfer texture coordinates, colours and scalars from the mesh SOURCE to the meshes TARGETS.
+
+    They may differ in pose, in triangles and in placement. A folder among TARGETS stands for the meshes in it.
+    Textures are written beside the output. In an output folder each file is named after its target, and report.json
+    says how each went; a target that fails leaves the others alone.
+
+    The exit code is 0 if all were written, 1 if none was, and 3 if some were.
+    """
+    try:
+        jobs = planned(source, targets, output, f".{ending}", in_place)
+        preset = DETAIL[options["detail"]]
+        matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
+        steps = transfer_steps(source, jobs, in_place, candidate=candidate, detail=options["detail"], **matching)
+        outcomes = with_progress_bar(steps)
+        if is_folder(output):
+            write_report(source, outcomes, Path(output))
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if is_folder(output):
+        _say_all(outcomes, output)
+    else:
+        _say_one(outcomes[0])
+
+
+@main.command()
+@click.argument("script", type=click.Path())
+@click.argument("inputs", nargs=-1, required=True, type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The mesh file to write.")
+@in_place_option
+def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> None:
+    """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current in the end.
+
+    The script may mix the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
+    current.
+    """
+    try:
+        check_output(output, [script, *inputs], in_place)
+        read_script(script)
+        ms = new_mesh_set()
+        textures: TextureFiles = {}
+        for path in inputs:
+            textures |= texture_files(ms.mesh(load_mesh(ms, path)), path)
+        reports = with_progress_bar(run_script_steps(ms, script))
+        if ms.mesh_number() == 0:
+            raise MeshError("No mesh is left to write: keep one.")
+        save_beside(ms, Path(output), textures, {}, in_place)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    for report in reports:
+        for note in report.get("notes", ()):
+            click.echo(f"Line {report['line']}, {report['name']}: {note}")
+    click.echo(f"Written to {output}")
+
+
+def _say_one(outcome: Outcome) -> None:
+    """Say how the transfer to a single file went."""
+    if outcome.error:
+        raise click.ClickException(outcome.error)
+    for line in _summary(outcome):
+        click.echo(line)
+    click.echo(f"Written to {outcome.job.output}")
+
+
+def _say_all(outcomes: Sequence[Outcome], folder: str) -> None:
+    """Say how the transfer to a folder went, and end with the matching exit code."""
+    for outcome in outcomes:
+        if outcome.error:
+            click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
+            continue
+        first, *others = _summary(outcome)
+        click.echo(f"{outcome.job.target}: {first}")
+        for line in others:
+            click.echo(f"  {line}")
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    click.echo(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {folder}; {REPORT} says how each went.")
+    if failed:
+        sys.exit(FAILED if failed == len(outcomes) else PARTLY)
+
+
+def _summary(outcome: Outcome) -> list[str]:
+    """What a user should know about a transfer, a sentence a line."""
+    report, ending = outcome.report, outcome.job.output.suffix.lower()
+    confidence = report["confidence"]
+    lines = [
+        f"Transferred: {', '.join(report['transferred'])}.",
+        f"Right with a probability of {report['certainty']:.0%}, by its lead over the other candidates.",
+        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
+        f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
+        f"{report['source_share_without_partner']:.1%} of the source's.",
+        f"{len(report['candidates'])} correspondences were found; where sides are swapped, try --candidate 1.",
+        *report["notes"],
+    ]
+    lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
+    if lost:
+        lines.append(f"{ending[1:].upper()} cannot hold {' and '.join(lost)}: write PLY to keep them.")
+    return lines

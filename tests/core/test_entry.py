@@ -1,0 +1,31 @@
+"""The commands without the packages that they need, and the version."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import zoomout_core as zo
+
+
+@pytest.mark.parametrize(
+    ("module", "missing", "extra"),
+    [("zoomout_core", "click", "cli"), ("zoomout_core", "tqdm", "cli"), ("meshlab_filter", "click", "meshlab")],
+)
+def test_a_command_without_its_packages_names_the_extra(module: str, missing: str, extra: str) -> None:
+    without = f"import sys, runpy; sys.modules[{missing!r}] = None; runpy.run_module({module!r}, run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", without, "--help"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith(f"is missing: pip install 'zoomout-core[{extra}]'.")
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_the_command_is_a_module_as_well() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "zoomout_core", "--version"], capture_output=True, text=True, check=True
+    )
+    assert zo.__version__ in done.stdout
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = zo.nothing
