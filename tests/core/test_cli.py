@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -107,7 +108,7 @@ def test_what_is_known_of_the_map_reaches_the_match(
         raise zo.MeshError("Enough.")
         yield
 
-    monkeypatch.setattr("zoomout_core.cli.match_steps", spy)
+    monkeypatch.setattr("zoomout_core.cli.match_command.match_steps", spy)
     truth = true_vertex(resting, bent)
     zo.SurfaceMap.from_vertices(truth, resting.surface).save(files / "known.npz")
     points = resting.surface.vertices[truth[:3]], bent.surface.vertices[:3]
@@ -192,3 +193,29 @@ def test_the_number_of_threads_is_an_option_of_every_command(files: Path) -> Non
     finally:
         zo.set_threads(None)
     assert run("--threads", 0, "match").exit_code == 2
+
+
+def test_every_command_says_how_it_went_as_json(files: Path) -> None:
+    source, target = files / "source.ply", files / "target.ply"
+    meshes = source, target, "-o", files / "json.npz"
+    matched = json.loads(run("match", *meshes, "--initial", "nearest", "--json").stdout)
+    assert matched["output"] == str(files / "json.npz")
+    assert 0 <= matched["share_with_partner"] <= 1
+    (files / "truth.txt").write_text("0 0\n1 1\n")
+    judged = json.loads(
+        run("evaluate", files / "json.npz", *meshes[:2], "--truth", files / "truth.txt", "--json").stdout
+    )
+    assert judged["places"] == 2
+    assert set(judged["error"]) == {"mean", "median", "95th percentile"}
+    assert judged["covered"] > 0
+    held = json.loads(run("info", source, "--json").stdout)
+    assert held["vertices"] == len(zo.read_surface(source).vertices)
+    assert (held["parts"], held["border_edges"], held["joints"]) == (1, 0, [])
+
+
+def test_info_says_what_a_file_holds_and_what_is_wrong(files: Path) -> None:
+    said = run("info", files / "source.ply").output
+    assert "loose parts: 1, border edges: 0." in said
+    wrong = run("info", files / "broken.ply")
+    assert wrong.exit_code == 1
+    assert "broken.ply" in wrong.output

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import click
@@ -10,6 +9,7 @@ import click
 from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import check_format, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, SHAPES, TransferredAsset, transfer_asset_steps
+from zoomout_core.cli.report import json_option, match_figures, match_lines, say
 from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
 from zoomout_core.matching.match import MatchResult, match_steps
 from zoomout_core.mesh.surface import MeshError
@@ -18,8 +18,6 @@ from zoomout_core.runtime.stepping import Steps, within
 
 # The fraction of the progress at which two meshes are matched.
 MATCHED = 0.8
-# Confidence below which a vertex counts as doubtful.
-LOW = 0.5
 
 
 @click.command()
@@ -48,7 +46,7 @@ LOW = 0.5
     help="With skin weights: whether TARGET is taken to the rest pose, if it stands in another, or always, or never.",
 )
 @click.option("--candidate", type=click.IntRange(min=0), default=0, show_default=True, help="Which map to go by.")
-@click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON.")
+@json_option
 @match_options
 def transfer(
     source: str,
@@ -78,17 +76,15 @@ def transfer(
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     notes = [*assets[0].notes, *result.notes, *carried.notes, *left_out]
-    if as_json:
-        click.echo(json.dumps(_figures(result, carried, notes, output), indent=1))
-        return
-    click.echo(f"Transferred: {', '.join(_names(carried))}.")
-    low = (result.confidence < LOW).mean()
-    click.echo(f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.")
-    click.echo(f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.")
-    click.echo(f"{len(result.candidates)} maps were found; where sides are swapped, try --candidate 1.")
-    for note in notes:
-        click.echo(note)
-    click.echo(f"Written to {output}")
+    received = [*carried.received, *(["skin weights"] if carried.asset.skin is not None else [])]
+    lines = [
+        f"Transferred: {', '.join(received)}.",
+        *match_lines(result),
+        f"{len(result.candidates)} maps were found; where sides are swapped, try --candidate 1.",
+        *notes,
+        f"Written to {output}",
+    ]
+    say(lines, {"output": output, "transferred": received, **match_figures(result), "notes": notes}, as_json)
 
 
 def _checked_kinds(kinds: str) -> list[str]:
@@ -108,23 +104,3 @@ def _steps(
         result = yield from within(result.use_steps(candidate), MATCHED, MATCHED)
     carried = yield from within(transfer_asset_steps(source, target, result, kinds, shape), MATCHED, 1.0)
     return result, carried
-
-
-def _names(carried: TransferredAsset) -> list[str]:
-    """What the target has received."""
-    return [*carried.received, *(["skin weights"] if carried.asset.skin is not None else [])]
-
-
-def _figures(result: MatchResult, carried: TransferredAsset, notes: list[str], output: str) -> dict[str, Any]:
-    """What a program may want to know."""
-    return {
-        "output": output,
-        "transferred": _names(carried),
-        "certainty": result.certainty,
-        "mean_confidence": float(result.confidence.mean()),
-        "low_confidence": float((result.confidence < LOW).mean()),
-        "share_without_partner": result.share_without_partner,
-        "source_share_without_partner": result.source_share_without_partner,
-        "candidates": len(result.candidates),
-        "notes": notes,
-    }

@@ -1,0 +1,22 @@
+"""The command `zoomout`."""
+
+import click
+
+from zoomout_core.cli.demo_command import demo
+from zoomout_core.cli.evaluate_command import evaluate
+from zoomout_core.cli.info_command import info
+from zoomout_core.cli.match_command import match
+from zoomout_core.cli.symmetry_command import symmetry
+from zoomout_core.cli.transfer_command import transfer
+from zoomout_core.command_options import threads_option
+
+
+@click.group()
+@click.version_option(package_name="zoomout-core")
+@threads_option
+def main() -> None:
+    """Dense correspondence between surfaces, whatever their pose and topology."""
+
+
+for command in (match, transfer, symmetry, evaluate, info, demo):
+    main.add_command(command)

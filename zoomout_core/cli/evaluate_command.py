@@ -1,0 +1,83 @@
+"""The command `zoomout evaluate`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+import numpy as np
+
+from zoomout_core.cli.maps import read_surface_map
+from zoomout_core.cli.report import json_option, say, spread_in_words, spread_of
+from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.confidence import cycle_error
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.text_arguments import read_landmarks
+
+
+@click.command()
+@click.argument("map_file", metavar="MAP", type=click.Path(exists=True, dir_okay=False))
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option(
+    "--truth",
+    type=click.Path(exists=True, dir_okay=False),
+    help="Text file of pairs that truly correspond: a source vertex and a target vertex a line, numbered from 0.",
+)
+@click.option(
+    "--reverse",
+    type=click.Path(exists=True, dir_okay=False),
+    help="A map from SOURCE to TARGET, as of `zoomout match TARGET SOURCE`: does going there and back lead home?",
+)
+@json_option
+def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse: str | None, as_json: bool) -> None:
+    """Say how good MAP is, which `zoomout match SOURCE TARGET` wrote: what it folds, misses and stretches.
+
+    With --truth also how far its images are off their true places. Distances are in thousandths of the square root
+    of the surface's area.
+    """
+    try:
+        surfaces = as_surface(read_shape(source)), as_surface(read_shape(target))
+        surface_map = read_surface_map(map_file, *surfaces)
+        lines, figures = ([], {}) if truth is None else _errors(surface_map, *surfaces, truth)
+        over, covered = flipped_share(surface_map, *surfaces), coverage(surface_map, surfaces[0])
+        distortion = edge_distortion(surface_map, *surfaces)
+        figures |= {"turned_over": over, "covered": covered, "edge_distortion": distortion}
+        lines += [
+            f"Turned over: {over:.1%} of the target's area.",
+            f"Covered: {covered:.1%} of the source's area.",
+            f"Edge distortion: {distortion:.3f} (0 for an isometry).",
+        ]
+        if reverse is not None:
+            back = read_surface_map(reverse, *surfaces[::-1])
+            missed = 1000 * cycle_error(surface_map, back, surfaces[1].vertices) / np.sqrt(surfaces[1].area)
+            figures["cycle_error"] = spread = spread_of(missed[np.isfinite(missed)])  # unused vertices are nowhere
+            lines.append(
+                f"Distance from a target vertex to where going there and back leads: {spread_in_words(spread)}."
+            )
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    say(lines, figures, as_json)
+
+
+def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: str) -> tuple[list[str], dict[str, Any]]:
+    """How far images are off their true places."""
+    source_vertex, target_vertex = read_landmarks(truth)
+    known = (
+        vertex_numbers(target_vertex, len(target.vertices), f"What {truth} names of the target"),
+        vertex_numbers(source_vertex, len(source.vertices), f"What {truth} names of the source"),
+    )
+    error = 1000 * geodesic_error(surface_map, source, *known)
+    reached = error[np.isfinite(error)]  # an image on a loose part has no distance to the body
+    missed = len(error) - len(reached)
+    lines: list[str] = []
+    figures: dict[str, Any] = {"places": len(reached), "places_on_another_part": missed}
+    if len(reached):
+        figures["error"] = spread = spread_of(reached)
+        lines.append(f"Error at {len(reached)} true places: {spread_in_words(spread)}.")
+    if missed:
+        lines.append(f"{missed} images lie on another part of the source than their true places.")
+    return lines, figures

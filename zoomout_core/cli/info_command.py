@@ -1,0 +1,62 @@
+"""The command `zoomout info`: what a mesh file holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+import numpy as np
+
+from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
+from zoomout_core.assets.files import read_asset
+from zoomout_core.cli.report import json_option, say
+from zoomout_core.mesh.triangles import border_edges
+
+
+@click.command()
+@click.argument("mesh", type=click.Path())
+@json_option
+def info(mesh: str, as_json: bool) -> None:
+    """Say what MESH holds: its faces, parts and borders, and what of it `zoomout transfer` carries."""
+    try:
+        asset = read_asset(mesh)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    figures = _figures(asset)
+    say(_lines(figures), figures, as_json)
+
+
+def _figures(asset: Asset) -> dict[str, Any]:
+    surface = asset.surface
+    used = surface.components[surface.components >= 0]
+    border = border_edges(surface.working.triangles)
+    keys, skin = asset.find(SHAPE_KEYS), asset.skin
+    return {
+        "vertices": len(surface.vertices),
+        "faces": len(surface.face_start) - 1,
+        "triangles": len(surface.triangles),
+        "parts": int(used.max(initial=-1)) + 1,
+        "border_edges": len(border),
+        "area": surface.area,
+        "size": np.ptp(surface.vertices, axis=0).tolist(),
+        "attributes": [each.name for each in asset.attributes if each.name not in (SHAPE_KEYS, MATERIALS)],
+        "materials": [material.name for material in asset.materials],
+        "shape_keys": [] if keys is None else list(keys.labels),
+        "joints": [] if skin is None else list(skin.names),
+        "animations": [] if asset.document is None else [each.name for each in asset.document.gltf.animations],
+        "notes": list(asset.notes),
+    }
+
+
+def _lines(figures: dict[str, Any]) -> list[str]:
+    size = " x ".join(f"{extent:.4g}" for extent in figures["size"])
+    lines = [
+        f"{figures['vertices']} vertices, {figures['faces']} faces ({figures['triangles']} triangles), "
+        f"loose parts: {figures['parts']}, border edges: {figures['border_edges']}.",
+        f"Size {size}, area {figures['area']:.4g}.",
+    ]
+    for name in ("attributes", "materials", "shape_keys", "joints", "animations"):
+        if figures[name]:
+            words = name.replace("_", " ").capitalize()
+            lines.append(f"{words} ({len(figures[name])}): {', '.join(map(str, figures[name]))}.")
+    return [*lines, *figures["notes"]]

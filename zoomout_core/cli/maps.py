@@ -1,0 +1,37 @@
+"""Files of maps, which `zoomout match` and `zoomout symmetry` write."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.outputs import check_output
+
+
+def check_map_output(path: str, inputs: Iterable[str], in_place: bool = False) -> None:
+    """Check that a map can be written to a path, before it is worked out.
+
+    Raises:
+        OutputError: the folder is missing or cannot be written to, or the file is one of those that are read.
+        MeshError: the path does not end in .npz.
+    """
+    check_output(path, inputs, in_place)
+    if Path(path).suffix != ".npz":
+        raise MeshError(f"{path} does not end in .npz: a map is written to such a file only.")
+
+
+def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
+    """The map from `target` to `source` in a file that `match` wrote.
+
+    Raises:
+        MeshError: the file is not one of `match`, or the map is one between other surfaces.
+    """
+    surface_map = SurfaceMap.load(path, source)
+    if len(surface_map.triangle) != len(target.vertices):
+        raise MeshError(
+            f"{path} maps {len(surface_map.triangle)} vertices, but the surface that it should start from has "
+            f"{len(target.vertices)}: give the two meshes of the map, in its order."
+        )
+    return surface_map

@@ -1,0 +1,113 @@
+"""The command `zoomout match`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.report import json_option, match_figures, match_lines, say
+from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
+from zoomout_core.evaluation import flipped_share
+from zoomout_core.matching.match import MatchResult, match_steps
+from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE, ProximityMatch, match_by_proximity_steps
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.surface import MeshError
+
+# A start that nothing follows.
+NEAREST = "nearest"
+
+
+@click.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@in_place_option
+@match_options
+@click.option(
+    "--most-distance",
+    type=float,
+    default=MOST_DISTANCE,
+    show_default=True,
+    help="With --initial nearest: how far the nearest point may be, over the square root of SOURCE's area.",
+)
+@click.option(
+    "--most-angle",
+    type=float,
+    default=MOST_ANGLE,
+    show_default=True,
+    help="With --initial nearest: by how many degrees the normals may differ there.",
+)
+@click.option("--either-side", is_flag=True, help="With --initial nearest: the normals may also oppose each other.")
+@json_option
+def match(
+    source: str,
+    target: str,
+    output: str,
+    in_place: bool,
+    most_distance: float,
+    most_angle: float,
+    either_side: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Find for every vertex of TARGET the point on SOURCE that it corresponds to; either may be a point cloud.
+
+    Writes triangle, barycentric, vertex, confidence, functional_map, and has_partner and source_has_partner, which
+    vertices of TARGET and of SOURCE have something on the other that they correspond to, to one .npz file. With
+    --initial nearest the map is that to the nearest points, as for clothes on a body, with a confidence of one or zero,
+    and nothing else.
+    """
+    try:
+        landmarks, earlier, start = (options[name] for name in ("landmarks", "earlier_map", "initial"))
+        check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
+        shapes = read_shape(source), read_shape(target)
+        if options["initial"] == NEAREST:
+            _check_nothing_else(options)
+            surfaces = as_surface(shapes[0]), as_surface(shapes[1])
+            nearest = match_by_proximity_steps(*surfaces, most_distance, most_angle, either_side)
+            lines, figures = _save_nearest(with_progress_bar(nearest), output)
+        else:
+            result = with_progress_bar(match_steps(*shapes, **start_arguments(**options)))
+            result.surface_map.save(
+                output,
+                confidence=result.confidence,
+                functional_map=result.functional_map,
+                has_partner=result.has_partner,
+                source_has_partner=result.source_has_partner,
+            )
+            lines, figures = _summary(result)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    say([*lines, f"Written to {output}"], {"output": output, **figures}, as_json)
+
+
+def _check_nothing_else(options: dict[str, Any]) -> None:
+    """Raise a MeshError if the user gave more than a map to the nearest points takes."""
+    for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
+        if options[name]:
+            option = f"--{name}".replace("_", "-").replace("axes", "axis")
+            raise MeshError(f"{option} has no effect on --initial {NEAREST}: leave one of them out.")
+
+
+def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:
+    """Write a map to the nearest points; what a user should know about it."""
+    result.surface_map.save(output, confidence=result.confidence)
+    share = float(result.confidence.mean())
+    lines = [f"{share:.1%} of the vertices have a partner on the source.", *result.notes]
+    return lines, {"share_with_partner": share, "notes": list(result.notes)}
+
+
+def _summary(result: MatchResult) -> tuple[list[str], dict[str, Any]]:
+    """What a user should know about a match."""
+    over = flipped_share(result.surface_map, result.pair.source, result.pair.target)
+    origin = result.candidates[result.chosen].origin
+    lines = [
+        *match_lines(result),
+        f"Turned over: {over:.1%} of the target's area.",
+        f"Found by {origin}, the best of {len(result.candidates)} candidates.",
+        *result.notes,
+    ]
+    return lines, {**match_figures(result), "turned_over": over, "origin": origin, "notes": list(result.notes)}

@@ -1,0 +1,66 @@
+"""How a command went: sentences for a reader, or JSON for a program."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import click
+import numpy as np
+
+from zoomout_core.matching.match import MatchResult
+
+# Confidence below which a vertex counts as doubtful.
+LOW = 0.5
+
+
+def json_option(command: Any) -> Any:
+    """Let a command say how it went as JSON."""
+    return click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON.")(command)
+
+
+def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None:
+    """Say how a command went, in lines or by figures."""
+    if as_json:
+        click.echo(json.dumps(figures, indent=1))
+        return
+    for line in lines:
+        click.echo(line)
+
+
+def match_figures(result: MatchResult) -> dict[str, Any]:
+    """What a program may want to know of a match."""
+    return {
+        "certainty": result.certainty,
+        "mean_confidence": float(result.confidence.mean()),
+        "low_confidence": float((result.confidence < LOW).mean()),
+        "share_without_partner": result.share_without_partner,
+        "source_share_without_partner": result.source_share_without_partner,
+        "candidates": len(result.candidates),
+    }
+
+
+def match_lines(result: MatchResult) -> list[str]:
+    """The same in sentences."""
+    low = (result.confidence < LOW).mean()
+    return [
+        f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.",
+        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
+        f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
+        f"{result.source_share_without_partner:.1%} of the source's.",
+    ]
+
+
+def spread_of(values: np.ndarray) -> dict[str, float]:
+    """The mean, the median and the 95th percentile of some values."""
+    return {
+        "mean": float(values.mean()),
+        "median": float(np.median(values)),
+        "95th percentile": float(np.percentile(values, 95)),
+    }
+
+
+def spread_in_words(spread: Mapping[str, float]) -> str:
+    """A spread as it stands in a sentence."""
+    return ", ".join(f"{name} {value:.1f}" for name, value in spread.items())

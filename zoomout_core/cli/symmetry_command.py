@@ -1,0 +1,91 @@
+"""The command `zoomout symmetry`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from zoomout_core.cli.maps import check_map_output
+from zoomout_core.cli.report import json_option, say
+from zoomout_core.command_options import mesh_options, with_progress_bar
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
+from zoomout_core.text_arguments import read_axis
+
+
+@click.command()
+@click.argument("mesh", type=click.Path())
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@click.option(
+    "--candidate",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Which of the symmetries that are listed to write.",
+)
+@click.option(
+    "--left",
+    default="x",
+    show_default=True,
+    metavar="X,Y,Z",
+    help="Where the left of what the mesh shows is, or x, -x, y, -y, z, -z for short: it tells the sides apart.",
+)
+@json_option
+@mesh_options
+def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, detail: str, seed: int) -> None:
+    """Find the symmetries of MESH, in whatever pose it is, and write one of them.
+
+    Writes triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz file, and
+    of every vertex the signed distance from the symmetry line, and the side: 1 left, -1 right, 0 on the line.
+    """
+    try:
+        check_map_output(output, [mesh])
+        shape, direction = read_shape(mesh), read_axis(left, "--left")
+        arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "left": direction}
+        found = with_progress_bar(detect_symmetry_steps(shape, **arguments))
+        if candidate > len(found):
+            raise MeshError(f"There is no candidate {candidate}: {len(found)} were found.")
+        chosen = found[candidate - 1]
+        chosen.surface_map.save(
+            output,
+            confidence=chosen.confidence,
+            functional_map=chosen.functional_map,
+            distance=chosen.distance,
+            side=chosen.sides(),
+        )
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    lines = [f"{number}. {described(entry)}" for number, entry in enumerate(found, start=1)]
+    figures = {
+        "output": output,
+        "written": candidate,
+        "symmetries": [_figures(each) for each in found],
+        "notes": list(chosen.notes),
+    }
+    say([*lines, *chosen.notes, f"Number {candidate} written to {output}"], figures, as_json)
+
+
+def described(symmetry: Symmetry) -> str:
+    """A symmetry in a line: what it is, how likely, and how exact."""
+    kind = "reflection" if symmetry.reverses_orientation else "turn"
+    order = f" of order {symmetry.order}" if symmetry.order > 2 else ""
+    if symmetry.order == 2 and not symmetry.reverses_orientation:
+        kind = "half turn"
+    return (
+        f"A {kind}{order}, with a probability of {symmetry.certainty:.0%}; mean confidence "
+        f"{symmetry.confidence.mean():.2f}; going round misses by {1000 * symmetry.return_error:.1f} thousandths of "
+        "the root of the area."
+    )
+
+
+def _figures(symmetry: Symmetry) -> dict[str, Any]:
+    return {
+        "reverses_orientation": symmetry.reverses_orientation,
+        "order": symmetry.order,
+        "certainty": symmetry.certainty,
+        "mean_confidence": float(symmetry.confidence.mean()),
+        "return_error": symmetry.return_error,
+    }
