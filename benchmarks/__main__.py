@@ -286,6 +286,16 @@ def wrap(data: Path, pairs: int | None, json_file: Path | None, pictures: Path |
 
 @main.command()
 @common_options
+@click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each case here.")
+def dress(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """Outfits on other bodies: how exact, how much in the skin, how distorted, beside Blender's Surface Deform."""
+    from benchmarks import dressing  # it starts Blender, which the other tables do without
+
+    report(dressing.run(data, pairs, pictures), data, json_file)
+
+
+@main.command()
+@common_options
 @click.option("--stage", "stages", multiple=True, help="Only stages whose name has this in it, such as `shells`.")
 def tuning(data: Path, pairs: int | None, json_file: Path | None, stages: tuple[str, ...]) -> None:
     """What half of each tuned number, and twice as much, does to the maps."""

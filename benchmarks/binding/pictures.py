@@ -38,6 +38,9 @@ def draw(file: Path, objects: Sequence[Object]) -> None:
             middle = (shape.max(axis=0) + shape.min(axis=0)) / 2
             faces = [list(polygon.vertices) for polygon in obj.data.polygons]
             mesh.from_pydata(shape - middle + number * size * right, [], faces)
+            for material in obj.data.materials:
+                mesh.materials.append(material)
+            mesh.polygons.foreach_set("material_index", [polygon.material_index for polygon in obj.data.polygons])
             mesh.shade_smooth()
             scene.collection.objects.link(bpy.data.objects.new("Shown", mesh))
         camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

@@ -33,7 +33,7 @@ class DressOptions:
     dress_stiffness: FloatProperty(
         name="Stiffness",
         description="How far what follows the body keeps its form, from cloth that follows each detail to armor",
-        default=0.3,
+        default=0.5,
         min=0,
         max=1,
         subtype="FACTOR",

@@ -43,7 +43,7 @@ class Dressing:
     """
 
     manner: Manner = "automatic"
-    stiffness: float = 0.3
+    stiffness: float = 0.5
     gap: float = 0.0
 
 

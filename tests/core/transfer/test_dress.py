@@ -107,6 +107,23 @@ def test_what_lay_a_little_in_the_skin_is_brought_out() -> None:
     assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).min() > -0.002
 
 
+def test_the_skin_does_not_come_through_large_faces() -> None:
+    """Of a coarse shirt, over a body with a narrow bump between its points and the middles of its edges and faces."""
+    shirt = shell(1.06, 80)
+    corner = shirt.triangles[0]
+    place = np.array([0.6, 0.2, 0.2]) @ shirt.vertices[corner]
+    place /= np.linalg.norm(place)
+    bump = 1 + 0.08 * np.exp(-(np.linalg.norm(BODY.vertices - place, axis=1, keepdims=True) ** 2) / 0.003)
+    bumpy = BODY.with_vertices(BODY.vertices * bump)
+    worn = carry(BODY, BODY.vertices, bumpy, [shirt]).vertices[0]
+    corners = worn[corner]
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal *= np.sign(normal @ place) / np.linalg.norm(normal)
+    peak = bumpy.vertices[np.argmax(bump)]
+    assert (corners[0] - peak) @ normal > -0.003
+    assert (shirt.vertices[corner[0]] - peak) @ normal < -0.02
+
+
 def test_layers_stay_in_their_order() -> None:
     shirt, jacket = shell(1.02), ball(1.04, count=500, seed=9)
     jacket = Surface(jacket.vertices, jacket.triangles[jacket.vertices[jacket.triangles][:, :, 2].min(axis=1) > 0.2])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse import csc_array, csr_array, diags_array, vstack
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
@@ -19,7 +19,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class ContactTuning(Tuning, set_by="judgement"):
+class ContactTuning(Tuning, set_by="dress"):
     """How what is worn is kept out of the skin.
 
     Attributes:
@@ -61,7 +61,7 @@ class Skin:
     """
 
     def __init__(self, vertices: Floats, triangles: Integers) -> None:
-        self._vertices, self._triangles = vertices, triangles
+        self.vertices, self._triangles = vertices, triangles
         self._normals = vertex_normals(vertices, triangles)
         # By place alone: what is worn may face either way.
         self._search = OrientedSurface(vertices, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
@@ -75,7 +75,7 @@ class Skin:
         """
         triangle, barycentric, distance = self._search.closest(points, np.zeros_like(points))
         corners = self._triangles[triangle]
-        off = points - np.einsum("pc,pcx->px", barycentric, self._vertices[corners])
+        off = points - np.einsum("pc,pcx->px", barycentric, self.vertices[corners])
         normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self._normals[corners]))
         along = np.einsum("px,px->p", off, normals)
         return np.where(along < 0, -distance, distance), normals, np.abs(along) >= CONTACT.facing * distance
@@ -149,6 +149,8 @@ def held_off(
         (n, 3) positions, and how many places are still in the skin, the first of the barriers.
     """
     probes = form.probes(soft)
+    if len(form.between(soft)):
+        probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
     bounds = _bounds(barriers, probes, form, positions, growth, gap)
     areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
     staying = csc_array(diags_array(form.areas) + CONTACT.spread**2 * form.stiffness)
@@ -179,6 +181,18 @@ def held_off_as_a_whole(
         weights[which] = CONTACT.firmness
         positions = procrustes(places, wanted, weights, scales=(1, 1))(positions)
     return positions, _wrong(bounds, probes @ positions)
+
+
+def _beside(skin: Skin, positions: Floats, triangles: Integers) -> csr_array:
+    """(p, n) what gives of positions (n, 3) those on triangles (m, 3) that vertices of the skin are beside.
+
+    There the skin may come through a triangle that is larger than what it has of detail.
+    """
+    search = OrientedSurface(positions, triangles, np.zeros(len(triangles), dtype=bool), 0.0)
+    triangle, barycentric, distance = search.closest(skin.vertices, np.zeros_like(skin.vertices))
+    near = np.flatnonzero(distance < CONTACT.looked_at)
+    rows, corners = np.repeat(np.arange(len(near)), 3), triangles[triangle[near]]
+    return csr_array((barycentric[near].ravel(), (rows, corners.ravel())), shape=(len(near), len(positions)))
 
 
 def _bounds(

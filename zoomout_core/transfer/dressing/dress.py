@@ -41,7 +41,7 @@ STAGE = "Dressing"
 
 
 @dataclass(frozen=True)
-class DressTuning(Tuning, set_by="judgement"):
+class DressTuning(Tuning, set_by="dress"):
     """How far what is soft keeps its form.
 
     Attributes:
@@ -80,7 +80,7 @@ def dress(
     carried: Sequence[Carried],
     *,
     manners: Sequence[Manner] | None = None,
-    stiffness: float = 0.3,
+    stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Dressed:
     """Carry what belongs to a source onto the body of a target.
@@ -108,7 +108,7 @@ def dress_steps(
     carried: Sequence[Carried],
     *,
     manners: Sequence[Manner] | None = None,
-    stiffness: float = 0.3,
+    stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Steps[Dressed]:
     """`dress` as a generator."""
@@ -131,7 +131,7 @@ def carry(
     carried: Sequence[Carried],
     *,
     manners: Sequence[Manner] | None = None,
-    stiffness: float = 0.3,
+    stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Dressed:
     """Carry what belongs to a body along with it, as it takes another shape.
@@ -158,7 +158,7 @@ def carry_steps(
     carried: Sequence[Carried],
     *,
     manners: Sequence[Manner] | None = None,
-    stiffness: float = 0.3,
+    stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Steps[Dressed]:
     """`carry` as a generator."""

@@ -26,7 +26,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class FollowingTuning(Tuning, set_by="judgement"):
+class FollowingTuning(Tuning, set_by="dress"):
     """How wide the patch of skin is that a place follows.
 
     Attributes:

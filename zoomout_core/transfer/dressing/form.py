@@ -76,15 +76,18 @@ class Form:
         corners, component = working.oriented_triangles, working.component
         return cls(places, working.vertex_of, rest, csc_array(stiffness), areas, corners, component)
 
+    def between(self, chosen: Integers) -> Integers:
+        """(m, 3) the triangles between chosen points."""
+        inside = np.zeros(len(self.rest), dtype=bool)
+        inside[chosen] = True
+        return self.triangles[inside[self.triangles].all(axis=1)]
+
     def probes(self, chosen: Integers) -> csr_array:
         """(p, n) what gives of positions the places that are looked at.
 
         These are chosen points, and the middles of edges and triangles between them.
         """
-        n = len(self.rest)
-        inside = np.zeros(n, dtype=bool)
-        inside[chosen] = True
-        triangles = self.triangles[inside[self.triangles].all(axis=1)]
+        n, triangles = len(self.rest), self.between(chosen)
         edges, _ = unique_edges(triangles)
         columns = [chosen, edges.ravel(), triangles.ravel()]
         counts = np.repeat([1, 2, 3], [len(chosen), len(edges), len(triangles)])

@@ -17,7 +17,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
-class SolidTuning(Tuning, set_by="judgement"):
+class SolidTuning(Tuning, set_by="dress"):
     """Which parts are solid, and what they follow.
 
     Attributes:

@@ -1,0 +1,97 @@
+"""Bodies, what they wear, and other bodies that are to wear it: the same outfit is known there, or it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.characters.cases import CENTIMETRES
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.surface import Surface
+
+# Files of which a body's outfit is known on another body, and those whose other way round counts as well.
+KNOWN = "dressed_whole_f", "dressed_whole_m", "dressed_cut_same_pose", "body_eyes_teeth"
+BOTH_WAYS = KNOWN[:2]
+# Bodies of other sets that the outfits of `BOTH_WAYS` are carried onto, in turn: by folder.
+OTHERS = ("faust_r/tr_reg_025", "faust_r/tr_reg_041", "shrec19_r/11", "shrec19_r/22")
+BODY = "body"
+SAME, OTHER = "same outfit", "other body"
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A body that is to be dressed.
+
+    Attributes:
+        kind: "same outfit", if it is known how it looks there, or "other body".
+        name: of the outfit and the body.
+        source: the body that wears it.
+        target: the other one.
+        things: what is worn, by name.
+        truth: (n, 3) positions on the target of things of which they are known.
+        centimetre: in units of the source.
+    """
+
+    kind: str
+    name: str
+    source: Surface
+    target: Surface
+    things: dict[str, Surface]
+    centimetre: float
+    truth: dict[str, Floats] = field(default_factory=dict)
+
+
+def cases(data: Path, most: int | None) -> Iterator[Case]:
+    """The cases of a folder of sets, or the first of each kind.
+
+    Args:
+        data: with `characters/outfits`, and `faust_r` and `shrec19_r` or not.
+        most: largest number of a kind; None for all.
+    """
+    folder = data / "characters" / "outfits"
+    ways = [(name, turned) for name in KNOWN for turned in ((False, True) if name in BOTH_WAYS else (False,))]
+    known = [(name, turned) for name, turned in ways if (folder / f"{name}.npz").is_file()]
+    for name, turned in known[:most]:
+        sides, unit = _sides(folder / f"{name}.npz")
+        (source, worn), (target, there) = sides[::-1] if turned else sides
+        things = {part: each for part, each in worn.items() if part in there and _alike(each, there[part])}
+        truth = {part: there[part].vertices for part in things}
+        yield Case(SAME, f"{name}{' turned' * turned}", source, target, things, unit, truth)
+    wardrobe = [name for name in BOTH_WAYS if (folder / f"{name}.npz").is_file()]
+    bodies = [data / f"{name}.off" for name in OTHERS if (data / f"{name}.off").is_file()]
+    for number, path in enumerate(bodies[:most] if wardrobe else []):
+        name = wardrobe[number % len(wardrobe)]
+        ((source, things), _), unit = _sides(folder / f"{name}.npz")
+        yield Case(OTHER, f"{name} on {path.stem}", source, read_surface(path), things, unit)
+
+
+def _alike(one: Surface, other: Surface) -> bool:
+    return len(one.vertices) == len(other.vertices)
+
+
+def _sides(path: Path) -> tuple[list[tuple[Surface, dict[str, Surface]]], float]:
+    """Of source and target of a file the body and the other parts, and a centimetre."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    found = []
+    for side in ("source", "target"):
+        names = arrays[f"{side}_part_names"].tolist()
+        parts = dict(zip(names, _parts(arrays, side, len(names)), strict=True))
+        found.append((parts.pop(BODY), parts))
+    return found, float(arrays["height"]) / CENTIMETRES
+
+
+def _parts(arrays: dict[str, np.ndarray], side: str, count: int) -> Iterator[Surface]:
+    vertices, part = arrays[f"{side}_vertices"].astype(np.float64), arrays[f"{side}_part"]
+    start = np.concatenate([[0], np.cumsum(arrays[f"{side}_face_sizes"].astype(np.int64))])
+    corner_vertex = arrays[f"{side}_face_vertices"].astype(np.int64)
+    for number in range(count):
+        inside = part == number
+        faces = np.flatnonzero(inside[corner_vertex[start[:-1]]])
+        corners = np.concatenate([corner_vertex[start[face] : start[face + 1]] for face in faces])
+        first = np.concatenate([[0], np.cumsum(np.diff(start)[faces])])
+        yield Surface.from_corners(vertices[inside], (np.cumsum(inside) - 1)[corners], first)

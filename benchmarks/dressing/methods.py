@@ -1,0 +1,87 @@
+"""Ways to carry what a body wears onto another one: ours, and what artists have once the body has the other's shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+from bpy.types import Object
+
+from benchmarks.dressing.cases import Case
+from zoomout_core.arrays import Floats
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.transfer import carry
+
+# Gives (n, 3) positions for each thing, of a case and (n_s, 3) its source's vertices in the target's shape.
+Way = Callable[[Case, Floats], list[Floats]]
+
+
+def dressed(case: Case, shape: Floats) -> list[Floats]:
+    """Ours."""
+    return list(carry(case.source, shape, case.target, list(case.things.values())).vertices)
+
+
+def stiff(case: Case, shape: Floats) -> list[Floats]:
+    """Ours, with stiffer cloth."""
+    return list(carry(case.source, shape, case.target, list(case.things.values()), stiffness=0.8).vertices)
+
+
+def nearest_displaced(case: Case, shape: Floats) -> list[Floats]:
+    """Aligned with the body as a whole, and each vertex displaced as the skin nearest to it is."""
+    motion, found = procrustes(case.source.vertices, shape), []
+    for thing in case.things.values():
+        triangle, weights = closest_points(thing.vertices, case.source.vertices, case.source.triangles)
+        corners = case.source.triangles[triangle]
+        feet, images = (np.einsum("nc,ncx->nx", weights, points[corners]) for points in (case.source.vertices, shape))
+        found.append(motion(thing.vertices) + images - motion(feet))
+    return found
+
+
+def surface_deform(case: Case, shape: Floats) -> list[Floats]:
+    """Blender's Surface Deform, bound to the source, which then takes the target's shape.
+
+    Bound to triangles: it refuses concave polygons.
+    """
+    body = _object("Body", Surface(case.source.vertices, case.source.triangles))
+    things = [_object(name, thing) for name, thing in case.things.items()]
+    try:
+        for obj in things:
+            modifier = obj.modifiers.new("Bound", "SURFACE_DEFORM")
+            modifier.target = body
+            with bpy.context.temp_override(object=obj, active_object=obj):
+                bpy.ops.object.surfacedeform_bind(modifier=modifier.name)
+        body.data.vertices.foreach_set("co", shape.astype(np.float32).ravel())
+        body.data.update()
+        bpy.context.view_layer.update()
+        return [_seen(obj) for obj in things]
+    finally:
+        for obj in (body, *things):
+            bpy.data.meshes.remove(obj.data)
+
+
+WAYS: dict[str, Way] = {
+    "dress": dressed,
+    "dress, stiff": stiff,
+    "Surface Deform": surface_deform,
+    "nearest skin": nearest_displaced,
+}
+
+
+def _object(name: str, surface: Surface) -> Object:
+    mesh = bpy.data.meshes.new(name)
+    faces = np.split(surface.corner_vertex, surface.face_start[1:-1])
+    mesh.from_pydata(surface.vertices, [], [face.tolist() for face in faces])
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.update()
+    return obj
+
+
+def _seen(obj: Object) -> Floats:
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    points = np.empty(3 * len(evaluated.data.vertices), np.float32)
+    evaluated.data.vertices.foreach_get("co", points)
+    return points.reshape(-1, 3).astype(np.float64)
