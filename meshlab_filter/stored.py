@@ -10,7 +10,7 @@ import numpy as np
 
 from meshlab_filter.mesh_data import Layer, attribute_values, has_attribute
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
 from zoomout_core.mesh.surface import MeshError
 
 if TYPE_CHECKING:
@@ -86,8 +86,8 @@ def read_stored(mesh: Mesh, name: str, source: Layer) -> Correspondence:
             f"Layer '{mesh.label()}' has no correspondence '{name}': find it with compute_correspondence_by_zoomout."
         )
     number, barycentric, *point, confidence = (attribute_values(mesh, part) for part in attribute_names(name))
-    triangle = number.astype(np.int64)
-    if triangle.max() < len(source.surface.triangles):
+    triangle = np.nan_to_num(number, nan=-1.0).astype(np.int64)
+    if not fault_of_map(triangle, barycentric, len(source.surface.triangles)) and not np.isnan(confidence).any():
         surface_map = SurfaceMap(triangle, barycentric, source.surface.triangles)
         moved = np.abs(surface_map.interpolate(source.vertices) - np.column_stack(point)).max()
         if moved <= MOVED * np.ptp(source.vertices[source.surface.triangles.ravel()], axis=0).max():

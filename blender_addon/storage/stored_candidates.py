@@ -74,7 +74,10 @@ def write(mesh: Mesh, listing: CandidateList) -> None:
 def read(mesh: Mesh) -> CandidateList | None:
     """The list that is stored on a mesh, or None if there is none."""
     text = mesh.get(PROPERTY)
-    return None if text is None else parse(text)
+    try:
+        return parse(text) if isinstance(text, str) else None
+    except (ValueError, KeyError, TypeError, RecursionError):  # it was damaged, and is as good as none
+        return None
 
 
 def remove(mesh: Mesh) -> None:

@@ -21,12 +21,27 @@ from bpy.types import Mesh
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
+from zoomout_core.maps.surface_map import fault_of_map
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..mesh_data import HAS_PARTNER, MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
+from .stored_json import read_json
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
 PROPERTY = "zoomout_match"
+# The types of these attributes, and what else a description holds at least.
+TYPES = "INT", "FLOAT_VECTOR", "FLOAT"
+NEEDED = {
+    "source": str,
+    "source_fingerprint": str,
+    "target_fingerprint": str,
+    "content": dict,
+    "size": dict,
+    "mirrored": dict,
+    "vertices": int,
+    "low_confidence": int,
+    "notes": list,
+}
 # Among the stored settings: a fingerprint of the landmarks that were weighed.
 LANDMARKS = "landmarks_fingerprint"
 # Vertices below this confidence are counted in reports.
@@ -108,7 +123,7 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     """The match of this pair stored on the target's mesh, or None if there is none, or one with another source.
 
     Raises:
-        MeshError: the source or the target was edited since.
+        MeshError: the source or the target was edited since, or the match is damaged.
     """
     stored = description(mesh)
     if stored is None:
@@ -124,6 +139,8 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     if stored["target_fingerprint"] != pair.target_fingerprint.digest:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
+    if fault_of_map(triangle, barycentric, len(pair.source.triangles)) or not np.isfinite(confidence).all():
+        raise zo.MeshError(f"The match that is stored on '{pair.target_name}' is damaged: match again.")
     # Stored in single precision: brought back to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(
@@ -139,10 +156,11 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:
-    """What is known about the match on a mesh, or None without one or if a part of it was removed."""
-    if PROPERTY not in mesh or any(name not in mesh.attributes for name in MATCH_ATTRIBUTES):
+    """What is known about the match on a mesh, or None without one, or if a part of it was removed or damaged."""
+    layers = (mesh.attributes.get(name) for name in MATCH_ATTRIBUTES)
+    if [layer and (layer.domain, layer.data_type) for layer in layers] != [("POINT", kind) for kind in TYPES]:
         return None
-    return json.loads(mesh[PROPERTY])
+    return read_json(mesh, PROPERTY, NEEDED)
 
 
 def remove(mesh: Mesh) -> None:
@@ -177,10 +195,15 @@ def _packed(mask: Booleans) -> str:
 
 
 def _unpacked(text: str | None, count: int) -> Booleans | None:
-    """(count,) the selection that `_packed` made a text of."""
+    """(count,) the selection that `_packed` made a text of; None where there is none, or a damaged one."""
     if text is None:
         return None
-    return np.unpackbits(np.frombuffer(zlib.decompress(b64decode(text)), np.uint8), count=count).astype(bool)
+    try:
+        content = zlib.decompressobj().decompress(b64decode(text), (count + 7) // 8)
+    except (ValueError, TypeError, zlib.error):  # damaged
+        return None
+    found = np.unpackbits(np.frombuffer(content, np.uint8))[:count].astype(bool)
+    return found if len(found) == count else None
 
 
 def _described(source: Fingerprint) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from typing import Any
 
 from bpy.types import Mesh, Object
 
+from .stored_json import read_json
+
 PROPERTY = "zoomout_report"
 
 
@@ -31,5 +33,4 @@ def transfer_report(target: Object) -> dict[str, Any] | None:
         and of the source's area that have none, if that is known; `bound`: None, or the name of the `armature` that the
         target was bound to, and its `shape`, see `Binding`.
     """
-    text = target.data.get(PROPERTY)
-    return None if text is None else json.loads(text)
+    return read_json(target.data, PROPERTY, {"source": str, "target": str, "written": dict, "skipped": dict})

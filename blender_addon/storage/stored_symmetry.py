@@ -16,6 +16,7 @@ from bpy.types import Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes, Floats
+from zoomout_core.maps.surface_map import fault_of_map
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -33,6 +34,7 @@ from ..mesh_data import (
     write_layer,
 )
 from ..mesh_data.arrays import from_text, hash_of, to_text
+from .stored_json import read_json
 
 PROPERTY = "zoomout_symmetry"
 REST = f"{SYMMETRY_ATTRIBUTES}rest"
@@ -105,7 +107,7 @@ def store_shape(obj: Object) -> None:
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:
-    """What is known of a mesh's symmetries, or None without any or if a part of them was removed.
+    """What is known of a mesh's symmetries, or None without any, or if a part of them was removed or damaged.
 
     Returns:
         `candidates`: for each its `name`, `certainty`, whether it has `sides`, and `notes`, sentences for the user;
@@ -113,9 +115,9 @@ def description(mesh: Mesh) -> dict[str, Any] | None:
         many the mesh had; `content`: see `mesh_data.content_hash`; `pictures`, for each candidate the colours of some
         `points` of the mesh in world space, as text, and the `key` that they are known by.
     """
-    if PROPERTY not in mesh:
+    stored = read_json(mesh, PROPERTY, {"candidates": list, "chosen": int, "vertices": int, "faces": int})
+    if stored is None or not 0 <= stored["chosen"] < len(stored["candidates"]):
         return None
-    stored = json.loads(mesh[PROPERTY])
     needed = [REST, *(_name(number, part) for number in range(len(stored["candidates"])) for part in PARTS)]
     return stored if all(name in mesh.attributes for name in needed) else None
 
@@ -240,6 +242,11 @@ def _chosen(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
     values = {name: read_layer(mesh, _name(stored["chosen"], name)).attribute.values for name in PARTS}
     # Stored in single precision: brought back to a sum of one.
     barycentric = values["barycentric"].astype(np.float64)
+    if (
+        fault_of_map(values["triangle"], barycentric, len(surface.triangles))
+        or not np.isfinite(values["distance"]).all()
+    ):
+        raise zo.MeshError(f"The symmetry that is stored on '{mesh.name}' is damaged: detect it again.")
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     return SelfMap(
         surface=surface,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from os.path import isfile
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.outputs import written_whole
 
 # Barycentric coordinates that miss their bounds and their sum by less than this do so by rounding.
@@ -114,20 +115,15 @@ class SurfaceMap:
             MeshError: the file is missing, or holds no map, or one onto another source.
         """
         path = path if isfile(path) else _npz(path)
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in ("triangle", "barycentric") if name in file.files}
-        except FileNotFoundError:
-            raise MeshError(f"There is no file {path}: check the path.") from None
-        except Exception as error:  # what numpy raises on a broken file depends on where it stumbles
-            raise MeshError(f"{path} holds no map: it is no .npz file, or a broken one; give another.") from error
+        arrays = _arrays_of_map(path, ("triangle", "barycentric"))
         missing = {"triangle", "barycentric"}.difference(arrays)
         if missing:
             raise MeshError(f"{path} holds no map: it lacks {' and '.join(sorted(missing))}; give another file.")
-        fault = _fault(arrays["triangle"], arrays["barycentric"], len(source.triangles))
+        fault = fault_of_map(arrays["triangle"], arrays["barycentric"], len(source.triangles))
         if fault:
             raise MeshError(f"{path} cannot be used as a map onto this source: {fault}.")
-        return cls(arrays["triangle"], arrays["barycentric"], source.triangles)
+        triangle, barycentric = arrays["triangle"].astype(np.int64), arrays["barycentric"].astype(np.float64)
+        return cls(triangle, barycentric, source.triangles)
 
 
 def read_vertex_map(path: str | PathLike[str]) -> Integers:
@@ -138,13 +134,20 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
     Raises:
         MeshError: the file is missing, or not one of these.
     """
+    vertex = _arrays_of_map(path, ("vertex",)).get("vertex")
+    if vertex is None or vertex.ndim != 1 or vertex.dtype.kind not in "iu" or (vertex < 0).any():
+        raise MeshError(f"{path} holds no map: it names no vertices; give a file that `zoomout match` wrote.")
+    return vertex
+
+
+def _arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
+    """Those of some arrays that the file of a map holds; a MeshError where it cannot be read."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return np.asarray(file["vertex"])
+        return read_arrays(path, names)
     except FileNotFoundError:
         raise MeshError(f"There is no file {path}: check the path.") from None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
-        raise MeshError(f"{path} holds no map ({error}): give a file that `zoomout match` wrote.") from None
+    except (ArrayFileError, MemoryError) as error:
+        raise MeshError(f"{path} holds no map: {error or 'it is too large'}; give another.") from error
 
 
 def _npz(path: str | PathLike[str]) -> str:
@@ -153,7 +156,7 @@ def _npz(path: str | PathLike[str]) -> str:
     return name if name.endswith(".npz") else f"{name}.npz"
 
 
-def _fault(triangle: Integers, barycentric: Floats, count: int) -> str:
+def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     """What is wrong with the arrays of a map onto `count` triangles, or nothing."""
     if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
         return f"its triangles are of type {triangle.dtype} and its barycentric coordinates of {barycentric.dtype}"

@@ -19,6 +19,7 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.array_files import read_arrays
 from zoomout_core.runtime.outputs import written_whole
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
@@ -49,12 +50,11 @@ class ShapeFolder:
         """The shape of a part that was stored under a key, or None."""
         path = self._path(key)
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                shape = _shape({name: arrays[name] for name in arrays.files}, part)
+            shape = _shape(read_arrays(path), part)
             os.utime(path)  # used just now
         except FileNotFoundError:
             return None
-        except Exception as error:  # what numpy and zip raise on a broken file depends on the fault
+        except Exception as error:  # where arrays do not fit together, what fails depends on the fault
             _log.warning("A stored shape cannot be read and is prepared anew: %s (%s)", path, error)
             with suppress(OSError):  # another process may have removed it, or read it just now
                 path.unlink()
@@ -120,7 +120,10 @@ def _shape(arrays: dict[str, Any], part: WorkingMesh) -> ShapeAnalysis:
         proxy = Proxy(part, mesh, arrays["vertices"], arrays["merged"])
     else:
         proxy = Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
-    n = len(arrays["areas"])
+    n = len(proxy.mesh.vertices)
     stiffness = csc_array(tuple(arrays[f"stiffness.{name}"] for name in SPARSE_ARRAYS), shape=(n, n))
+    stiffness.check_format(full_check=True)  # beyond its arrays, compiled code would read what is not there
+    if not len(arrays["areas"]) == len(arrays["eigenvectors"]) == arrays["distances"].shape[1] == n:
+        raise ValueError("it is of another shape")
     basis = SpectralBasis(arrays["eigenvalues"], arrays["eigenvectors"], arrays["areas"], proxy.mesh.vertices)
     return ShapeAnalysis(proxy, stiffness, basis, SampledBasis.of(basis, arrays["samples"]), arrays["distances"])

@@ -107,7 +107,7 @@ def test_arrays_that_are_not_numbers_or_cut_off_are_refused(tmp_path, resting: C
     (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:5000])
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("objects.npz", "cut.npz", "array.npy"):
-        assert "no .npz file" in refused(tmp_path / name, resting.surface)
+        assert "holds no map" in refused(tmp_path / name, resting.surface)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,132 @@
+"""Files of maps that are broken, of another kind, or made to do harm: one sentence, at once, in little memory."""
+
+from __future__ import annotations
+
+import io
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+from creatures import creature
+from doors import refused, run
+
+import zoomout_core as zo
+from zoomout_core.cli import main
+from zoomout_core.maps.surface_map import read_vertex_map
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+
+SURFACE = creature(100).surface
+COUNT = len(SURFACE.triangles)
+WHOLE = {
+    "triangle": np.arange(100) % COUNT,
+    "barycentric": np.tile([0.5, 0.25, 0.25], (100, 1)),
+    "vertex": np.arange(100),
+}
+
+
+def of(**changed: np.ndarray) -> bytes:
+    """The content of a file with some arrays changed."""
+    content = io.BytesIO()
+    np.savez(content, **(WHOLE | changed))
+    return content.getvalue()
+
+
+def packed(**members: bytes) -> bytes:
+    """The content of a file of members as they are."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, member in members.items():
+            archive.writestr(f"{name}.npy", member)
+    return content.getvalue()
+
+
+def stating(shape: str, data: bytes = b"", kind: str = "<i8") -> bytes:
+    """An array whose header states a shape."""
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
+
+
+def flipped(every: int) -> bytes:
+    content = bytearray(of())
+    for place in range(40, len(content), every):
+        content[place] ^= 0x5A
+    return bytes(content)
+
+
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "nothing": lambda: b"",
+    "no zip": lambda: b"these are no arrays",
+    "cut off": lambda: of()[:700],
+    "bits flipped here and there": lambda: flipped(97),
+    "bits flipped everywhere": lambda: flipped(3),
+    "petabytes stated": lambda: packed(triangle=stating("(99999999999999,)"), barycentric=b"", vertex=b""),
+    "petabytes stated of both": lambda: packed(**dict.fromkeys(WHOLE, stating("(999999999999, 3)"))),
+    "a negative size": lambda: packed(**dict.fromkeys(WHOLE, stating("(-5,)", b"x" * 40))),
+    "a header that is code": lambda: packed(**dict.fromkeys(WHOLE, stating("__import__('os').getcwd()"))),
+    "nested brackets": lambda: packed(**dict.fromkeys(WHOLE, stating("(" * 3000 + ")" * 3000))),
+    "objects": lambda: packed(**dict.fromkeys(WHOLE, stating("(1,)", b"cos\nsystem\n.", "|O"))),
+    "an unknown version": lambda: packed(**dict.fromkeys(WHOLE, b"\x93NUMPY\x09\x00")),
+    "members that are no arrays": lambda: packed(**dict.fromkeys(WHOLE, b"hello")),
+    "no members": lambda: packed(),
+    "other arrays": lambda: packed(side=stating("(0,)")),
+}
+WRONG: dict[str, Callable[[], bytes]] = {
+    "negative triangles": lambda: of(triangle=WHOLE["triangle"] - 1, vertex=WHOLE["vertex"] - 1),
+    "triangles of a larger mesh": lambda: of(triangle=WHOLE["triangle"] + COUNT, vertex=WHOLE["vertex"].astype(str)),
+    "fractions": lambda: of(triangle=WHOLE["triangle"] + 0.5, vertex=WHOLE["vertex"] + 0.5),
+    "one number": lambda: of(triangle=np.array(3), vertex=np.array(3)),
+    "a table": lambda: of(triangle=np.zeros((4, 4), dtype=int), vertex=np.zeros((4, 4), dtype=int)),
+    "a functional map in place of vertices": lambda: of(triangle=np.eye(9), vertex=np.eye(9)),
+    "coordinates that are no numbers": lambda: of(barycentric=np.full((100, 3), np.nan), vertex=np.zeros(100)),
+    "coordinates of other points": lambda: of(barycentric=np.ones((7, 3)) / 3, vertex=np.zeros(0)),
+}
+
+
+@pytest.mark.parametrize("name", [*HOSTILE, *WRONG])
+def test_it_is_one_sentence(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "map.npz"
+    path.write_bytes((HOSTILE | WRONG)[name]())
+    for read in (lambda: zo.SurfaceMap.load(path, SURFACE), lambda: read_vertex_map(path)):
+        start = perf_counter()
+        with pytest.raises(MeshError, match=r"map\.npz .*\.$"):
+            read()
+        assert perf_counter() - start < 1
+
+
+def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
+    """A megabyte that unfolds to a gigabyte, and a small one that is larger than allowed."""
+    path = tmp_path / "map.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("triangle.npy", "w") as member:
+        member.write(stating("(5,)"))
+        for _ in range(64):
+            member.write(bytes(1 << 24))
+    tracemalloc.start()
+    with pytest.raises(MeshError, match="not as large as it says"):
+        zo.SurfaceMap.load(path, SURFACE)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 22
+    tracemalloc.stop()
+    with pytest.raises(ArrayFileError, match="its arrays take"):
+        read_arrays(path, most_bytes=1 << 20)
+
+
+def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "bad.npz"
+    for name in ("petabytes stated of both", "bits flipped everywhere", "negative triangles"):
+        path.write_bytes((HOSTILE | WRONG)[name]())
+        for option in ("--initial", "--earlier-map"):
+            refused(run(main, "match", *meshes, "-o", tmp_path / "out.npz", option, path), "bad.npz holds no map")
+        refused(run(main, "evaluate", path, *meshes), "bad.npz")
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_what_is_written_is_read_whatever_the_order_in_memory(tmp_path: Path) -> None:
+    path = tmp_path / "map.npz"
+    np.savez(path, triangle=WHOLE["triangle"].astype(">i4"), barycentric=np.asfortranarray(WHOLE["barycentric"]))
+    loaded = zo.SurfaceMap.load(path, SURFACE)
+    np.testing.assert_array_equal(loaded.triangle, WHOLE["triangle"])
+    np.testing.assert_array_equal(loaded.barycentric, WHOLE["barycentric"])

@@ -1,0 +1,65 @@
+"""Arrays from .npz files that may be broken, or made to do harm: nothing is run, and memory is bounded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from math import prod
+from pathlib import Path
+from typing import IO, Any
+from zipfile import ZipFile
+
+import numpy as np
+
+# Bytes that the arrays of a file may take unless it says otherwise: a map of 67 million vertices.
+MOST_BYTES = 1 << 31
+HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+class ArrayFileError(ValueError):
+    """A file whose arrays cannot be read; the message says why, without its name."""
+
+
+def read_arrays(
+    path: str | os.PathLike[str], names: Sequence[str] = (), most_bytes: int = MOST_BYTES
+) -> dict[str, np.ndarray[Any, Any]]:
+    """Those of some arrays that an .npz file holds, or all of them.
+
+    Sizes are checked before anything is read: those that headers state, and those that what is packed unfolds to.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ArrayFileError: it is no .npz file, a broken one, or its arrays take more than `most_bytes`.
+    """
+    if not Path(path).exists():
+        raise FileNotFoundError(f"There is no file {path}: check the path.")
+    if not Path(path).is_file():
+        raise ArrayFileError("it is no file")
+    try:
+        with ZipFile(path) as archive:
+            held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            wanted = {name: held[name] for name in names or held if name in held}
+            size = sum(info.file_size for info in wanted.values())
+            if size > most_bytes:
+                raise ArrayFileError(f"its arrays take {size} bytes, and {most_bytes} are allowed")
+            found = {}
+            for name, info in wanted.items():
+                with archive.open(info) as file:
+                    found[name] = _array(file, info.file_size, name)
+            return found
+    except ArrayFileError:
+        raise
+    except Exception as error:  # what zipfile, zlib and numpy raise on a broken file depends on where they stumble
+        raise ArrayFileError("it is no .npz file, or a broken one") from error
+
+
+def _array(file: IO[bytes], size: int, name: str) -> np.ndarray[Any, Any]:
+    """The array in a file of a size, which its header must state."""
+    header = HEADERS[np.lib.format.read_magic(file)]
+    shape, fortran_order, dtype = header(file)  # of a bounded length
+    if dtype.hasobject or min(shape, default=0) < 0:
+        raise ArrayFileError(f"its array '{name}' is not of numbers")
+    if prod(shape) * dtype.itemsize != size - file.tell():
+        raise ArrayFileError(f"its array '{name}' is not as large as it says")
+    values = np.frombuffer(bytearray(file.read()), dtype)
+    return values.reshape(shape, order="F" if fortran_order else "C")
