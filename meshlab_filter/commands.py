@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from meshlab_filter.batch import LOW, REPORT, Outcome, is_folder, planned, transfer_steps, write_report
-from meshlab_filter.files import FORMATS, TextureFiles, load_mesh, new_mesh_set, save_beside, texture_files
+from meshlab_filter.batch import transfer_steps
+from meshlab_filter.files import (
+    FORMATS,
+    SURFACES,
+    TextureFiles,
+    check_format,
+    load_mesh,
+    new_mesh_set,
+    save_beside,
+    texture_files,
+)
 from meshlab_filter.script import read_script, run_script_steps
+from zoomout_core.batch import is_folder, planned, say_outcomes, write_report
 from zoomout_core.command_options import (
     in_place_option,
     match_options,
@@ -22,9 +30,6 @@ from zoomout_core.command_options import (
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import check_output
-
-# Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
-FAILED, PARTLY = 1, 3
 
 
 @click.group()
@@ -74,7 +79,7 @@ def transfer(
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        jobs = planned(source, targets, output, f".{ending}", in_place)
+        jobs = planned(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
         preset = DETAIL[options["detail"]]
         matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
         steps = transfer_steps(source, jobs, in_place, candidate=candidate, detail=options["detail"], **matching)
@@ -83,10 +88,7 @@ def transfer(
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    if is_folder(output):
-        _say_all(outcomes, output)
-    else:
-        _say_one(outcomes[0])
+    say_outcomes(outcomes, output)
 
 
 @main.command()
@@ -117,47 +119,3 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
         for note in report.get("notes", ()):
             click.echo(f"Line {report['line']}, {report['name']}: {note}")
     click.echo(f"Written to {output}")
-
-
-def _say_one(outcome: Outcome) -> None:
-    """Say how the transfer to a single file went."""
-    if outcome.error:
-        raise click.ClickException(outcome.error)
-    for line in _summary(outcome):
-        click.echo(line)
-    click.echo(f"Written to {outcome.job.output}")
-
-
-def _say_all(outcomes: Sequence[Outcome], folder: str) -> None:
-    """Say how the transfer to a folder went, and end with the matching exit code."""
-    for outcome in outcomes:
-        if outcome.error:
-            click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
-            continue
-        first, *others = _summary(outcome)
-        click.echo(f"{outcome.job.target}: {first}")
-        for line in others:
-            click.echo(f"  {line}")
-    failed = sum(bool(outcome.error) for outcome in outcomes)
-    click.echo(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {folder}; {REPORT} says how each went.")
-    if failed:
-        sys.exit(FAILED if failed == len(outcomes) else PARTLY)
-
-
-def _summary(outcome: Outcome) -> list[str]:
-    """What a user should know about a transfer, a sentence a line."""
-    report, ending = outcome.report, outcome.job.output.suffix.lower()
-    confidence = report["confidence"]
-    lines = [
-        f"Transferred: {', '.join(report['transferred'])}.",
-        f"Right with a probability of {report['certainty']:.0%}, by its lead over the other candidates.",
-        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
-        f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
-        f"{report['source_share_without_partner']:.1%} of the source's.",
-        f"{len(report['candidates'])} correspondences were found; where sides are swapped, try --candidate 1.",
-        *report["notes"],
-    ]
-    lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
-    if lost:
-        lines.append(f"{ending[1:].upper()} cannot hold {' and '.join(lost)}: write PLY to keep them.")
-    return lines

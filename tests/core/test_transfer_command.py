@@ -39,7 +39,7 @@ def run(*arguments: object) -> tuple[int, str]:
 def test_colours_and_materials_arrive(files: tuple[Path, Path], tmp_path: Path) -> None:
     code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
     assert code == 0, said
-    report = json.loads(said)
+    (report,) = json.loads(said)["targets"]
     assert report["transferred"] == ["color 0", "normals", "materials"][::2]
     assert report["certainty"] > 0.5
     again = read_asset(tmp_path / "out.glb")
@@ -51,6 +51,23 @@ def test_colours_and_materials_arrive(files: tuple[Path, Path], tmp_path: Path) 
     nearest = np.argmin(np.linalg.norm(at[:, None] - other.surface.vertices, axis=2), axis=1)
     assert np.abs(colors.values[:, :3] - true[nearest]).mean() < 0.1
     assert [material.name for material in again.materials] == ["low", "high"]
+
+
+def test_a_folder_of_targets_is_written_and_one_that_fails_leaves_the_others_alone(
+    files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    targets = tmp_path / "targets"
+    targets.mkdir()
+    (targets / "good.ply").write_bytes(files[1].read_bytes())
+    (targets / "torn.obj").write_text("v 0 0 0\nf 1 2 3\n")
+    (targets / "notes.txt").write_text("no mesh")
+    code, said = run(files[0], targets, "-o", tmp_path / "out", "--format", "obj")
+    assert code == 3
+    assert "1 of 2 targets written" in said
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["good.mtl", "good.obj", "report.json"]
+    rows = json.loads((tmp_path / "out" / "report.json").read_text())["targets"]
+    assert rows[0]["transferred"] == ["color 0", "materials"]
+    assert "torn.obj" in rows[1]["error"]
 
 
 @pytest.mark.parametrize(

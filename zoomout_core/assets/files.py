@@ -17,6 +17,9 @@ from zoomout_core.runtime.outputs import written_together
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
 
+# The endings of files that hold meshes; what else lies in a folder is passed over.
+MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf")
+
 
 def read_asset(path: str | PathLike[str]) -> Asset:
     """Read a mesh file with its attributes, materials and skin; of formats that are not known here the shape alone.

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import json
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
 from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import check_format, read_asset, write_asset
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, TransferredAsset, transfer_asset_steps
-from zoomout_core.cli.report import json_option, match_figures, match_lines, say
+from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset, write_asset
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset_steps
+from zoomout_core.batch import (
+    Job,
+    end_with_code,
+    figures_of,
+    is_folder,
+    outcomes_steps,
+    planned,
+    say_outcomes,
+    write_report,
+)
+from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
-from zoomout_core.matching.match import MatchResult, match_steps
+from zoomout_core.matching.match import match_steps
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.stepping import Steps, within
 
 # The fraction of the progress at which two meshes are matched.
@@ -22,13 +34,21 @@ MATCHED = 0.8
 
 @click.command()
 @click.argument("source", type=click.Path())
-@click.argument("target", type=click.Path())
+@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path())
 @click.option(
     "-o",
     "--output",
     required=True,
-    type=click.Path(dir_okay=False),
-    help="The .glb, .gltf, .obj or .ply file to write.",
+    type=click.Path(),
+    help="The .glb, .gltf, .obj or .ply file to write for a single target; or a folder, for any number of them.",
+)
+@click.option(
+    "--format",
+    "ending",
+    type=click.Choice([ending[1:] for ending in WRITERS]),
+    default="glb",
+    show_default=True,
+    help="Of the files in an output folder.",
 )
 @in_place_option
 @click.option(
@@ -50,8 +70,9 @@ MATCHED = 0.8
 @match_options
 def transfer(
     source: str,
-    target: str,
+    targets: tuple[str, ...],
     output: str,
+    ending: str,
     in_place: bool,
     kinds: str,
     shape: str,
@@ -59,32 +80,32 @@ def transfer(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Transfer what the mesh SOURCE carries to the mesh TARGET, which may differ in pose, triangles and placement.
+    """Transfer what the mesh SOURCE carries to the meshes TARGETS, which may differ in pose, triangles and placement.
 
     From glTF these are texture coordinates, colours, materials with their images, morph targets, and skin weights: the
-    joints come along, with what animates them, and TARGET moves as SOURCE does. OBJ has texture coordinates, colours
+    joints come along, with what animates them, and a target moves as SOURCE does. OBJ has texture coordinates, colours
     and materials, PLY texture coordinates and colours; of other formats only the shape is read.
+
+    A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
+    report.json says how each went; a target that fails leaves the others alone.
+
+    The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        chosen = _checked_kinds(kinds)
-        check_format(output)
-        check_output(output, [each for each in (source, target, options["landmarks"]) if each], in_place)
-        assets = read_asset(source), read_asset(target)
-        steps = _steps(*assets, candidate, chosen, shape.replace("-", " "), start_arguments(**options))
-        result, carried = with_progress_bar(steps)
-        left_out = write_asset(carried.asset, output)
+        wanted = _checked_kinds(kinds)
+        jobs = planned(source, targets, output, f".{ending}", MESHES, check_format, in_place)
+        arguments, asset = start_arguments(**options), read_asset(source)
+        steps_of = partial(_job_steps, asset, candidate, wanted, shape.replace("-", " "), arguments)
+        outcomes = with_progress_bar(outcomes_steps(jobs, steps_of))
+        if is_folder(output):
+            write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    notes = [*assets[0].notes, *result.notes, *carried.notes, *left_out]
-    received = [*carried.received, *(["skin weights"] if carried.asset.skin is not None else [])]
-    lines = [
-        f"Transferred: {', '.join(received)}.",
-        *match_lines(result),
-        f"{len(result.candidates)} maps were found; where sides are swapped, try --candidate 1.",
-        *notes,
-        f"Written to {output}",
-    ]
-    say(lines, {"output": output, "transferred": received, **match_figures(result), "notes": notes}, as_json)
+    if as_json:
+        click.echo(json.dumps(figures_of(source, outcomes), indent=1))
+        end_with_code(outcomes)
+    else:
+        say_outcomes(outcomes, output)
 
 
 def _checked_kinds(kinds: str) -> list[str]:
@@ -96,11 +117,23 @@ def _checked_kinds(kinds: str) -> list[str]:
     return chosen
 
 
-def _steps(
-    source: Asset, target: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any]
-) -> Steps[tuple[MatchResult, TransferredAsset]]:
+def _job_steps(
+    source: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
+) -> Steps[tuple[dict[str, Any], list[str]]]:
+    """Transfer to one target, and write it; the figures and the lines of its outcome."""
+    target = read_asset(job.target)
     result = yield from within(match_steps(source.surface, target.surface, **arguments), 0.0, MATCHED)
     if candidate:
         result = yield from within(result.use_steps(candidate), MATCHED, MATCHED)
-    carried = yield from within(transfer_asset_steps(source, target, result, kinds, shape), MATCHED, 1.0)
-    return result, carried
+    made = yield from within(transfer_asset_steps(source, target, result, kinds, shape), MATCHED, 1.0)
+    job.output.parent.mkdir(exist_ok=True)
+    left_out = write_asset(made.asset, job.output)
+    notes = [*source.notes, *result.notes, *made.notes, *left_out]
+    received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
+    lines = [
+        f"Transferred: {', '.join(received)}.",
+        *match_lines(result),
+        f"{len(result.candidates)} maps were found; where sides are swapped, try --candidate 1.",
+        *notes,
+    ]
+    return {"transferred": received, **match_figures(result), "notes": notes}, lines

@@ -1,0 +1,194 @@
+"""One source to many targets: what is to be written where, and what became of each."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import check_output, written_whole
+from zoomout_core.runtime.stepping import Progress, Steps
+
+REPORT = "report.json"
+# Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
+FAILED, PARTLY = 1, 3
+
+
+@dataclass(frozen=True)
+class Job:
+    """A target, and the file to write for it."""
+
+    target: Path
+    output: Path
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a job.
+
+    Attributes:
+        job: the target and its file.
+        report: what is to be said of it, as JSON can hold it; nothing if it failed.
+        lines: the same in sentences, the most important one first.
+        error: why it failed, a sentence; empty if it did not.
+    """
+
+    job: Job
+    report: dict[str, Any]
+    lines: Sequence[str] = ()
+    error: str = ""
+
+
+def is_folder(output: str) -> bool:
+    """Whether an output is a folder: one that is there, or a name that ends as no file does."""
+    return Path(output).is_dir() or not Path(output).suffix
+
+
+def planned(
+    source: str,
+    targets: Sequence[str],
+    output: str,
+    ending: str,
+    endings: Collection[str],
+    check_format: Callable[[Path], None],
+    in_place: bool = False,
+) -> list[Job]:
+    """The jobs of a transfer, once it is clear that their files can be written.
+
+    Args:
+        source: a mesh file.
+        targets: mesh files, or folders of them, in which the source is passed over.
+        output: a file, for a single target; or a folder, in which each file is named after its target.
+        ending: of the files in a folder, such as `.ply`.
+        endings: of the files in a folder of targets that are meshes; others are passed over.
+        check_format: raises a MeshError for a file of a format that cannot be written.
+        in_place: whether a file may take the place of one that is read.
+
+    Raises:
+        MeshError: a folder holds no meshes, several targets were given a file to share, or a file would take the place
+            of another.
+        OutputError: a folder does not exist or cannot be written to, or a file would take the place of an input.
+    """
+    paths = [path for target in targets for path in _meshes_of(Path(target), Path(source), endings)]
+    place = Path(output)
+    if not is_folder(output):
+        check_format(place)
+        if len(paths) > 1:
+            raise MeshError(f"{output} is one file for {len(paths)} targets: give a folder.")
+        check_output(place, [source, *paths], in_place)
+        return [Job(paths[0], place)]
+    if not place.is_dir():
+        check_output(place)  # it is made when there is something to put there
+    for path in (Path(source), *paths):
+        if path.resolve().parent == place.resolve() and not in_place:
+            raise MeshError(
+                f"{path} is in {output}, where files and textures might take its place: give another folder, or "
+                "--in-place."
+            )
+    jobs = [Job(path, place / f"{path.stem}{ending}") for path in paths]
+    first: dict[str, Path] = {}
+    for job in jobs:
+        other = first.setdefault(job.output.name.casefold(), job.target)
+        if other is not job.target:
+            raise MeshError(f"{other} and {job.target} would both become {job.output}: rename one of them.")
+        if place.is_dir():
+            check_output(job.output, [source, *paths], in_place)
+    return jobs
+
+
+def _meshes_of(target: Path, source: Path, endings: Collection[str]) -> list[Path]:
+    """A target, or if it is a folder the meshes in it but the source."""
+    if not target.is_dir():
+        return [target]
+    files = sorted(path for path in target.iterdir() if path.suffix.lower() in endings)
+    found = [path for path in files if path.resolve() != source.resolve()]
+    if not found:
+        raise MeshError(f"The folder {target} holds no meshes to transfer to: check its name.")
+    return found
+
+
+def outcomes_steps(
+    jobs: Sequence[Job], steps_of: Callable[[Job], Steps[tuple[dict[str, Any], list[str]]]]
+) -> Steps[list[Outcome]]:
+    """Do jobs one after the other; one that fails leaves the others alone.
+
+    Args:
+        jobs: as of `planned`.
+        steps_of: what is done for a job; it returns the report and the lines of its outcome.
+    """
+    outcomes = []
+    for number, job in enumerate(jobs):
+        place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
+        steps = steps_of(job)
+        try:
+            while True:
+                progress = next(steps)
+                yield Progress((number + progress.fraction) / len(jobs), place + progress.stage)
+        except StopIteration as finished:
+            outcomes.append(Outcome(job, *finished.value))
+        except (ValueError, OSError) as error:
+            outcomes.append(Outcome(job, {}, error=str(error)))
+        except MemoryError:
+            sentence = "There is not enough memory for it: simplify it, or give a lower --detail."
+            outcomes.append(Outcome(job, {}, error=sentence))
+    return outcomes
+
+
+def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What became of each target, as JSON can hold it."""
+    rows = [
+        {"target": str(one.job.target), "output": str(one.job.output)}
+        | ({"error": one.error} if one.error else one.report)
+        for one in outcomes
+    ]
+    return {"source": source, "targets": rows}
+
+
+def write_report(source: str, outcomes: Sequence[Outcome], folder: Path) -> None:
+    """Write what became of each target to `report.json` in a folder.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    folder.mkdir(exist_ok=True)
+    with written_whole(folder / REPORT) as part:
+        part.write_text(f"{json.dumps(figures_of(source, outcomes), indent=1)}\n", encoding="utf-8")
+
+
+def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
+    """Say what became of each target, and end with the matching exit code.
+
+    Raises:
+        ClickException: the only target failed.
+    """
+    if not is_folder(output):
+        (only,) = outcomes
+        if only.error:
+            raise click.ClickException(only.error)
+        for line in (*only.lines, f"Written to {only.job.output}"):
+            click.echo(line)
+        return
+    for outcome in outcomes:
+        if outcome.error:
+            click.echo(f"{outcome.job.target}: failed. {outcome.error}", err=True)
+            continue
+        first, *others = outcome.lines
+        click.echo(f"{outcome.job.target}: {first}")
+        for line in others:
+            click.echo(f"  {line}")
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    click.echo(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} says how each went.")
+    end_with_code(outcomes)
+
+
+def end_with_code(outcomes: Sequence[Outcome]) -> None:
+    """End the process where a target failed: 1 if all did, 3 if some."""
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    if failed:
+        sys.exit(FAILED if failed == len(outcomes) else PARTLY)
