@@ -10,7 +10,7 @@ FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 # Files of tests run side by side, one at a time on each core; the last -n counts, such as in ARGS="-n 0 --pdb".
 PYTEST := OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest -n auto --dist loadfile
 
-.PHONY: help setup test test-core test-all test-blender-versions mutants extension page demo demo-oldest lint format benchmarks clean
+.PHONY: help setup test test-core test-all test-blender-versions mutants fuzz extension page demo demo-oldest lint format benchmarks clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-23s%s\n", $$1, $$2 }' Makefile
@@ -49,6 +49,9 @@ demo: setup  ## match two characters, transfer between them, and say where the r
 
 demo-oldest: setup  ## run the demo in Blender 4.2 (Python 3.11), so that demo.blend opens there, too
 	$(BIN)/python tools/oldest_demo.py $(ARGS)
+
+fuzz: setup  ## hand broken files to every reader: make fuzz ARGS="--count 100000"
+	$(BIN)/python tools/fuzz.py $(ARGS)
 
 lint: setup  ## check format, style and types
 	$(BIN)/ruff format --check .

@@ -1,0 +1,55 @@
+"""Broken files are read, or refused in a sentence, by every reader; and what is neither is found."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from fuzz import Reader, cases, fault_of, readers, run
+
+from zoomout_core.mesh.surface import MeshError
+
+COUNT, SEED = 2000, 20261123
+
+
+def test_broken_files_are_read_or_refused_in_a_sentence(tmp_path: Path) -> None:
+    ends, findings = run(COUNT, SEED, tmp_path / "kept")
+    assert not findings
+    assert sum(ends.values()) >= COUNT
+    assert min(ends["read"], ends["refused"]) > COUNT / 10
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.parametrize("name", readers())
+def test_the_samples_themselves_are_read_and_damages_are_repeatable(tmp_path: Path, name: str) -> None:
+    reader = readers()[name]
+    for sample in reader.samples:
+        (tmp_path / f"a{reader.ending}").write_bytes(sample)
+        assert fault_of(reader, tmp_path / f"a{reader.ending}") == ("read", "")
+    twice = [list(cases(name, reader, 10, 3)) for _ in range(2)]
+    assert twice[0] == twice[1]
+    assert list(cases(name, reader, 10, 4)) != twice[0]
+    assert all(each not in reader.samples for each in twice[0][:1]) or len(set(twice[0])) > 1
+
+
+def test_what_is_neither_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(sentence: str) -> Reader:
+        def read(_: Path) -> None:
+            raise MeshError(sentence)
+
+        return Reader(".off", read, (b"OFF",))
+
+    def crashes(_: Path) -> None:
+        raise IndexError("list index out of range")
+
+    assert fault_of(refuses("The file is broken: export it again."), tmp_path) == ("refused", "")
+    assert fault_of(refuses("broken"), tmp_path) == ("finding", "is no sentence: 'broken'")
+    assert fault_of(Reader(".off", crashes, ()), tmp_path) == ("finding", "IndexError: list index out of range")
+    monkeypatch.setattr("fuzz.MOST_SECONDS", 0.01)
+    assert fault_of(Reader(".off", lambda _: time.sleep(0.02), ()), tmp_path)[0] == "finding"
+    monkeypatch.setattr("fuzz.readers", lambda: {"one": Reader(".off", crashes, (b"OFF 1",))})
+    ends, findings = run(3, 0, tmp_path / "kept")
+    assert ends == {"finding": 3}
+    assert findings[0].startswith("one 0: IndexError")
+    assert len(list((tmp_path / "kept").iterdir())) == 3

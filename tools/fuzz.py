@@ -1,0 +1,229 @@
+"""Broken files for every reader: each must be read, or refused in one sentence, within bounds of time and memory.
+
+    make fuzz ARGS="--count 100000"
+
+A sample of each format is damaged at random, by a seed, and read in a process with a limit of memory. What is not read
+is refused by a MeshError, whose message a user sees. Anything else is a finding, and its file is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from tqdm import tqdm
+
+from meshlab_filter.script import read_script
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.text_arguments import read_landmarks
+
+# Seconds that a sample of a few hundred bytes may take, and bytes that reading may need at most.
+MOST_SECONDS, MOST_MEMORY = 5.0, 4 << 30
+NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
+# What numbers become.
+NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"4294967295", b"2147483648", b"99999999999", b"1.5", b"x", b"")
+BYTES = (b"\x00", b"\xff", b"\n", b"\r\n", b" ", b"\xef\xbb\xbf", b"#", b"\xff\xff\xff\xff", b"\x00\x00\x00\x80")
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A format, and what reads it.
+
+    Attributes:
+        ending: of its files.
+        read: reads one.
+        samples: files that it reads.
+    """
+
+    ending: str
+    read: Callable[[Path], object]
+    samples: tuple[bytes, ...]
+
+
+def readers() -> dict[str, Reader]:
+    """Every reader of files, by its name."""
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    surface = Surface(mesh.vertices, mesh.faces)
+    texture = np.linspace(0, 1, 2 * len(mesh.vertices)).reshape(-1, 2)
+    text = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n4 0 1 2 3\n"
+    obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/1\nf -4 -3 -2 -1\n"
+    colors = np.arange(4 * len(mesh.vertices)).reshape(-1, 4) % 256
+    colored = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        SurfaceMap.from_vertices(np.arange(len(mesh.vertices)), surface).save(place / "map.npz")
+        write_asset(read_asset(_written(place / "uv.ply", _textured(mesh, texture))), place / "a.glb")
+        write_asset(read_asset(place / "uv.ply"), place / "a.gltf")
+        saved = {name: (place / name).read_bytes() for name in ("map.npz", "a.glb", "a.gltf")}
+    ply = tuple(_exported(colored, file_type="ply", encoding=encoding) for encoding in ("ascii", "binary"))
+    script = """<!DOCTYPE FilterScript>
+<FilterScript>
+ <filter name="transfer_attributes_by_zoomout">
+  <Param name="sourcemesh" type="RichMesh" value="0"/>
+  <Param name="targetmesh" type="RichMesh" value="1"/>
+ </filter>
+</FilterScript>
+"""
+    landmarks = b"# pairs\n0 1\n2 3\n", b"0 0 0 1 1 1\n0 1 0 1 0 1\n"
+    return {
+        "off": Reader(".off", read_shape, (text.encode(),)),
+        "obj": Reader(".obj", read_shape, (obj.encode(),)),
+        "ply": Reader(".ply", read_shape, ply),
+        "stl": Reader(".stl", read_shape, (_exported(mesh, file_type="stl"),)),
+        "glb": Reader(".glb", read_shape, (saved["a.glb"],)),
+        "asset of obj": Reader(".obj", read_asset, (obj.encode(),)),
+        "asset of ply": Reader(".ply", read_asset, (*ply, _textured(mesh, texture))),
+        "asset of glb": Reader(".glb", read_asset, (saved["a.glb"],)),
+        "asset of gltf": Reader(".gltf", read_asset, (saved["a.gltf"],)),
+        "map": Reader(".npz", lambda path: SurfaceMap.load(path, surface), (saved["map.npz"],)),
+        "vertices of a map": Reader(".npz", lambda path: read_vertex_map(str(path)), (saved["map.npz"],)),
+        "script": Reader(".mlx", read_script, (script.encode(),)),
+        "landmarks": Reader(".txt", lambda path: read_landmarks(str(path)), landmarks),
+    }
+
+
+def _exported(mesh: Any, **options: str) -> bytes:
+    return bytes(mesh.export(**options))
+
+
+def _textured(mesh: Any, texture: np.ndarray) -> bytes:
+    """A PLY file with texture coordinates at the vertices."""
+    header = f"ply\nformat ascii 1.0\nelement vertex {len(mesh.vertices)}\n"
+    header += "".join(f"property float {name}\n" for name in "xyzst")
+    header += f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = [" ".join(f"{value:.5g}" for value in (*v, *t)) for v, t in zip(mesh.vertices, texture, strict=True)]
+    return (header + "\n".join([*rows, *("3 " + " ".join(map(str, face)) for face in mesh.faces)]) + "\n").encode()
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+def damaged(content: bytes, random: np.random.Generator) -> bytes:
+    """A file with a few damages, most often one."""
+    broken = bytearray(content)
+    for _ in range(random.geometric(0.6)):
+        at = int(random.integers(0, len(broken) + 1))
+        match random.choice(7, p=[0.04, 0.1, 0.1, 0.2, 0.1, 0.16, 0.3]):
+            case 0:
+                del broken[at:]
+            case 1:
+                del broken[at : at + int(random.integers(1, 64))]
+            case 2:
+                broken[at:at] = BYTES[random.integers(len(BYTES))]
+            case 3 if at < len(broken):
+                broken[at] ^= 1 << int(random.integers(8))
+            case 4:
+                broken[at:at] = broken[at : at + int(random.integers(1, 200))]
+            case 5 if at < len(broken):
+                broken[at : at + 4] = random.bytes(4)
+            case _:
+                numbers = list(NUMBER.finditer(bytes(broken)))
+                if numbers:
+                    start, end = numbers[random.integers(len(numbers))].span()
+                    broken[start:end] = NUMBERS[random.integers(len(NUMBERS))]
+    return bytes(broken)
+
+
+def cases(name: str, reader: Reader, count: int, seed: int) -> Iterator[bytes]:
+    """Damaged files for a reader, the same for the same seed."""
+    for number in range(count):
+        random = np.random.default_rng([seed, number, *name.encode()])
+        yield damaged(reader.samples[number % len(reader.samples)], random)
+
+
+def fault_of(reader: Reader, path: Path) -> tuple[str, str]:
+    """How a reader ends on a file: "read" or "refused", or else "finding" with what happened."""
+    begin = time.perf_counter()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader.read(path)
+        end = "read", ""
+    except MeshError as error:
+        sentence = str(error)
+        one = "\n" not in sentence and sentence.strip().endswith((".", "?"))
+        end = ("refused", "") if one else ("finding", f"is no sentence: {sentence!r}")
+    except MemoryError:
+        end = "finding", "MemoryError"
+    except Exception as error:  # whatever it is, it is what is looked for
+        end = "finding", f"{type(error).__name__}: {error}"
+    took = time.perf_counter() - begin
+    return ("finding", f"{took:.1f} s") if took > MOST_SECONDS else end
+
+
+def run(
+    count: int, seed: int, keep: Path | None = None, names: list[str] | None = None
+) -> tuple[Counter[str], list[str]]:
+    """Read broken files of all formats.
+
+    Args:
+        count: of files, in all.
+        seed: of the damages.
+        keep: the folder that files with findings are kept in.
+        names: of the readers; all, when not given.
+
+    Returns:
+        How many were read, refused, and findings; and a line for each finding.
+    """
+    known = {name: reader for name, reader in readers().items() if names is None or name in names}
+    ends: Counter[str] = Counter()
+    findings = []
+    share = -(-count // len(known))
+    with tempfile.TemporaryDirectory() as folder, tqdm(total=share * len(known), disable=None) as bar:
+        for name, reader in known.items():
+            path = Path(folder) / f"broken{reader.ending}"
+            for number, content in enumerate(cases(name, reader, share, seed)):
+                path.write_bytes(content)
+                end, what = fault_of(reader, path)
+                ends[end] += 1
+                bar.update()
+                if end == "finding":
+                    findings.append(f"{name} {number}: {what}")
+                    if keep is not None:
+                        keep.mkdir(parents=True, exist_ok=True)
+                        (keep / f"{name.replace(' ', '_')}_{number}{reader.ending}").write_bytes(content)
+    return ends, findings
+
+
+def limit_memory() -> None:
+    """Let this process have no more memory than reading a small file may need."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
+def main() -> None:
+    """Read broken files, and end with the exit code 1 if one was neither read nor refused in a sentence."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=20_000, help="files in all (default: 20000)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path, default=Path("dist/fuzz"), help="folder for files with findings")
+    parser.add_argument("--reader", action="append", help="one of the readers; may be repeated")
+    arguments = parser.parse_args()
+    limit_memory()
+    ends, findings = run(arguments.count, arguments.seed, arguments.keep, arguments.reader)
+    print(json.dumps(ends))
+    for line in findings[:50]:
+        print(line)
+    sys.exit(bool(findings))
+
+
+if __name__ == "__main__":
+    main()
