@@ -1,0 +1,235 @@
+"""What holds for every mesh, map and attribute, looked for on random ones (hypothesis)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
+
+import zoomout_core as zo
+from zoomout_core.mesh.triangles import triangle_areas, triangle_normals
+from zoomout_core.mesh.triangulation import triangulate
+from zoomout_core.transfer import RULES
+
+# The same examples each time, few of them, and no limit on the time of a busy machine.
+few = settings(
+    max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+seeds = st.integers(0, 2**32 - 1)
+VERTICES = 160
+
+
+@cache
+def small() -> zo.Surface:
+    """A closed creature, the same in all tests."""
+    return creature(VERTICES, asymmetry=0.3).surface
+
+
+def random_map(random: np.random.Generator, count: int, source: zo.Surface) -> zo.SurfaceMap:
+    """Images anywhere on a surface."""
+    triangle = random.integers(len(source.triangles), size=count)
+    return zo.SurfaceMap(triangle, random.dirichlet([0.5] * 3, count), source.triangles)
+
+
+def identity() -> zo.SurfaceMap:
+    return zo.SurfaceMap.from_vertices(np.arange(VERTICES), small())
+
+
+# --- meshes -------------------------------------------------------------------------------------------------
+
+
+@few
+@given(seeds, st.floats(1e-4, 1e4))
+def test_eigenvalues_do_not_depend_on_placement_size_order_or_winding(seed: int, size: float) -> None:
+    random, surface = np.random.default_rng(seed), small()
+    order = random.permutation(VERTICES)
+    number = np.argsort(order)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    moved = size * (surface.vertices[order] @ turn.T + 10 * random.standard_normal(3))
+    triangles = np.roll(number[surface.triangles], random.integers(3), axis=1)[
+        random.permutation(len(surface.triangles))
+    ]
+    for faces in (triangles, triangles[:, ::-1]):
+        found = zo.eigenbasis(zo.Surface(moved, faces), 12).eigenvalues
+        np.testing.assert_allclose(found, zo.eigenbasis(surface, 12).eigenvalues, rtol=1e-6, atol=1e-7)
+
+
+@few
+@given(seeds, st.integers(3, 40))
+def test_polygons_are_cut_into_triangles_of_the_same_area(seed: int, corners: int) -> None:
+    """Star-shaped ones, turned in space."""
+    random = np.random.default_rng(seed)
+    angle = (np.arange(corners) + 0.8 * random.random(corners)) * 2 * np.pi / corners
+    radius = random.uniform(0.2, 1, corners)
+    flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(corners)])
+    x, y = flat[:, 0], flat[:, 1]
+    area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
+    if corners == 3 and area <= 0:
+        return
+    turn = Rotation.random(random_state=seed).as_matrix()
+    triangles = triangulate(flat @ turn.T, np.arange(corners), np.array([0, corners]))
+    assert len(triangles) == corners - 2
+    assert triangle_areas(flat @ turn.T, triangles).sum() == pytest.approx(area)
+    sound = triangle_areas(flat, triangles) > 1e-12
+    assert (triangle_normals(flat, triangles)[sound, 2] > 0).all()
+
+
+# --- maps ---------------------------------------------------------------------------------------------------
+
+
+@few
+@given(seeds, st.integers(1, 60))
+def test_interpolation_keeps_constants_and_bounds(seed: int, count: int) -> None:
+    random, source = np.random.default_rng(seed), small()
+    surface_map = random_map(random, count, source)
+    values = random.standard_normal((VERTICES, 2))
+    found = surface_map.interpolate(values)
+    assert (found <= values.max(axis=0) + 1e-12).all()
+    assert (found >= values.min(axis=0) - 1e-12).all()
+    np.testing.assert_allclose(surface_map.interpolate(np.full((VERTICES, 1), 3.25)), 3.25)
+
+
+@few
+@given(seed=seeds, count=st.integers(1, 60))
+def test_maps_are_read_as_they_were_written(tmp_path: Path, seed: int, count: int) -> None:
+    surface_map = random_map(np.random.default_rng(seed), count, small())
+    surface_map.save(tmp_path / "map.npz")
+    again = zo.SurfaceMap.load(tmp_path / "map.npz", small())
+    np.testing.assert_array_equal(again.triangle, surface_map.triangle)
+    np.testing.assert_array_equal(again.barycentric, surface_map.barycentric)
+
+
+# --- attributes ---------------------------------------------------------------------------------------------
+
+COUNTS: dict[zo.Domain, Callable[[zo.Surface], int]] = {
+    zo.Domain.POINT: lambda surface: len(surface.vertices),
+    zo.Domain.EDGE: lambda surface: len(surface.edges),
+    zo.Domain.FACE: lambda surface: len(surface.face_start) - 1,
+    zo.Domain.CORNER: lambda surface: len(surface.corner_vertex),
+}
+
+
+def unit(values: np.ndarray) -> np.ndarray:
+    return values / np.linalg.norm(values, axis=-1, keepdims=True)
+
+
+def values_of(kind: zo.Kind, count: int, random: np.random.Generator) -> Any:
+    """Random values of a kind."""
+    noise = random.standard_normal((count, 16))
+    if kind is zo.Kind.WEIGHT:
+        weights = random.random((count, 4)) * (random.random((count, 4)) < 0.6)
+        weights[:, 0] += 0.1
+        return csr_array(weights / weights.sum(axis=1, keepdims=True))
+    return {
+        zo.Kind.SCALAR: noise[:, 0],
+        zo.Kind.VECTOR: noise[:, :5],
+        zo.Kind.DIRECTION: noise[:, :3],
+        zo.Kind.NORMAL: unit(noise[:, :3]),
+        zo.Kind.COLOR: np.abs(noise[:, :4]),
+        zo.Kind.QUATERNION: unit(noise[:, :4]),
+        zo.Kind.MATRIX: noise,
+        zo.Kind.LABEL: random.integers(-3, 3, count),
+        zo.Kind.BOOLEAN: noise[:, 0] > 0,
+        zo.Kind.MARK: np.where(noise[:, 0] > 1, 1.0, 0.0),
+        zo.Kind.OFFSET: noise[:, :6].reshape(count, 2, 3),
+        zo.Kind.UV: noise[:, :2],
+    }[kind]
+
+
+def told(values: Any) -> np.ndarray:
+    return values.toarray() if hasattr(values, "toarray") else np.asarray(values)
+
+
+# A chart is laid out by its continuity, offsets are solved for, marks on edges are lines, and numbers there are smooth
+# fields: random ones are none of these.
+SMOOTH = {(zo.Kind.MARK, zo.Domain.EDGE)} | {
+    (kind, zo.Domain.EDGE) for kind in (zo.Kind.SCALAR, zo.Kind.VECTOR, zo.Kind.COLOR)
+}
+PAIRS = [
+    (kind, domain)
+    for kind in RULES
+    for domain in RULES[kind].domains
+    if kind not in (zo.Kind.UV, zo.Kind.OFFSET) and (kind, domain) not in SMOOTH
+]
+
+
+@pytest.mark.parametrize(("kind", "domain"), PAIRS, ids=lambda each: each.name.lower())
+@settings(few, max_examples=4)
+@given(seed=seeds)
+def test_the_identity_gives_back_what_there_was(kind: zo.Kind, domain: zo.Domain, seed: int) -> None:
+    values = values_of(kind, COUNTS[domain](small()), np.random.default_rng(seed))
+    attribute = zo.Attribute("any", domain, kind, values)
+    found = zo.transfer(attribute, identity(), small(), small())
+    assert (found.domain, found.kind) == (domain, kind)
+    before, after = told(values), told(found.values)
+    assert after.dtype == before.dtype
+    if kind is zo.Kind.QUATERNION:
+        after = after * np.sign(np.einsum("nx,nx->n", after, before))[:, None]  # either sign is one rotation
+    if after.dtype.kind == "f":
+        np.testing.assert_allclose(after, before, atol=1e-6)
+    else:
+        np.testing.assert_array_equal(after, before)
+
+
+@few
+@given(seeds)
+def test_fields_on_edges_keep_constants_and_bounds(seed: int) -> None:
+    random, source = np.random.default_rng(seed), small()
+    surface_map = random_map(random, VERTICES, source)
+    for values in (np.full(len(source.edges), 2.5), random.uniform(1, 2, len(source.edges))):
+        attribute = zo.Attribute("e", zo.Domain.EDGE, zo.Kind.SCALAR, values)
+        found = zo.transfer(attribute, surface_map, source, source).values
+        assert found.min() >= values.min() - 1e-12
+        assert found.max() <= values.max() + 1e-12
+
+
+@few
+@given(seeds, st.integers(1, 4))
+def test_weights_stay_weights(seed: int, limit: int) -> None:
+    random, source = np.random.default_rng(seed), small()
+    attribute = zo.Attribute("w", zo.Domain.POINT, zo.Kind.WEIGHT, values_of(zo.Kind.WEIGHT, VERTICES, random))
+    found = zo.transfer(attribute, random_map(random, VERTICES, source), source, source, limit=limit).values
+    assert (found.data >= 0).all()
+    np.testing.assert_allclose(np.asarray(found.sum(axis=1)).ravel(), 1)
+    assert np.diff(found.indptr).max() <= limit
+
+
+@few
+@given(seeds)
+def test_labels_and_booleans_invent_nothing(seed: int) -> None:
+    random, source = np.random.default_rng(seed), small()
+    surface_map = random_map(random, VERTICES, source)
+    labels = random.choice(random.integers(-1000, 1000, 3), VERTICES)
+    found = zo.transfer(zo.Attribute("l", zo.Domain.POINT, zo.Kind.LABEL, labels), surface_map, source, source)
+    assert set(np.unique(found.values)) <= set(labels.tolist())
+
+
+# --- steps --------------------------------------------------------------------------------------------------
+
+
+def test_a_match_may_be_given_up_after_any_step_and_the_next_is_as_ever() -> None:
+    source, target = creature(220).surface, creature(200, seed=1, bend=0.2).surface
+    options: dict[str, Any] = {"initial": "proximity", "k_final": 20, "samples": 100}
+    zo.forget_shapes()
+    expected = zo.match(source, target, **options).surface_map
+    zo.forget_shapes()
+    count = sum(1 for _ in zo.match_steps(source, target, **options))
+    assert count > 10
+    for most in np.unique(np.geomspace(1, count - 1, 8).astype(int)):
+        zo.forget_shapes()
+        steps = zo.match_steps(source, target, **options)
+        for _, _ in zip(range(most), steps, strict=False):
+            pass
+        steps.close()
+        again = zo.match(source, target, **options).surface_map
+        np.testing.assert_array_equal(again.triangle, expected.triangle)
+        np.testing.assert_array_equal(again.barycentric, expected.barycentric)
