@@ -40,6 +40,11 @@ def test_what_is_neither_is_a_finding(tmp_path: Path, monkeypatch: pytest.Monkey
 
         return Reader(".off", read, (b"OFF",))
 
+    def busy(_: Path) -> None:
+        begin = time.process_time()
+        while time.process_time() - begin < 0.02:
+            pass
+
     def crashes(_: Path) -> None:
         raise IndexError("list index out of range")
 
@@ -47,7 +52,7 @@ def test_what_is_neither_is_a_finding(tmp_path: Path, monkeypatch: pytest.Monkey
     assert fault_of(refuses("broken"), tmp_path) == ("finding", "is no sentence: 'broken'")
     assert fault_of(Reader(".off", crashes, ()), tmp_path) == ("finding", "IndexError: list index out of range")
     monkeypatch.setattr("fuzz.MOST_SECONDS", 0.01)
-    assert fault_of(Reader(".off", lambda _: time.sleep(0.02), ()), tmp_path)[0] == "finding"
+    assert fault_of(Reader(".off", busy, ()), tmp_path)[0] == "finding"
     monkeypatch.setattr("fuzz.readers", lambda: {"one": Reader(".off", crashes, (b"OFF 1",))})
     ends, findings = run(3, 0, tmp_path / "kept")
     assert ends == {"finding": 3}
