@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mathutils import Euler, Matrix
 from rigged import BONES, OTHER, posed_target, seen, set_pose, source_and_rig
-from scenes import activate, linked
+from scenes import activate, ellipsoid, from_pydata, positions
 
 from blender_addon import api, mesh_data
 from blender_addon.demo.target import posed_copy
@@ -56,25 +56,24 @@ def rigify_rig():
 
 
 def body_around(bones):
-    """A skin around bones, and around what joins each to its parent."""
-    points, edges = [], []
+    """A body of balls along bones, and along what joins each to its parent, as one skin."""
+    ball = ellipsoid("Ball", 1, (THICK, THICK, THICK)).data
+    vertices, faces = positions(ball), np.array([polygon.vertices[:] for polygon in ball.polygons])
+    places = []
     for bone in bones:
         if not bone.name.startswith(("pelvis", "breast")):
-            joint = bone.parent.tail_local if bone.parent and bone.parent.name != "spine" else bone.head_local
-            points += [joint, bone.head_local, bone.tail_local]
-            edges += [(len(points) - 3, len(points) - 2), (len(points) - 2, len(points) - 1)]
-    mesh = bpy.data.meshes.new("Source")
-    mesh.from_pydata(points, edges, [])
-    body = linked("Source", mesh)
-    body.modifiers.new("Weld", "WELD").merge_threshold = 1e-4
-    body.modifiers.new("Skin", "SKIN")
-    for vertex in mesh.skin_vertices[0].data:
-        vertex.radius = (THICK, THICK)
-    body.modifiers.new("Remesh", "REMESH").voxel_size = THICK / 2
-    skin = posed_copy(body)
-    bpy.data.meshes.remove(mesh)
-    skin.name = "Source"
-    return skin
+            ends = (bone.parent.head_local, bone.parent.tail_local) if bone.parent else (bone.head_local,)
+            joint = min(ends, key=lambda end: (end - bone.head_local).length)
+            for begin, end in ((joint, bone.head_local), (bone.head_local, bone.tail_local)):
+                places += [begin.lerp(end, share) for share in np.linspace(0, 1, 8)]
+    balls = (np.array(places)[:, None] + vertices).reshape(-1, 3)
+    skins = (np.arange(len(places))[:, None, None] * len(vertices) + faces).reshape(-1, 3)
+    source = from_pydata("Source", balls.tolist(), skins.tolist())
+    source.modifiers.new("Remesh", "REMESH").voxel_size = THICK / 2
+    body = posed_copy(source)
+    bpy.data.meshes.remove(source.data)
+    body.name = "Source"
+    return body
 
 
 def test_a_rig_of_rigify_poses_the_target_by_its_controls(rigify_rig):
