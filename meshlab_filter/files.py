@@ -9,6 +9,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TypeAlias
 
 from meshlab_filter.mesh_data import custom_in_ply
+from meshlab_filter.trial import fault_of_file
+from zoomout_core.mesh.files import read_polygons
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import is_same_file, written_together
 
@@ -52,6 +54,13 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
 
     before = ms.mesh_number()
     gltf = Path(path).suffix.lower() in (".gltf", ".glb")
+    if not Path(path).is_file():
+        raise MeshError(f"{path} could not be read: there is no such file; check the path.")
+    if Path(path).suffix.lower() == ".off":  # of a line too short, MeshLab reads beyond it: what then happens varies
+        read_polygons(path)
+    fault = fault_of_file(path, gltf)
+    if fault:
+        raise MeshError(f"{path} could not be read ({fault}): check the file.")
     try:
         with _staying():
             ms.load_new_mesh(str(path), **({"load_in_a_single_layer": True} if gltf else {}))

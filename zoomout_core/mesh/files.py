@@ -52,7 +52,7 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    vertices, corner_vertex, face_start = _read(existing(path))
+    vertices, corner_vertex, face_start = read_polygons(path)
     try:
         if len(face_start) < 2:
             return PointCloud(vertices, _normals(Path(path)))
@@ -69,7 +69,7 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    vertices = _read(existing(path))[0]
+    vertices = read_polygons(path)[0]
     try:
         return PointCloud(vertices, _normals(Path(path)))
     except MeshError as error:
@@ -95,10 +95,21 @@ def _bytes(path: Path) -> bytes:
 
 def _text(content: bytes) -> str:
     # Names and comments may be in any encoding; only numbers and keywords are of interest.
-    return content.decode("utf-8", errors="replace").replace("\r\n", "\n")
+    return content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n")
 
 
-def _read(path: Path) -> Polygons:
+def read_polygons(path: str | PathLike[str]) -> Polygons:
+    """The polygons of a mesh file as they stand there, not yet checked.
+
+    Returns:
+        (n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
+
+    Raises:
+        MeshError: the file is missing, or cannot be read.
+        TypeError: the path is neither a string nor a path.
+        ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
+    """
+    path = existing(path)
     readers = {".off": _read_off, ".ply": _read_ply, ".obj": _read_obj}
     try:
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path)
@@ -115,7 +126,7 @@ def _read(path: Path) -> Polygons:
 def _read_off(path: Path) -> Polygons:
     """After keyword and counts a line a vertex, then a line a face; colours and the like may follow."""
     text = _text(_bytes(path))
-    lines = [line for line in text.splitlines() if line.partition("#")[0].strip()]
+    lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
     keyword, *counts = lines[0].split() if lines else [""]
     if not keyword.endswith("OFF"):
         raise ValueError("it does not begin with OFF")
@@ -126,6 +137,11 @@ def _read_off(path: Path) -> Polygons:
     if len(face_lines) < face_count:
         raise ValueError("it ends too early")
     sizes = _table(face_lines, [0], np.int64)[:, 0]
+    words = np.array([len(line.split()) for line in face_lines])
+    wrong = np.flatnonzero((sizes < 0) | (sizes >= words))
+    if len(wrong):
+        face = wrong[0]
+        raise ValueError(f"face {face} states {sizes[face]} vertices, and its line has {words[face] - 1} numbers")
     if len(np.unique(sizes)) == 1:
         return _table(vertex_lines, [0, 1, 2]), *_flat(_table(face_lines, range(1, sizes[0] + 1), np.int64))
     polygons = [line.split()[1 : size + 1] for line, size in zip(face_lines, sizes, strict=True)]
@@ -136,7 +152,11 @@ def _table(lines: list[str], columns: Sequence[int], dtype: DTypeLike = np.float
     """(len(lines), len(columns)) numbers."""
     if not lines:
         return np.zeros((0, len(columns)), dtype)
-    return np.loadtxt(lines, dtype, usecols=columns, ndmin=2)
+    table = np.loadtxt(lines, usecols=columns, ndmin=2)
+    found = table.astype(dtype)
+    if (found != table).any() and np.issubdtype(dtype, np.integer):
+        raise ValueError(f"{table[found != table][0]} stands where a whole number should")
+    return found
 
 
 def _flat(polygons: Any) -> tuple[Integers, Integers]:
@@ -163,6 +183,8 @@ def _read_obj(path: Path) -> Polygons:
 def _vertex_number(corner: str, known: int) -> int:
     """The vertex of a face corner `v/vt/vn`: counted from 1, or backwards from the last one so far."""
     number = int(corner.partition("/")[0])
+    if number == 0:
+        raise ValueError("a face names vertex 0, and vertices are counted from 1")
     return number - 1 if number > 0 else known + number
 
 

@@ -1,0 +1,74 @@
+"""Mesh files that are broken end in a sentence on every door, soon and in little memory, and a batch goes on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pymeshlab
+import pytest
+from doors import run
+from malformed import MALFORMED, OBJ, TRIANGLE
+
+import zoomout_core as zo
+from meshlab_filter.commands import main
+from meshlab_filter.files import load_mesh
+from meshlab_filter.mesh_data import read_layer
+from zoomout_core.mesh.surface import MeshError
+
+# A quad, and a triangle on its diagonal: MeshLab's search for polygons has no end.
+DIAGONAL = f"{OBJ}v 0 1 0\nf 1 2 3 4\nf 1 2 3\n".encode()
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_the_core_says_what_is_wrong(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(MALFORMED[name])
+    start = perf_counter()
+    with pytest.raises(MeshError, match=rf"{path}"):
+        zo.read_surface(path)
+    assert perf_counter() - start < 2
+
+
+# MeshLab takes what stands before the point.
+@pytest.mark.parametrize("name", [*(name for name in MALFORMED if name != "fractions.obj"), "diagonal.obj"])
+def test_meshlab_is_not_brought_down(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes((MALFORMED | {"diagonal.obj": DIAGONAL})[name])
+    ms = pymeshlab.MeshSet()
+    with pytest.raises(MeshError):  # of what was read, nothing may be left to match
+        read_layer(ms, load_mesh(ms, path))
+
+
+def test_a_batch_goes_on_and_reports(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    source, target = meshes
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(source))
+    ms.apply_filter("compute_color_by_function_per_vertex", x="255*x", y="255*y", z="0")
+    ms.save_current_mesh(str(source))
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    target.rename(scans / "m.ply")
+    for name in ("short_face.off", "vertex_beyond.off", "billions_of_triangles.stl", "a_list_of_billions.ply"):
+        (scans / name).write_bytes(MALFORMED[name])
+    ran = run(main, "transfer", source, scans, "-o", tmp_path / "out", "--detail", "fast")
+    assert ran.exit_code == 3
+    rows = json.loads((tmp_path / "out" / "report.json").read_text())["targets"]
+    assert [Path(row["target"]).name for row in rows if "error" not in row] == ["m.ply"]
+    assert all("could not be read" in row["error"] for row in rows if "error" in row)
+
+
+def test_what_is_only_unusual_is_read(tmp_path: Path) -> None:
+    for name, content in {
+        "a_mark_of_the_byte_order.obj": f"\ufeff{OBJ}f 1 2 3\n",
+        "counted_backwards.obj": f"{OBJ}f -3 -2 -1\n",
+        "comments.off": f"OFF # of a triangle\n3 1 0 # counts\n{TRIANGLE}3 0 1 2 # the face\n",
+        "windows.off": f"OFF\n3 1 0\n{TRIANGLE}3 0 1 2\n".replace("\n", "\r\n"),
+    }.items():
+        path = tmp_path / name
+        path.write_bytes(content.encode())
+        surface = zo.read_surface(path)
+        np.testing.assert_array_equal(surface.triangles, [[0, 1, 2]])
+        np.testing.assert_array_equal(surface.vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0]])
