@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from time import perf_counter
 
@@ -12,7 +13,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.binding.pictures import draw
-from benchmarks.dressing.cases import Case, cases
+from benchmarks.dressing.cases import SAME, WITHIN, Case, cases
 from benchmarks.dressing.methods import WAYS
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
@@ -29,6 +30,7 @@ TRUE = "truth"
 NEAR = 5.0
 # An edge at which two faces turn against each other by more than this is a fold, unless it was one.
 FOLD = np.cos(np.radians(120))
+CLOTHES, EYES = WORN = "clothes, hair", "eyes, teeth"
 # Colours of the skin, and of things in turn.
 SKIN = (0.85, 0.55, 0.42)
 COLOURS = ((0.12, 0.25, 0.6), (0.6, 0.08, 0.08), (0.85, 0.8, 0.65), (0.1, 0.1, 0.09), (0.1, 0.4, 0.15))
@@ -37,7 +39,8 @@ COLOURS = ((0.12, 0.25, 0.6), (0.6, 0.08, 0.08), (0.85, 0.8, 0.65), (0.1, 0.1, 0
 def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
     """Match bodies, and carry what the one wears onto the other.
 
-    `rows`: for each kind and way means over its cases, each of which is a mean over what is worn.
+    `rows`: for each kind, way and what is worn means over its cases, each of which is a mean over these things: clothes
+    and hair, and apart from them eyes and teeth, which lie within the head.
 
     Args:
         data: a folder with the set `characters`, and `faust_r` and `shrec19_r` or not.
@@ -55,24 +58,26 @@ def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
         for way, carried in WAYS.items():
             begin = perf_counter()
             found[way] = carried(case, shape)
-            records.append(about | {"way": way, "s": perf_counter() - begin} | _of_case(case, found[way]))
+            records += _of_case(about | {"way": way, "s": perf_counter() - begin}, case, found[way])
         if case.truth:
             found[TRUE] = [case.truth[name] for name in case.things]
-            records.append(about | {"way": TRUE, "s": 0.0} | _of_case(case, found[TRUE]))
+            records += _of_case(about | {"way": TRUE, "s": 0.0}, case, found[TRUE])
         if pictures is not None:
             _picture(pictures / f"{case.name.replace(' ', '_')}.png", case, shape, found)
     return {"rows": _rows(records), NOT_SHOWN: records}
 
 
-def _of_case(case: Case, found: list[Floats]) -> Record:
-    """Means over what is worn; `folds` are summed."""
-    skins = _Skin(case.source), _Skin(case.target)
-    of_things = [
-        figures(thing, positions, skins, case.centimetre, case.truth.get(name))
-        for (name, thing), positions in zip(case.things.items(), found, strict=True)
-    ]
-    means = {name: _mean([each[name] for each in of_things]) for name in of_things[0]}
-    return {"vertices": sum(map(len, found)), **means, "folds": sum(int(each["folds"]) for each in of_things)}
+def _of_case(about: Record, case: Case, found: list[Floats]) -> Iterator[Record]:
+    """Means over what is worn, of which eyes and teeth are apart; `folds` are summed."""
+    skins, named = (_Skin(case.source), _Skin(case.target)), dict(zip(case.things, found, strict=True))
+    for worn in WORN:
+        names = [name for name in named if (name in WITHIN) == (worn == EYES)]
+        each = [figures(case.things[n], named[n], skins, case.centimetre, case.truth.get(n)) for n in names]
+        if not each:
+            continue
+        means = {name: _mean([one[name] for one in each]) for name in each[0]}
+        count, folds = sum(len(named[name]) for name in names), sum(int(one["folds"]) for one in each)
+        yield {**about, "worn": worn, "vertices": count, **means, "folds": folds}
 
 
 def _mean(numbers: list[float]) -> float:
@@ -145,14 +150,14 @@ def _folds(thing: Surface, points: Floats) -> Booleans:
 
 
 def _rows(records: list[Record]) -> list[Record]:
-    """Means over the cases of each kind."""
-    rows = []
-    for kind, way in dict.fromkeys((record["kind"], record["way"]) for record in records):
-        chosen = [record for record in records if (record["kind"], record["way"]) == (kind, way)]
-        numbers = [name for name in chosen[0] if name not in ("kind", "case", "way")]
-        means = {name: float(np.mean([record[name] for record in chosen])) for name in numbers}
-        rows.append({"kind": kind, "way": way, "cases": len(chosen)} | means)
-    return rows
+    """Means over the cases of each kind, where they are known."""
+    rows, of = [], ("kind", "worn", "way")
+    for group in dict.fromkeys(tuple(record[name] for name in of) for record in records):
+        chosen = [record for record in records if tuple(record[name] for name in of) == group]
+        means = {name: _mean([record[name] for record in chosen]) for name in chosen[0] if name not in (*of, "case")}
+        known = {name: mean for name, mean in means.items() if not np.isnan(mean)}
+        rows.append({**dict(zip(of, group, strict=True)), "cases": len(chosen), **dict.fromkeys(means), **known})
+    return sorted(rows, key=lambda row: (row["kind"] != SAME, WORN.index(row["worn"])))
 
 
 def _picture(path: Path, case: Case, shape: Floats, found: dict[str, list[Floats]]) -> None:

@@ -19,6 +19,8 @@ BOTH_WAYS = KNOWN[:2]
 # Bodies of other sets that the outfits of `BOTH_WAYS` are carried onto, in turn: by folder.
 OTHERS = ("faust_r/tr_reg_025", "faust_r/tr_reg_041", "shrec19_r/11", "shrec19_r/22")
 BODY = "body"
+# Parts that lie within the head, where the skin leaves room for them.
+WITHIN = "high-poly", "teeth_base"
 SAME, OTHER = "same outfit", "other body"
 
 

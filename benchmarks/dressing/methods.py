@@ -41,10 +41,11 @@ def nearest_displaced(case: Case, shape: Floats) -> list[Floats]:
 
 
 def surface_deform(case: Case, shape: Floats) -> list[Floats]:
-    """Blender's Surface Deform, bound to the source, which then takes the target's shape.
+    """Blender's Surface Deform, bound to the source, which then takes the target's shape, in its own size and place.
 
-    Bound to triangles: it refuses concave polygons.
+    Bound to triangles: it refuses concave polygons. Distances to the skin do not grow with it.
     """
+    motion = procrustes(case.source.vertices, shape)
     body = _object("Body", Surface(case.source.vertices, case.source.triangles))
     things = [_object(name, thing) for name, thing in case.things.items()]
     try:
@@ -53,10 +54,10 @@ def surface_deform(case: Case, shape: Floats) -> list[Floats]:
             modifier.target = body
             with bpy.context.temp_override(object=obj, active_object=obj):
                 bpy.ops.object.surfacedeform_bind(modifier=modifier.name)
-        body.data.vertices.foreach_set("co", shape.astype(np.float32).ravel())
+        body.data.vertices.foreach_set("co", motion.inverse(shape).astype(np.float32).ravel())
         body.data.update()
         bpy.context.view_layer.update()
-        return [_seen(obj) for obj in things]
+        return [motion(_seen(obj)) for obj in things]
     finally:
         for obj in (body, *things):
             bpy.data.meshes.remove(obj.data)

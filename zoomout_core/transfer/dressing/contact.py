@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array, vstack
+from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
@@ -32,6 +33,8 @@ class ContactTuning(Tuning, set_by="dress"):
         spread: length over which a push is spread.
         firmness: what a push counts for beside staying.
         rounds: of looking and pushing, at most.
+        settled: what may be missing of a margin.
+        fine: length of edges that are so short that their ends are looked at alone.
         looked_at: distance from the margin beyond which a place is not looked at again.
     """
 
@@ -44,10 +47,14 @@ class ContactTuning(Tuning, set_by="dress"):
     spread: float = tuned(0.01, "at unit area", 1e-6, 1)
     firmness: float = tuned(30.0, "1", 0, 1e6)
     rounds: int = tuned(8, "rounds", 0, 100)
+    settled: float = tuned(3e-4, "at unit area", 0, 1)
+    fine: float = tuned(0.01, "at unit area", 0, 1)
     looked_at: float = tuned(0.02, "at unit area", 0, 1)
 
 
 CONTACT = ContactTuning()
+# A push has faded at so many times the length over which it is spread.
+PUSHED = 6.0
 # Guard against division by zero.
 SMALLEST = 1e-300
 
@@ -124,11 +131,16 @@ class _Bounds(NamedTuple):
         some = off < self.margin + CONTACT.looked_at
         return _Bounds(self.skin, self.which[some], self.margin[some])
 
+    def among(self, chosen: Booleans) -> _Bounds:
+        """Those of chosen places, of all (p,)."""
+        some = chosen[self.which]
+        return _Bounds(self.skin, self.which[some], self.margin[some])
+
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
         """(v,) places, of all (p, 3), that have come too near, and (v, 3) how far they are to move."""
         off, normals, known = self.skin.sides(places[self.which])
         missing = self.margin - off
-        some = known & (missing > 0) & (missing < CONTACT.reach)
+        some = known & (missing > CONTACT.settled) & (missing < CONTACT.reach)
         return self.which[some], missing[some, None] * normals[some]
 
 
@@ -148,20 +160,26 @@ def held_off(
     Returns:
         (n, 3) positions, and how many places are still in the skin, the first of the barriers.
     """
-    probes = form.probes(soft)
+    probes = form.probes(soft, CONTACT.fine)
     if len(form.between(soft)):
         probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
     bounds = _bounds(barriers, probes, form, positions, growth, gap)
     areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
     staying = csc_array(diags_array(form.areas) + CONTACT.spread**2 * form.stiffness)
+    positions, moving = positions.copy(), bounds
     for _ in range(CONTACT.rounds):
-        which, pushes = _pushes(bounds, probes @ positions)
+        which, pushes = _pushes(moving, probes @ positions)
         if not len(which):
             break
         touched, weights = csr_array(probes[which]), CONTACT.firmness * areas[which]
-        matrix = csc_array(staying + touched.T @ diags_array(weights) @ touched)
-        loads = touched.T @ (weights[:, None] * pushes)
-        positions = positions + factorised(matrix).solve(np.asfortranarray(loads))
+        free = _around(form.rest, np.unique(touched.indices))
+        there = touched[:, free]
+        matrix = csc_array(staying[free][:, free] + there.T @ diags_array(weights) @ there)
+        loads = there.T @ (weights[:, None] * pushes)
+        positions[free] += factorised(matrix).solve(np.asfortranarray(loads))
+        # Places that have not moved are where they were found to be right.
+        is_free = np.isin(np.arange(len(positions)), free)
+        moving = [each.among(probes @ is_free > 0) for each in bounds]
     return positions, _wrong(bounds, probes @ positions)
 
 
@@ -169,7 +187,7 @@ def held_off_as_a_whole(
     form: Form, positions: Floats, growth: Floats, barriers: Sequence[Barrier], gap: float
 ) -> tuple[Floats, int]:
     """`held_off` for what is rigid: it is moved and turned as a whole."""
-    probes = form.probes(np.arange(len(form.rest)))
+    probes = form.probes(np.arange(len(form.rest)), CONTACT.fine)
     bounds = _bounds(barriers, probes, form, positions, growth, gap)
     for _ in range(CONTACT.rounds):
         places = probes @ positions
@@ -181,6 +199,13 @@ def held_off_as_a_whole(
         weights[which] = CONTACT.firmness
         positions = procrustes(places, wanted, weights, scales=(1, 1))(positions)
     return positions, _wrong(bounds, probes @ positions)
+
+
+def _around(points: Floats, chosen: Integers) -> Integers:
+    """(f,) which of the points (n, 3) a push at chosen ones reaches."""
+    reach = PUSHED * CONTACT.spread
+    distance, _ = cKDTree(points[chosen]).query(points, distance_upper_bound=reach)
+    return np.flatnonzero(np.isfinite(distance))
 
 
 def _beside(skin: Skin, positions: Floats, triangles: Integers) -> csr_array:

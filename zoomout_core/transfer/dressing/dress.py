@@ -185,22 +185,21 @@ def _carried(
         fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
         yield 0.2 + 0.3 * number / len(carried)
     stuck = 0
-    found: dict[int, Floats] = {}
+    found: dict[int, tuple[Floats, Floats]] = {}
     # From the skin outwards: what lies beneath is a barrier for what lies above.
     order = sorted(range(len(fits)), key=lambda number: float(np.median(fits[number].motion.distance)))
     for done, number in enumerate(order, start=1):
         fit = fits[number]
         positions, wrong = fit.held_off(barriers, gap / following.unit_after)
         stuck += wrong
-        found[number] = following.unit_after * fit.of_vertices(positions, following)
+        found[number] = fit.of_vertices(positions, following)
         if done < len(order) and fit.is_layer:
             triangles = fit.facing_away(barriers[0].before)
             barriers.append(Barrier(Skin(fit.form.rest, triangles), Skin(positions, triangles), is_layer=True))
         yield 0.5 + 0.5 * done / len(order)
-    growth = following.unit_after / following.unit
-    turns = tuple(growth * following.motion(fit.form.places).turns for fit in fits)
     notes = (f"{stuck} places could not be brought out of the skin: look at these.",) if stuck else ()
-    return Dressed(tuple(found[number] for number in range(len(fits))), turns, notes)
+    vertices, turns = zip(*(found[number] for number in range(len(fits))), strict=True)
+    return Dressed(vertices, turns, notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,13 +256,17 @@ class _Fit:
         positions, wrong = held_off(self.form, self.positions, self.motion.growth, barriers, gap, soft)
         return with_solid_parts(self.form, self.parts, self.motion.images, positions), wrong
 
-    def of_vertices(self, positions: Floats, following: Following) -> Floats:
-        """(n_v, 3) positions of the vertices, of which those that nothing connects follow the body alone."""
+    def of_vertices(self, positions: Floats, following: Following) -> tuple[Floats, Floats]:
+        """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
+
+        Those that nothing connects follow the body alone.
+        """
         number = self.form.number
-        found, alone = positions[number], np.flatnonzero(number < 0)
+        found, turns, alone = positions[number], self.motion.turns[number], np.flatnonzero(number < 0)
         if len(alone):
-            found[alone] = following.motion(self.form.places[alone]).images
-        return found
+            motion = following.motion(self.form.places[alone])
+            found[alone], turns[alone] = motion.images, motion.turns
+        return following.unit_after * found, following.unit_after / following.unit * turns
 
 
 def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:

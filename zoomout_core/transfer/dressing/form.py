@@ -82,13 +82,16 @@ class Form:
         inside[chosen] = True
         return self.triangles[inside[self.triangles].all(axis=1)]
 
-    def probes(self, chosen: Integers) -> csr_array:
+    def probes(self, chosen: Integers, fine: float) -> csr_array:
         """(p, n) what gives of positions the places that are looked at.
 
-        These are chosen points, and the middles of edges and triangles between them.
+        These are chosen points, and the middles of edges between them that are not as short as `fine`, and of triangles
+        with such an edge.
         """
         n, triangles = len(self.rest), self.between(chosen)
-        edges, _ = unique_edges(triangles)
+        edges, edge_of = unique_edges(triangles)
+        is_long = np.linalg.norm(self.rest[edges[:, 0]] - self.rest[edges[:, 1]], axis=1) > fine
+        edges, triangles = edges[is_long], triangles[is_long[edge_of].any(axis=1)]
         columns = [chosen, edges.ravel(), triangles.ravel()]
         counts = np.repeat([1, 2, 3], [len(chosen), len(edges), len(triangles)])
         rows = np.repeat(np.arange(len(counts)), counts)
