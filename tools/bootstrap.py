@@ -189,6 +189,9 @@ def install_project(extra: str, size: str) -> None:
     STAMP.unlink()  # also when pip failed: it undoes what it cannot finish
     if status != 0:
         sys.exit("pip could not install the project: see its reason above, then run make again.")
+    # The wheel leaves the Blender extension out, a zip of its own: the demo, tests and tools take it from here.
+    (packages,) = ENVIRONMENT.glob("lib/python3*/site-packages")
+    (packages / "source_folder.pth").write_text(f"{ROOT}\n")
 
 
 def check_hosts() -> None:
