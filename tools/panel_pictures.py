@@ -35,6 +35,8 @@ SEEN = "1270x880+330+81"
 EDGE, VERTICES = 0.024, 6000
 # Seconds until what was changed is drawn, and until facts about meshes that are read between events are known.
 DRAWN, KNOWN = 2.0, 6.0
+# Colors of objects.
+SKIN, BLUE, RED = (0.8, 0.62, 0.5, 1), (0.12, 0.25, 0.6, 1), (0.7, 0.12, 0.1, 1)
 # Landmarks: the bones that they lie on, and their names. The last is on one side only.
 LANDMARKS = {
     "hand.L": "Left hand",
@@ -174,6 +176,26 @@ def wrapping() -> Story:
     picture("panel_wrap")
 
 
+def dressing() -> Story:
+    """What a character wears, on a scan beside it."""
+    hero, scan = pair()
+    worn = [garment(hero, "Vest", 0.4, 0.55, 0.025), garment(hero, "Socks", 0.0, 0.2, 0.02)]
+    for obj, color in zip((hero, scan, *worn), (SKIN, SKIN, BLUE, RED), strict=True):
+        obj.color = color
+    yield from begin(scan, hero)
+    view().spaces.active.shading.color_type = "OBJECT"
+    call(bpy.ops.zoomout.match)
+    bpy.context.scene.zoomout.source = hero
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj in (scan, *worn))
+    yield KNOWN
+    call(bpy.ops.zoomout.dress)
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj is scan)
+    yield KNOWN
+    picture("panel_dress")
+
+
 def symmetry() -> Story:
     """Pairs and sides of a posed character, and what differs between the sides of one that was sculpted on."""
     hero, scan = pair()
@@ -206,6 +228,7 @@ STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "landmarks": (landmarks, {"ZOOMOUT_PT_landmarks", "ZOOMOUT_PT_collections"}, {"ZOOMOUT_PT_transfer"}),
     "binding": (binding, {"ZOOMOUT_PT_binding"}, {"ZOOMOUT_PT_match"}),
     "wrapping": (wrapping, {"ZOOMOUT_PT_wrap"}, {"ZOOMOUT_PT_match"}),
+    "dressing": (dressing, {"ZOOMOUT_PT_dress"}, {"ZOOMOUT_PT_match"}),
     "symmetry": (symmetry, {"ZOOMOUT_PT_symmetry"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
 }
 
@@ -291,6 +314,32 @@ def mend(obj: Object) -> None:
         bmesh.ops.collapse(mesh, edges=crowded)
     mesh.to_mesh(obj.data)
     mesh.free()
+
+
+def garment(body: Object, name: str, low: float, high: float, off: float) -> Object:
+    """A thick copy of a body between two parts of its height, at a distance from its skin, without hands and tail."""
+    worn = body.copy()
+    worn.data, worn.name = body.data.copy(), name
+    bpy.context.scene.collection.objects.link(worn)
+    mesh = bmesh.new()
+    mesh.from_mesh(worn.data)
+    mesh.normal_update()
+    heights = [vertex.co.z for vertex in mesh.verts]
+    bottom, height = min(heights), max(heights) - min(heights)
+    left = [
+        vertex
+        for vertex in mesh.verts
+        if not low <= (vertex.co.z - bottom) / height <= high or abs(vertex.co.x) > 0.25 * height
+        or vertex.co.y > 0.07 * height
+    ]
+    for vertex in mesh.verts:
+        vertex.co += off * vertex.normal
+    bmesh.ops.delete(mesh, geom=left, context="VERTS")
+    mesh.to_mesh(worn.data)
+    mesh.free()
+    thick = worn.modifiers.new("Solidify", "SOLIDIFY")
+    thick.thickness = 0.6 * off
+    return worn
 
 
 def cut_below(obj: Object, height: float) -> None:
