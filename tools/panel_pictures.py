@@ -329,7 +329,8 @@ def garment(body: Object, name: str, low: float, high: float, off: float) -> Obj
     left = [
         vertex
         for vertex in mesh.verts
-        if not low <= (vertex.co.z - bottom) / height <= high or abs(vertex.co.x) > 0.25 * height
+        if not low <= (vertex.co.z - bottom) / height <= high
+        or abs(vertex.co.x) > 0.25 * height
         or vertex.co.y > 0.07 * height
     ]
     for vertex in mesh.verts:
