@@ -21,6 +21,7 @@ from meshlab_filter.files import (
 from meshlab_filter.script import read_script, run_script_steps
 from zoomout_core.batch import is_folder, planned, say_outcomes, write_report
 from zoomout_core.command_options import (
+    batch_options,
     in_place_option,
     match_options,
     start_arguments,
@@ -39,27 +40,7 @@ def main() -> None:
 
 
 @main.command()
-@click.argument("source", type=click.Path())
-@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(),
-    help="The PLY or OBJ file to write for a single target; or a folder, for any number of them.",
-)
-@click.option(
-    "--format",
-    "ending",
-    type=click.Choice([ending[1:] for ending in FORMATS]),
-    default="ply",
-    show_default=True,
-    help="Of the files in a folder.",
-)
-@click.option(
-    "--candidate", default=0, show_default=True, help="Which correspondence to use: another if sides are swapped."
-)
-@in_place_option
+@batch_options(tuple(FORMATS), "ply")
 @match_options
 def transfer(
     source: str,

@@ -45,6 +45,49 @@ def in_place_option(command: Any) -> Any:
     return option(command)
 
 
+def batch_options(endings: Sequence[str], default: str) -> Any:
+    """The options of every command that goes from one source to many targets.
+
+    Args:
+        endings: of the files that can be written, such as `.ply`.
+        default: that of the files in a folder.
+    """
+    names = [ending[1:] for ending in endings]
+
+    def with_options(command: Any) -> Any:
+        for option in (
+            in_place_option,
+            click.option(
+                "--candidate",
+                type=click.IntRange(min=0),
+                default=0,
+                show_default=True,
+                help="Which of the maps that are found to use: another if sides are swapped.",
+            ),
+            click.option(
+                "--format",
+                "ending",
+                type=click.Choice(names),
+                default=default,
+                show_default=True,
+                help="Of the files in a folder.",
+            ),
+            click.option(
+                "-o",
+                "--output",
+                required=True,
+                type=click.Path(),
+                help=f"The file to write for a single target ({', '.join(names)}); or a folder, for any number.",
+            ),
+            click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path()),
+            click.argument("source", type=click.Path()),
+        ):
+            command = option(command)
+        return command
+
+    return with_options
+
+
 def mesh_options(command: Any) -> Any:
     """The options of every command that analyses meshes."""
     for option in (

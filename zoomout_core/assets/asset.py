@@ -11,6 +11,8 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.skinning import blended_matrices
+from zoomout_core.transfer.unpose import inverse_skinning
 
 if TYPE_CHECKING:
     from zoomout_core.assets.gltf import Document
@@ -46,6 +48,7 @@ class Skin:
         inverse_bind: (b, 4, 4) from the rest pose to the frame of each joint.
         transforms: (b, 4, 4) from the rest pose to where each joint stands in the file.
         rest: (n, 3) the vertices in the rest pose.
+        linear: (n, 3, 3) what takes small differences of positions, as they are seen, to those at rest.
         weights: (n, b) sparse, rows that sum to one.
     """
 
@@ -55,6 +58,7 @@ class Skin:
     inverse_bind: Floats
     transforms: Floats
     rest: Floats
+    linear: Floats
     weights: csr_array
 
 
@@ -82,6 +86,27 @@ class Asset:
     def find(self, name: str) -> Attribute | None:
         """The attribute of some name."""
         return next((each for each in self.attributes if each.name == name), None)
+
+
+def to_rest(seen: Floats, weights: csr_array, transforms: Floats) -> tuple[Floats, Floats]:
+    """Where vertices are at rest that joints take to where they are seen.
+
+    Args:
+        seen: (n, 3) positions.
+        weights: (n, b) of the joints.
+        transforms: (b, 4, 4) from the rest pose to where each joint stands.
+
+    Returns:
+        (n, 3) positions, and (n, 3, 3) what takes small differences of positions there.
+    """
+    scale = float(np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])).mean()))
+    rest, linear, _ = inverse_skinning(seen, blended_matrices(transforms[:, :3], weights), scale)
+    return rest, linear
+
+
+def kind_of(attribute: Attribute) -> str:
+    """What an attribute is, without its number."""
+    return attribute.name.rstrip("0123456789").rstrip()
 
 
 def material_numbers(values: Integers) -> Attribute:

@@ -14,6 +14,7 @@ from zoomout_core.assets.asset import (
     COLOR,
     MATERIALS,
     NORMALS,
+    SHAPE_KEYS,
     UV,
     Asset,
     Material,
@@ -114,7 +115,7 @@ def write_obj(asset: Asset, path: Path) -> tuple[str, ...]:
     if color is not None:
         columns.append(to_srgb(np.asarray(on_points(color, surface))[:, :3]))
     np.savetxt(text, np.hstack(columns), fmt="v" + " %.9g" * sum(each.shape[1] for each in columns))
-    written, indices = [], [surface.corner_vertex]
+    indices = [surface.corner_vertex]
     for letters, attribute in (("vt", uv), ("vn", normals)):
         if attribute is None:
             indices.append(np.full(len(surface.corner_vertex), -1))
@@ -122,7 +123,6 @@ def write_obj(asset: Asset, path: Path) -> tuple[str, ...]:
         values, index = np.unique(np.asarray(attribute.values, dtype=np.float64), axis=0, return_inverse=True)
         np.savetxt(text, values, fmt=letters + " %.9g" * values.shape[1])
         indices.append(index.ravel())
-        written.append(letters)
     _write_faces(text, surface.face_start, np.stack(indices, axis=1), asset, materials)
     path.write_text(text.getvalue())
     if materials is not None:
@@ -165,6 +165,6 @@ def _notes(asset: Asset) -> tuple[str, ...]:
     left = [
         *several,
         *(["skin weights"] if asset.skin is not None else []),
-        *(["shape keys"] if asset.find("shape keys") else []),
+        *([SHAPE_KEYS] if asset.find(SHAPE_KEYS) else []),
     ]
     return (f"OBJ holds no {' and no '.join(left)}: left out; write a .glb to keep them.",) if left else ()

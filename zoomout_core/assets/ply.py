@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from zoomout_core.assets.asset import COLOR, UV, Asset, from_srgb, on_points, to_srgb
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.assets.asset import COLOR, NORMALS, UV, Asset, from_srgb, on_points, to_srgb
 from zoomout_core.mesh.files import ply_columns, read_surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 # What vertices' texture coordinates are called.
@@ -62,13 +64,26 @@ def write_ply(asset: Asset, path: Path) -> tuple[str, ...]:
     header += [f"element face {len(surface.face_start) - 1}", "property list int int vertex_indices"]
     if uv is not None:
         header.append("property list int float texcoord")
-    body = bytearray()
-    for start, end in zip(surface.face_start[:-1].tolist(), surface.face_start[1:].tolist(), strict=True):
-        body += np.array([end - start, *surface.corner_vertex[start:end]], "<i4").tobytes()
-        if uv is not None:
-            body += np.array([2 * (end - start)], "<i4").tobytes() + uv.values[start:end].astype("<f4").tobytes()
-    path.write_bytes("\n".join([*header, "end_header\n"]).encode() + table.tobytes() + bytes(body))
-    held = (f"{UV} 0", f"{COLOR} 0", "normals")
+    faces = _faces(surface, None if uv is None else np.asarray(uv.values))
+    path.write_bytes("\n".join([*header, "end_header\n"]).encode() + table.tobytes() + faces.tobytes())
+    held = (f"{UV} 0", f"{COLOR} 0", NORMALS)
     left = [each.name for each in asset.attributes if each.name not in held]
     left += ["skin weights"] if asset.skin is not None else []
     return (f"PLY holds no {' and no '.join(left)}: left out; write a .glb to keep them.",) if left else ()
+
+
+def _faces(surface: Surface, uv: Floats | None) -> Integers:
+    """Words of four bytes: of each face the number of corners and these, and that of texture coordinates and these."""
+    size = np.diff(surface.face_start)
+    words = 1 + size + (0 if uv is None else 1 + 2 * size)
+    first = np.cumsum(words) - words
+    found = np.zeros(words.sum(), "<i4")
+    found[first] = size
+    within = np.arange(len(surface.corner_vertex)) - np.repeat(surface.face_start[:-1], size)
+    at = np.repeat(first + 1, size) + within
+    found[at] = surface.corner_vertex
+    if uv is not None:
+        found[first + 1 + size] = 2 * size
+        at = np.repeat(first + 2 + size, size) + 2 * within
+        found[at[:, None] + [0, 1]] = np.ascontiguousarray(uv, "<f4").view("<i4")
+    return found

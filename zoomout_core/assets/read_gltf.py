@@ -7,21 +7,20 @@ morph targets are one vertex here, and the rest belongs to the corners.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers
+from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
 from zoomout_core.assets.gltf import Document
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.skinning import moved, normalised
-from zoomout_core.transfer.unpose import inverse_skinning
+from zoomout_core.transfer.skinning import blended_matrices, moved, normalised
 
 if TYPE_CHECKING:
     from pygltflib import Primitive
@@ -77,6 +76,7 @@ def read_gltf(path: Path) -> Asset:
     if not meshes:
         raise MeshError(f"{path} holds no triangles: give a file with a surface.")
     skeleton = _Skeleton(document, worlds, parent, meshes)
+    meshes = [_wound_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
     vertices = np.concatenate([moved(each, mesh.vertices) for each, mesh in zip(matrices, meshes, strict=True)])
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -87,22 +87,37 @@ def read_gltf(path: Path) -> Asset:
         *_shape_keys(meshes, matrices),
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
-    notes = [
-        f"{path.name} holds {word}, which {'are' if plural else 'is'} left out."
-        for found, word, plural in (
-            (any(_modes(document, nodes) - {TRIANGLES, STRIP, FAN}), "points or lines", True),
-            (sum(bool(mesh.keys) for mesh in meshes) > 1, "animated weights of several meshes' morph targets", True),
-        )
-        if found
-    ]
-    return Asset(
-        surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, tuple(notes)
-    )
+    notes = tuple(f"{path.name} holds {what}, which are left out." for what in _left_out(document, nodes))
+    return Asset(surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, notes)
 
 
-def _modes(document: Document, nodes: Sequence[int]) -> set[int]:
-    meshes = (document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes)
-    return {TRIANGLES if p.mode is None else p.mode for mesh in meshes for p in mesh.primitives}
+def _left_out(document: Document, nodes: Sequence[int]) -> list[str]:
+    """What of a scene is no part of an asset."""
+    meshes = [document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes]
+    found = []
+    if any(each.mode not in (None, TRIANGLES, STRIP, FAN) for mesh in meshes for each in mesh.primitives):
+        found.append("points or lines")
+    moving = {
+        channel.target.node
+        for each in document.gltf.animations
+        for channel in each.channels
+        if channel.target.path == "weights"
+    }
+    if len(moving) > 1:
+        found.append("animated weights of several meshes' morph targets")
+    return found
+
+
+def _wound_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
+    """A mesh whose faces keep their outer side where its node mirrors it; a skin has its node's frame left out."""
+    if mesh.skin is not None or np.linalg.det(world[:3, :3]) > 0:
+        return mesh
+    order = np.array([0, 2, 1])
+    corners = {
+        name: values.reshape(-1, 3, values.shape[1])[:, order].reshape(values.shape)
+        for name, values in mesh.corners.items()
+    }
+    return replace(mesh, triangles=mesh.triangles[:, order], corners=corners)
 
 
 # --- meshes -------------------------------------------------------------------------------------------------
@@ -293,7 +308,7 @@ class _Skeleton:
             return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
         nodes, inverse_bind = self.skins[mesh.skin]
         shares = normalised(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
-        matrices = np.asarray(shares @ (self.worlds[nodes] @ inverse_bind)[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
+        matrices = blended_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
         unweighted = np.diff(shares.indptr) == 0
         matrices[unweighted] = self.worlds[mesh.node][:3]
         return matrices
@@ -302,31 +317,23 @@ class _Skeleton:
         """One skin for all meshes, which are seen at (n, 3)."""
         if not len(self.nodes):
             return None
-        weights, rest, start = [], [], 0
+        weights = csr_array(vstack([self._weights(mesh) for mesh in meshes]))
+        rest, linear = to_rest(seen, weights, self.transforms)
+        start = 0
         for mesh in meshes:
-            count = len(mesh.vertices)
-            own = self._weights(mesh)
-            weights.append(own)
             if mesh.skin is not None and self._is_bound_alike(mesh.skin):
-                rest.append(mesh.vertices)
-            else:
-                matrices = np.asarray(own @ self.transforms[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
-                scale = float(np.cbrt(abs(np.linalg.det(self.transforms[:, :3, :3])).mean()))
-                rest.append(inverse_skinning(seen[start : start + count], matrices, scale)[0])
-            start += count
+                rest[start : start + len(mesh.vertices)] = mesh.vertices
+            start += len(mesh.vertices)
         number = {node: joint for joint, node in enumerate(self.nodes.tolist())}
         names = (self.document.gltf.nodes[node].name or f"Joint {node}" for node in self.nodes.tolist())
         parents = [number.get(self._ancestor(int(self.parent[node])), -1) for node in self.nodes.tolist()]
-        stacked = csr_array(_stacked(weights))
-        return Skin(
-            self.nodes, tuple(names), np.array(parents), self.bind, self.transforms, np.concatenate(rest), stacked
-        )
+        return Skin(self.nodes, tuple(names), np.array(parents), self.bind, self.transforms, rest, linear, weights)
 
     def _weights(self, mesh: _Mesh) -> csr_array:
         """(n, b) of the joints of all skins; what has no weight goes with the joint above it, or the first."""
         count, size = len(mesh.vertices), (len(mesh.vertices), len(self.nodes))
-        hanging = max(int(np.searchsorted(self.nodes, max(self._ancestor(mesh.node), 0))), 0)
-        hanging = min(hanging, len(self.nodes) - 1)
+        above = self._ancestor(mesh.node)
+        hanging = 0 if above < 0 else int(np.searchsorted(self.nodes, above))
         rows = np.arange(count)[:, None]
         if mesh.skin is None:
             return _sparse(rows, np.full((count, 1), hanging), np.ones((count, 1)), size)
@@ -352,9 +359,3 @@ def _sparse(rows: Integers, columns: Integers, values: Floats, shape: tuple[int,
     rows, columns, values = (each.ravel() for each in np.broadcast_arrays(rows, columns, values))
     kept = values > 0
     return csr_array(coo_array((values[kept], (rows[kept], columns[kept])), shape=shape))
-
-
-def _stacked(parts: Sequence[csr_array]) -> csr_array:
-    from scipy.sparse import vstack
-
-    return csr_array(vstack(parts))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,10 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -22,15 +21,29 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
 from zoomout_core.transfer.rules import Match, map_target, transfer_along, transfer_steps
 from zoomout_core.transfer.skinning import normalised, skinning_matrices
-from zoomout_core.transfer.unpose import Rest, inverse_skinning, unposed
+from zoomout_core.transfer.unpose import Rest, unposed
+from zoomout_core.tuning import Tuning, tuned
 
 # What can be carried, in this order.
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
 # How a target that gets a skin is taken to rest: unposed if it stands in another pose than the source at rest, always,
 # or never.
 SHAPES = ("automatic", "rest pose", "keep shape")
-# The share of a target's vertices that lie on the source where it stands in its pose and place.
-LYING = 0.9
+
+
+@dataclass(frozen=True)
+class StandingTuning(Tuning, set_by="judgement"):
+    """When a target stands as its source does, so that the source's own joints take it to rest.
+
+    Attributes:
+        lying: share of its vertices that lie on the source then, as near as `RestTuning.in_place`; fingers and hems of
+            a remeshed target are off by more.
+    """
+
+    lying: float = tuned(0.9, "1", 0, 1)
+
+
+STANDING = StandingTuning()
 
 
 class TransferredAsset(NamedTuple):
@@ -77,13 +90,18 @@ def transfer_asset_steps(
 
     Raises:
         MeshError: the source has nothing of these kinds, or the map is of other surfaces.
+        ValueError: the shape is none of these.
     """
-    chosen = [each for each in source.attributes if each.name.partition(" ")[0] in kinds or each.name in kinds]
+    if shape not in SHAPES:
+        raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
+    chosen = [each for each in source.attributes if kind_of(each) in kinds]
     skin = source.skin if WEIGHTS in kinds else None
     if not chosen and skin is None:
         raise MeshError(f"The source has no {' or '.join(kinds)}: check which file is the source, or ask for others.")
     mapped = map_target(match, source.surface, target.surface, fill_below)
-    received = {each.name: each for each in target.attributes if _stays(each, chosen)}
+    # What the target has of a kind gives place together.
+    replaced = {kind_of(each) for each in chosen}
+    received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
     notes: list[str] = []
     for number, attribute in enumerate(chosen):
         start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
@@ -91,34 +109,26 @@ def transfer_asset_steps(
         carried = yield from spread(carrying, start, end, f"Transferring {attribute.name}")
         received[attribute.name] = carried
         notes += carried.notes
-    asset = replace(target, attributes=tuple(received.values()), skin=None, document=source.document, notes=())
-    if MATERIALS in kinds:
-        asset = replace(asset, materials=source.materials)
+    asset = replace(target, attributes=tuple(received.values()), notes=())
+    if MATERIALS in replaced:
+        # Where no joints of the target need its own document, that of the source has all of its materials.
+        document = source.document if target.skin is None else target.document
+        asset = replace(asset, materials=source.materials, document=document)
     if skin is not None:
         binding = in_background(partial(_bound, source, skin, mapped, shape))
-        own, rest, found = yield from spread(binding, 0.7, 1.0, "Binding to the joints")
-        asset = replace(
-            asset, skin=own, attributes=tuple(_at_rest(each, rest, target.surface) for each in asset.attributes)
-        )
+        own, found = yield from spread(binding, 0.7, 1.0, "Binding to the joints")
+        asset = replace(asset, skin=own, document=source.document)
         notes += found
     yield Progress(1.0, "Done")
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
 
 
-def _stays(own: Attribute, chosen: list[Attribute]) -> bool:
-    """Whether the target keeps an attribute beside those that it receives: those of a kind give place together."""
-    return own.name.partition(" ")[0] not in {each.name.partition(" ")[0] for each in chosen}
-
-
-def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, Rest, list[str]]:
-    """The target's skin, the target at rest, and notes."""
+def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple[Skin, list[str]]:
+    """The target's skin, with the target at rest, and notes."""
     target, notes = mapped.target, []
     if _stands_as(source.surface, target):
         weights = _weights(skin, mapped)
-        matrices = np.asarray(weights @ skin.transforms[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
-        scale = float(np.cbrt(np.abs(np.linalg.det(skin.transforms[:, :3, :3])).mean()))
-        positions, linear, _ = inverse_skinning(target.vertices, matrices, scale)
-        rest = Rest(positions, linear, 0)
+        rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
         posed = posed_target(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
         weights, pose = _weights(skin, posed.mapped), posed.pose
@@ -131,7 +141,7 @@ def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple
                 f"The target stood in another pose, where its joints are turned by {pose.bend:.0f}° on average: it was "
                 "taken to the rest pose."
             )
-    return replace(skin, rest=rest.positions, weights=weights), rest, notes
+    return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), notes
 
 
 def _weights(skin: Skin, mapped: MappedTarget) -> csr_array:
@@ -152,14 +162,4 @@ def _stands_as(source: Surface, target: Surface) -> bool:
     triangle, barycentric = search.closest(target.vertices)
     near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])
     off = np.linalg.norm(near - target.vertices, axis=1)
-    return bool(np.quantile(off, LYING) < REST.in_place * np.sqrt(source.area))
-
-
-def _at_rest(attribute: Attribute, rest: Rest, target: Surface) -> Attribute:
-    """What turns with the surface, turned as the target is when it is taken to rest."""
-    if attribute.kind is Kind.OFFSET:
-        return replace(attribute, values=np.einsum("nxy,nky->nkx", rest.linear, np.asarray(attribute.values)))
-    if attribute.kind is Kind.NORMAL:
-        inverse = np.linalg.pinv(rest.linear)[target.corner_vertex]
-        return replace(attribute, values=unit_vectors(np.einsum("cyx,cy->cx", inverse, np.asarray(attribute.values))))
-    return attribute
+    return bool(np.quantile(off, STANDING.lying) < REST.in_place * np.sqrt(source.area))

@@ -12,7 +12,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin, on_corners, suffix_of
 from zoomout_core.assets.gltf import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer, Document, library
 from zoomout_core.assets.read_gltf import materials_of
-from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.skinning import normalised, row_of
 
 if TYPE_CHECKING:
@@ -163,7 +163,10 @@ def _primitives(asset: Asset, buffer: Buffer) -> list[Primitive]:
             primitive.material = int(material)
         keys = asset.find(SHAPE_KEYS)
         if keys is not None and keys.labels:
-            offsets = np.asarray(keys.values)[vertex].astype("<f4")
+            offsets = np.asarray(keys.values)[vertex]
+            if asset.skin is not None:
+                offsets = np.einsum("nxy,nky->nkx", asset.skin.linear[vertex], offsets)
+            offsets = offsets.astype("<f4")
             primitive.targets = [
                 gltf.Attributes(POSITION=buffer.add(offsets[:, key], ARRAY_BUFFER, bounded=True))
                 for key in range(offsets.shape[1])
@@ -180,6 +183,9 @@ def _corner_rows(asset: Asset, positions: Floats) -> tuple[dict[str, Floats], In
         of_corner = vertex_normals(positions, surface.triangles)[surface.corner_vertex]
     else:
         of_corner = np.asarray(normals.values)
+        if asset.skin is not None:
+            inverse = np.linalg.pinv(asset.skin.linear)[surface.corner_vertex]
+            of_corner = unit_vectors(np.einsum("cyx,cy->cx", inverse, of_corner))
     of_corner = np.where(np.linalg.norm(of_corner, axis=1, keepdims=True) > 0.5, of_corner, [0, 0, 1])
     rows = {"NORMAL": of_corner}
     for kind, name in ((UV, "TEXCOORD"), (COLOR, "COLOR")):

@@ -23,7 +23,7 @@ from zoomout_core.batch import (
     write_report,
 )
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
+from zoomout_core.command_options import batch_options, match_options, start_arguments, with_progress_bar
 from zoomout_core.matching.match import match_steps
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.stepping import Steps, within
@@ -33,24 +33,7 @@ MATCHED = 0.8
 
 
 @click.command()
-@click.argument("source", type=click.Path())
-@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(),
-    help="The .glb, .gltf, .obj or .ply file to write for a single target; or a folder, for any number of them.",
-)
-@click.option(
-    "--format",
-    "ending",
-    type=click.Choice([ending[1:] for ending in WRITERS]),
-    default="glb",
-    show_default=True,
-    help="Of the files in an output folder.",
-)
-@in_place_option
+@batch_options(tuple(WRITERS), "glb")
 @click.option(
     "--kinds",
     default=",".join(kind.replace(" ", "-") for kind in KINDS[:-1]),
@@ -65,7 +48,6 @@ MATCHED = 0.8
     show_default=True,
     help="With skin weights: whether TARGET is taken to the rest pose, if it stands in another, or always, or never.",
 )
-@click.option("--candidate", type=click.IntRange(min=0), default=0, show_default=True, help="Which map to go by.")
 @json_option
 @match_options
 def transfer(

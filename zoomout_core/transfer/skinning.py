@@ -23,10 +23,14 @@ def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_
         weights: (n, b) sparse skin weights, not negative; they need not sum to one.
         preserve_volume: blend dual quaternions in place of matrices.
     """
-    shares = normalised(weights)
     if preserve_volume:
-        return _blended_dual_quaternions(transforms, shares)
-    return np.asarray(shares @ matrices_of(transforms).reshape(-1, 12)).reshape(-1, 3, 4)
+        return _blended_dual_quaternions(transforms, normalised(weights))
+    return blended_matrices(matrices_of(transforms), weights)
+
+
+def blended_matrices(matrices: Floats, weights: csr_array) -> Floats:
+    """(n, 3, 4) means of affine maps (b, 3, 4) by weights (n, b), of any sum; zero where there is none."""
+    return np.asarray(normalised(weights) @ matrices.reshape(-1, 12)).reshape(-1, 3, 4)
 
 
 def matrices_of(transforms: Similarities) -> Floats:

@@ -14,6 +14,7 @@ from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Material, mate
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf import Document
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 
@@ -72,14 +73,30 @@ def as_corners(asset: Asset) -> np.ndarray:
     return rows[np.lexsort(np.round(rows, 4).T)]
 
 
+def write_normals(asset: Asset) -> Asset:
+    """The asset with smooth normals, as it is seen."""
+    smooth = vertex_normals(asset.surface.vertices, asset.surface.triangles)[asset.surface.corner_vertex]
+    return replace(asset, attributes=(*asset.attributes, Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, smooth)))
+
+
+def turned_at(asset: Asset, name: str) -> np.ndarray:
+    """What turns with the surface, at its corners, in an order of their own."""
+    attribute, surface = asset.find(name), asset.surface
+    assert attribute is not None
+    values = attribute.values if attribute.domain is Domain.CORNER else attribute.values[surface.corner_vertex, 0]
+    return np.asarray(values[np.lexsort(np.round(surface.vertices[surface.corner_vertex], 4).T)])
+
+
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
     write_tube(path, 0.1, bend=0.4, parts=3)
-    asset = read_asset(path)
+    asset = write_normals(read_asset(path))
     there = path.with_name(f"again{ending}")
     assert write_asset(asset, there) == ()
     again = read_asset(there)
     np.testing.assert_allclose(as_corners(again), as_corners(asset), atol=1e-4)
+    for name in (NORMALS, SHAPE_KEYS):
+        assert np.abs(turned_at(again, name) - turned_at(asset, name)).max() < 1e-3
     assert again.materials == asset.materials
     before, after = asset.skin, again.skin
     assert before is not None
@@ -189,6 +206,27 @@ def test_a_mesh_that_hangs_from_a_joint_moves_with_it(path: Path) -> None:
     matrix = asset.skin.transforms[1]
     moved = asset.skin.rest[hat] @ matrix[:3, :3].T + matrix[:3, 3]
     np.testing.assert_allclose(moved, asset.surface.vertices[hat], atol=1e-5)
+
+
+def test_a_mirrored_node_keeps_the_outer_side_of_its_faces(path: Path) -> None:
+    write_tube(path)
+
+    def mirror(made: dict) -> dict:
+        made["nodes"][3] = {"name": "Tube", "mesh": 0, "scale": [-1, 1, 1]}
+        return made
+
+    before = read_asset(path)
+    edited(path, mirror)
+    after = read_asset(path)
+    volume = [
+        np.linalg.det(each.surface.vertices[each.surface.triangles] - [0, LENGTH / 2, 0]).sum()
+        for each in (before, after)
+    ]
+    assert volume[0] == pytest.approx(volume[1])
+    uv, again = before.find("uv 0"), after.find("uv 0")
+    assert uv is not None
+    assert again is not None
+    np.testing.assert_allclose(again.values.reshape(-1, 3, 2)[:, [0, 2, 1]], uv.values.reshape(-1, 3, 2))
 
 
 def test_strips_and_fans_are_triangles(path: Path) -> None:

@@ -92,3 +92,21 @@ def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: 
     assert again.materials == ()
     assert again.skin is not None
     assert PNG not in (tmp_path / "out.glb").read_bytes()
+
+
+def test_joints_and_materials_of_the_target_stay_where_none_are_carried(tmp_path: Path) -> None:
+    write_tube(tmp_path / "tube.glb", 0.1, bend=0.5)
+    target, made = read_asset(tmp_path / "tube.glb"), finer_tube()
+    assert target.skin is not None
+    colors = Attribute("color 0", Domain.POINT, Kind.COLOR, np.full((len(made.vertices), 4), 0.25))
+    onto = SurfaceMap(*closest_points(0.1 * target.skin.rest, made.vertices, made.triangles), made.triangles)
+    match: Any = SimpleNamespace(surface_map=onto, confidence=np.ones(len(target.skin.rest)), has_partner=None)
+    received = drain(transfer_asset_steps(Asset(made, (colors,)), target, match)).asset
+    write_asset(received, tmp_path / "out.glb")
+    again = read_asset(tmp_path / "out.glb")
+    assert again.skin is not None
+    assert again.materials == target.materials
+    np.testing.assert_allclose(again.surface.vertices.max(axis=0), target.surface.vertices.max(axis=0), atol=1e-5)
+    assert again.find("color 0") is not None
+    with pytest.raises(ValueError, match="shape is 'posed': give automatic"):
+        drain(transfer_asset_steps(Asset(made, (colors,)), target, match, shape="posed"))
