@@ -22,8 +22,9 @@ from ..scene.pair import check_unedited, edited, find_mesh
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
 from .binding import read_sources_at_rest
-from .candidates import cache_made, last_made, store_match
-from .constraints import check_options, matching_steps, settings_to_store
+from .candidates import store_match
+from .constraints import check_options
+from .made_match import made_match_steps
 from .targets import Write
 
 # Parts of the progress bar that matching takes, where there is no match yet, and giving the source the target's shape.
@@ -130,10 +131,8 @@ def prepare_dress_steps(
     match: stored_match.Match
     begin = 0.0
     if stored is None:
-        made_with, begin = settings_to_store(context, pair, match_options), MATCHING
-        made = last_made(pair) if adjusted else None
-        match = made or (yield from within(matching_steps(context, pair, **match_options), 0, begin))
-        cache_made(pair, match)
+        making, begin = made_match_steps(context, pair, adjusted, match_options), MATCHING
+        match, made_with = yield from within(making, 0, begin)
     else:
         match, made_with = stored, stored.settings
     steps = within(_carried_steps(match, fitting, dressing), begin, 1)

@@ -40,9 +40,10 @@ from ..scene.pair import (
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match, stored_report
 from .binding import Bound, check_binding, keep_match, prepare_binding_steps, write_bound
-from .candidates import cache_made, last_made, store_match
-from .constraints import check_options, matching_steps, settings_to_store
+from .candidates import store_match
+from .constraints import check_options
 from .dress import taken_to_rest_steps
+from .made_match import made_match_steps
 from .targets import Write
 
 # Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
@@ -157,10 +158,8 @@ def prepare_transfer_steps(
     adapters, remarks, blend = yield from _collected_steps(context, pair, data, settings)
     match: stored_match.Match
     if stored is None:
-        made_with = settings_to_store(context, pair, match_options)
-        made = last_made(pair) if adjusted else None
-        match = made or (yield from within(matching_steps(context, pair, **match_options), 0, MATCHING))
-        cache_made(pair, match)
+        making = made_match_steps(context, pair, adjusted, match_options)
+        match, made_with = yield from within(making, 0, MATCHING)
     else:
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))

@@ -23,8 +23,9 @@ from ..scene.pair import check_unedited, check_writable, find_mesh, fingerprint_
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
 from . import previews
-from .candidates import cache_made, last_made, store_match
-from .constraints import check_options, matching_steps, settings_to_store
+from .candidates import store_match
+from .constraints import check_options
+from .made_match import made_match_steps
 from .targets import Write
 
 # Parts of the progress bar that matching takes, where there is no match yet, and turning a match round, in [0, 1].
@@ -125,10 +126,8 @@ def prepare_wrap_steps(
     match: stored_match.Match
     begin = 0.0
     if stored is None:
-        made_with, begin = settings_to_store(context, pair, match_options), MATCHING
-        made = last_made(pair) if adjusted else None
-        match = made or (yield from within(matching_steps(context, pair, **match_options), 0, begin))
-        cache_made(pair, match)
+        making, begin = made_match_steps(context, pair, adjusted, match_options), MATCHING
+        match, made_with = yield from within(making, 0, begin)
     else:
         match, made_with = stored, stored.settings
     wrapped = yield from within(_wrapped_steps(match, pair, given, wrapping), begin, 1)

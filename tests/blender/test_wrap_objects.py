@@ -256,7 +256,7 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, monke
     copy = ellipsoid("Copy", 4)
     steps = partial(prepare_wrap_steps, bpy.context, "Source", "Copy", initial="same_order")
     drain(steps(api.Wrapping()))  # as if it had been undone
-    monkeypatch.setattr("blender_addon.services.wrap.matching_steps", None)
+    monkeypatch.setattr("blender_addon.services.made_match.matching_steps", None)
     drain(steps(api.Wrapping(detail=0.5), adjusted=True))()
     assert copy.data.shape_keys is not None
 

@@ -1,0 +1,32 @@
+"""The match that a transfer, a wrap or a dress makes for itself, where none is stored."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bpy.types import Context
+
+from zoomout_core.runtime.stepping import Steps
+
+from ..mesh_data import ObjectPair
+from ..storage.stored_match import Match
+from .candidates import cache_made, last_made
+from .constraints import matching_steps, settings_to_store
+
+
+def made_match_steps(
+    context: Context, pair: ObjectPair, adjusted: bool, match_options: dict[str, Any]
+) -> Steps[tuple[Match, dict[str, Any]]]:
+    """Match two objects, and keep the match in memory; returns it with the settings to store.
+
+    Args:
+        context: Blender's.
+        pair: of the two objects.
+        adjusted: whether what asks for it is done once more with other settings: the match made then is taken again.
+        match_options: those of `match_objects`.
+    """
+    settings = settings_to_store(context, pair, match_options)
+    made = last_made(pair) if adjusted else None
+    match = made or (yield from matching_steps(context, pair, **match_options))
+    cache_made(pair, match)
+    return match, settings
