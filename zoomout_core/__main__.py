@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from typing import NoReturn
+
+from zoomout_core.runtime.interrupts import interrupts_heard
+
+# The exit code of what the user has interrupted: 128 and the signal's number, as shells have it.
+INTERRUPTED = 130
 
 
 def run(commands: str, name: str, extra: str) -> None:
-    """Run the command line of a module.
+    """Run the command line of a module, and end the process; where the user interrupts it, with a line that says so.
 
     Args:
         commands: the module, whose `main` it is.
@@ -15,12 +21,30 @@ def run(commands: str, name: str, extra: str) -> None:
         extra: of the package `zoomout-core`, that brings what the module needs.
     """
     try:
-        command = import_module(commands).main
+        _run(commands, name)
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted; what was not whole was not written.", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except MemoryError:
+        sys.exit(f"Error: {import_module('zoomout_core.mesh.memory').NO_MEMORY}")
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in ("zoomout_core", "meshlab_filter"):
             raise
         sys.exit(f"{name} needs the package {error.name}, which is missing: pip install 'zoomout-core[{extra}]'.")
-    command(prog_name=name)
+
+
+def _run(commands: str, name: str) -> NoReturn:
+    """`run`, which may end with what a command line does not catch."""
+    import click
+
+    try:
+        with interrupts_heard():
+            sys.exit(import_module(commands).main.main(prog_name=name, standalone_mode=False))
+    except click.Abort:  # which an interrupt becomes
+        raise KeyboardInterrupt from None
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
 
 
 def main() -> None:

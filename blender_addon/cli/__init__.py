@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,13 +16,14 @@ from typing import Any
 import bpy
 
 import zoomout_core as zo
+from zoomout_core.runtime.interrupts import interrupts_heard
 from zoomout_core.runtime.outputs import check_output, written_whole
 
 from . import arguments, pairs, symmetry
 from .arguments import NAME
 
 # What the process ends with: argparse's 2 is for a command line that cannot be understood.
-DONE, FAILED = 0, 1
+DONE, FAILED, INTERRUPTED = 0, 1, 130
 RUN = {
     "match": pairs.match,
     "transfer": pairs.transfer,
@@ -51,8 +53,21 @@ def main(command_line: Sequence[str]) -> int:
         command_line: what follows the command's name.
 
     Returns:
-        0 if all was done, 1 if some or all was not, 2 if the arguments cannot be understood.
+        0 if all was done, 1 if some or all was not, 2 if the arguments cannot be understood, 130 if it was interrupted.
     """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # without a window Blender has one of its own
+    try:
+        with interrupts_heard():
+            return _run(command_line)
+    except KeyboardInterrupt:
+        print("zoomout: interrupted; what was not whole was not written.", file=sys.stderr)
+        return INTERRUPTED
+    finally:
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+
+
+def _run(command_line: Sequence[str]) -> int:
+    """`main`, which an interrupt may end."""
     try:
         options = arguments.parse(command_line)
         _check_paths(options)

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 import zoomout_core as zo
+from zoomout_core.cli import main
 
 
 @pytest.mark.parametrize(
@@ -20,6 +21,11 @@ def test_a_command_without_its_packages_names_the_extra(module: str, missing: st
     assert done.returncode == 1
     assert done.stderr.strip().endswith(f"is missing: pip install 'zoomout-core[{extra}]'.")
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_every_command_can_say_for_programs_how_it_went() -> None:
+    without = [name for name, each in main.commands.items() if "--json" not in {o for p in each.params for o in p.opts}]
+    assert not without
 
 
 def test_the_command_is_a_module_as_well() -> None:

@@ -1,0 +1,90 @@
+"""An interrupt that arrives where Python cannot raise it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+import weakref
+from collections.abc import Iterator
+
+import pytest
+
+from zoomout_core.runtime.interrupts import interrupts_heard
+
+
+class Thing:
+    """What can be referred to weakly."""
+
+
+def interrupted(_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def let_go_and_wait(things: list[Thing]) -> None:
+    things.clear()
+    for _ in range(1000):
+        time.sleep(0.001)
+
+
+def interrupted_and_ending_with(error: BaseException) -> None:
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise error from None
+
+
+@pytest.fixture
+def hearing() -> Iterator[None]:
+    """Interrupts are raised, though the tests may run in the background, which is deaf to them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("hearing")
+def test_it_is_raised_as_soon_as_it_can_be() -> None:
+    things = [Thing()]
+    reference = weakref.ref(things[0], interrupted)
+    before = sys.unraisablehook
+    with pytest.raises(KeyboardInterrupt), interrupts_heard():
+        let_go_and_wait(things)
+    assert reference() is None
+    assert sys.unraisablehook is before
+
+
+@pytest.mark.usefixtures("hearing")
+@pytest.mark.parametrize("made_of_it", [ImportError("initialization failed"), SystemExit(1)])
+def test_it_stays_one_where_it_is_turned_into_a_failure(made_of_it: BaseException) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), interrupts_heard():
+        interrupted_and_ending_with(made_of_it)
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+@pytest.mark.usefixtures("hearing")
+def test_what_is_done_all_the_same_is_done() -> None:
+    with pytest.raises(SystemExit) as ended, interrupts_heard():
+        interrupted_and_ending_with(SystemExit(0))
+    assert ended.value.code == 0
+
+
+@pytest.mark.usefixtures("hearing")
+def test_failures_without_one_stay_as_they_are() -> None:
+    with pytest.raises(ImportError), interrupts_heard():
+        raise ImportError
+
+
+def test_other_exceptions_are_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(unraisable.exc_type))
+
+    def failing(_: object) -> None:
+        raise ValueError
+
+    thing = Thing()
+    reference = weakref.ref(thing, failing)
+    with interrupts_heard():
+        del thing
+    assert reference() is None
+    assert told == [ValueError]
