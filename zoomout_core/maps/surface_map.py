@@ -64,8 +64,15 @@ class SurfaceMap:
         return self.source_triangles[self.triangle, corner]
 
     def interpolate(self, values: Floats) -> Floats:
-        """Values (n_s,) or (n_s, d) at the source's vertices, read at the images: (n_t,) or (n_t, d)."""
-        corners = np.asarray(values)[self.source_triangles[self.triangle]]
+        """Values (n_s,) or (n_s, d) at the source's vertices, read at the images: (n_t,) or (n_t, d).
+
+        Raises:
+            ValueError: there are fewer values than vertices.
+        """
+        given, needed = np.asarray(values), int(self.source_triangles.max(initial=-1)) + 1
+        if not given.ndim or len(given) < needed:
+            raise ValueError(f"Values of shape {given.shape} cannot be read at {needed} vertices: give one for each.")
+        corners = given[self.source_triangles[self.triangle]]
         return np.einsum("nc,nc...->n...", self.barycentric, corners)
 
     def at(self, source: Surface, target: Surface, triangle: Integers, barycentric: Floats) -> SurfaceMap:

@@ -126,6 +126,8 @@ def zoomout(
         ValueError: the bases hold too few eigenfunctions, the initial map does not fit them, a number is below one, or
             the samples do not tell the functions apart.
     """
+    if not (isinstance(basis_source, SpectralBasis) and isinstance(basis_target, SpectralBasis)):
+        raise TypeError("Two bases are needed: give what `eigenbasis` returns for the source and for the target.")
     functional_map, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
     if samples is not None:
         source, target = _sampled(basis_source, basis_target, samples, (functional_map.shape, *ahead))

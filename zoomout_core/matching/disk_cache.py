@@ -24,7 +24,7 @@ from zoomout_core.runtime.outputs import written_whole
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # To be raised when the same mesh is prepared differently, or stored differently.
-FORMAT = 2
+FORMAT = 3
 # Bytes that the files take at most, unless the user says otherwise.
 MOST_BYTES = 1 << 30
 
@@ -43,14 +43,17 @@ class ShapeFolder:
     """
 
     def __init__(self, folder: str | os.PathLike[str], most_bytes: int = MOST_BYTES) -> None:
-        self._folder = Path(folder) / f"shapes-{FORMAT}-{_package_version()}"
+        self._folder = Path(folder) / f"shapes-{FORMAT}-{package_version()}"
         self._most_bytes = most_bytes
 
     def load(self, key: bytes, part: WorkingMesh) -> ShapeAnalysis | None:
         """The shape of a part that was stored under a key, or None."""
         path = self._path(key)
         try:
-            shape = _shape(read_arrays(path), part)
+            arrays = read_arrays(path)
+            if arrays["key"].tobytes() != key:  # put here under another name
+                raise ValueError("it is of another shape")
+            shape = _shape(arrays, part)
             os.utime(path)  # used just now
         except FileNotFoundError:
             return None
@@ -66,7 +69,7 @@ class ShapeFolder:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with written_whole(self._path(key)) as part:
-                np.savez(part, **_arrays(shape))
+                np.savez(part, key=np.frombuffer(key, np.uint8), **_arrays(shape))
             self._make_room()
         except OSError as error:
             _log.warning("A prepared shape cannot be stored in %s: %s", self._folder, error)
@@ -90,7 +93,8 @@ class ShapeFolder:
             total -= size
 
 
-def _package_version() -> str:
+def package_version() -> str:
+    """That of the installed package, which what is stored depends on."""
     try:
         return version("zoomout-core")
     except PackageNotFoundError:  # run from its sources

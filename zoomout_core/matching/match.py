@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from operator import attrgetter
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,8 +35,9 @@ from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
+from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.options import Initial, MatchOptions
-from zoomout_core.matching.pair import LandmarkError, Pair, landmarks_on_parts, surface_vertices
+from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmarks_on_parts, surface_vertices
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
     PartFit,
@@ -51,11 +52,18 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.region import REGION, is_small
 from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, at_unknown_scale_steps, times_as_large
-from zoomout_core.matching.proxy import PROXY
+from zoomout_core.matching.proxy import proxy_size
 from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank_steps, with_others
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_steps
+from zoomout_core.matching.rotational_symmetry import (
+    certainty_but_for_turns,
+    likely_turns,
+    self_maps,
+    with_turned,
+)
 from zoomout_core.matching.scores import Disagreement
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -72,6 +80,10 @@ UNSURE = (
 NOT_RECOGNISED = (
     "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or place one over the other in the "
     "same pose and start from proximity."
+)
+TURNED = (
+    "The shape looks the same when it is turned: at least {} maps are as good as this one, which is right with a "
+    "probability of {:.0%} only; try another candidate, or add landmarks that tell them apart."
 )
 OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
 RESCALED = "The two seem to be in different units: matched as if the target were {:.3g} times as large as it is."
@@ -90,12 +102,15 @@ class NoteTuning(Tuning, set_by="judgement"):
         lost: certainty below which the shapes are said not to be recognised.
         folds: share of the target's area above which it is said to be turned over.
         without_partner: share of either surface's area above which it is said to have no partner.
+        rounding: how far apart coordinates are, over the length of an edge, from which on they are said to be coarse:
+            then maps were a thousandth of the square root of the area off, and five where it was 0.9.
     """
 
     sure: float = tuned(0.9, "probability", 0, 1)
     lost: float = tuned(0.1, "probability", 0, 1)
     folds: float = tuned(0.05, "1", 0, 1)
     without_partner: float = tuned(0.03, "1", 0, 1)
+    rounding: float = tuned(0.2, "edge lengths", 0, 10)
 
 
 NOTES = NoteTuning()
@@ -118,6 +133,7 @@ ANALYSES: tuple[Callable[[ShapeAnalysis], object], ...] = (
     attrgetter("pseudo_scalars"),
     attrgetter("curvature"),
     attrgetter("surroundings"),
+    self_maps,
 )
 
 
@@ -183,6 +199,7 @@ class MatchResult:
         """The result of another candidate, by its number."""
         return drain(self.use_steps(candidate))
 
+    @memory_in_words
     @on_one_blas_thread
     def use_steps(self, candidate: int) -> Steps[MatchResult]:
         """The same, stepped."""
@@ -212,6 +229,7 @@ def match(source: ShapeLike, target: ShapeLike, options: MatchOptions | None = N
     return drain(match_steps(source, target, options, **given))
 
 
+@memory_in_words
 @on_one_blas_thread
 def match_steps(
     source: ShapeLike, target: ShapeLike, options: MatchOptions | None = None, **given: Any
@@ -224,8 +242,14 @@ def match_steps(
     source, target = as_shape(source), as_shape(target)
     reading = side_by_side(_reading_steps(source), _reading_steps(target))
     surfaces = yield from spread(reading, 0.0, 0.01, "Reading the meshes")
-    notes = (*_notes_on_cloud("source", source, surfaces[0]), *_notes_on_cloud("target", target, surfaces[1]))
-    return (yield from _surfaces_steps(*surfaces, options, notes))
+    notes = [
+        note
+        for role, shape, surface in zip(("source", "target"), (source, target), surfaces, strict=True)
+        for note in (*_notes_on_cloud(role, shape, surface), *_notes_on_rounding(role, surface))
+    ]
+    landmarks, given_twice = distinct_landmarks(options.landmarks)
+    options = replace(options, landmarks=landmarks)
+    return (yield from _surfaces_steps(*surfaces, options, (*notes, *given_twice)))
 
 
 def _surfaces_steps(
@@ -233,22 +257,15 @@ def _surfaces_steps(
 ) -> Steps[MatchResult]:
     """`match_steps` of surfaces that are read, of which some notes are to be made."""
     axes, paired = checked_axes(options.common_axes), checked_regions(options.regions, source, target)
+    sizes = [len(surface.working.vertices) for surface in (source, target)]
+    check_memory(sizes, options.k_final, options.proxy_vertices)
     bodies = yield from spread(bodies_steps(source, target, options.seed), 0.01, 0.04, "Finding the bodies")
     known = Constraints(options.landmarks, axes, paired)
     exact = options.landmarks if options.exact_landmarks else None
     ahead = ANALYSES if options.initial in ("auto", "landmarks") else ()
-    functions = max(options.k_final, ANALYSIS.fewest_functions)
 
     def attempt_steps(body: Bodies) -> Steps[Attempt]:
-        analysing = (
-            prepared_steps(
-                kept_analysis_steps(
-                    part, functions, options.samples, options.seed, proxy_size(part, options.proxy_vertices)
-                ),
-                ahead,
-            )
-            for part in (body.source, body.target)
-        )
+        analysing = (prepared_steps(analysed_steps(part, options), ahead) for part in (body.source, body.target))
         shapes = yield from spread(side_by_side(*analysing), 0.0, ANALYSING, "Analysing the shapes")
         pair = Pair(source, target, *shapes, options.k_final, options.step, exact, paired, notes)
         finding = _candidates_steps(pair, options.initial, known, options.initial_map)
@@ -269,10 +286,17 @@ def _surfaces_steps(
         if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
             break
     best = best_of(attempts)
-    unsure = best.candidates[0].certainty < PART_MATCH.unsure or sizes_differ(best.pair)
+    unsure = certainty_but_for_turns(best.candidates) < PART_MATCH.unsure or sizes_differ(best.pair)
     if options.initial in ("auto", "landmarks") and unsure:
         best = yield from within(_second_steps(best, known, options), *PARTS_OF_PROGRESS[-2:])
     return (yield from _result_steps(best.pair, tuple(best.candidates), 0, PARTS_OF_PROGRESS[-1]))
+
+
+def analysed_steps(part: WorkingMesh, options: MatchOptions) -> Generator[float, None, ShapeAnalysis]:
+    """Prepare one side of a match, a connected part of unit area, or take it as it was prepared before."""
+    functions = max(options.k_final, ANALYSIS.fewest_functions)
+    size = proxy_size(len(part.vertices), options.proxy_vertices)
+    return (yield from kept_analysis_steps(part, functions, options.samples, options.seed, size))
 
 
 def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> Steps[Attempt]:
@@ -286,7 +310,7 @@ def _second_steps(first: Attempt, known: Constraints, options: MatchOptions) -> 
                 return second
             if units_differ(first.pair):
                 first = replace(first, pair=_with_note(first.pair, OTHER_UNITS))
-    if options.initial == "auto" and first.candidates[0].certainty < CERTAINTY.unlikely:
+    if options.initial == "auto" and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
         return (yield from within(_more_steps(first, known, options.initial_map), PLACING, 1.0))
     return first
 
@@ -330,7 +354,7 @@ def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely
         likely: certainty below which no shape is taken for a part.
     """
     # The certainty of the map of two wholes knows nothing of their sizes.
-    of_whole = whole.candidates[0].certainty * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
+    of_whole = certainty_but_for_turns(whole.candidates) * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
     if not candidates or candidates[0].certainty <= max(likely, of_whole):
         return whole
     part = Attempt(pair, candidates, whole.coverage)
@@ -350,7 +374,8 @@ def _more_steps(attempt: Attempt, known: Constraints, initial_map: SurfaceMap | 
     guesses = yield from spread(guessing, 0.0, 0.3, "Guessing again")
     hypotheses = _held(list(chain.from_iterable(guesses)), evidence.anchors(pair))
     found = yield from spread(rank_steps(hypotheses, *shapes, disagreement), 0.3, 1.0, "Comparing candidates")
-    return replace(attempt, candidates=with_others(attempt.candidates, found, *shapes))
+    candidates = with_others(attempt.candidates, found, *shapes)
+    return replace(attempt, candidates=with_turned(candidates, *shapes, disagreement))
 
 
 def _evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
@@ -371,7 +396,10 @@ def _candidates_steps(
     ahead_of_carrying = in_background(lambda: _prepare_carrying(pair))
     hypotheses, _ = yield from spread(side_by_side(guessing, ahead_of_carrying), 0.0, 0.15, "Guessing")
     ranking = rank_steps(hypotheses, pair.source_shape, pair.target_shape, disagreement)
-    return (yield from spread(ranking, 0.15, 1.0, "Comparing candidates"))
+    candidates = yield from spread(ranking, 0.15, 1.0, "Comparing candidates")
+    if initial not in ("auto", "landmarks"):
+        return candidates
+    return with_turned(candidates, pair.source_shape, pair.target_shape, disagreement)
 
 
 def _prepare_carrying(pair: Pair) -> None:
@@ -420,11 +448,15 @@ def _notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) ->
     return tuple(text for true, text in notes if true)
 
 
-def proxy_size(part: WorkingMesh, proxy_vertices: int | Literal["auto"] | None) -> int | None:
-    """How many vertices the stand-in for a mesh is to have."""
-    if proxy_vertices != "auto":
-        return proxy_vertices
-    return int(np.clip(len(part.vertices) // PROXY.reduction, PROXY.fewest, PROXY.most))
+def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
+    """What is lost of coordinates so far from the origin that single precision hardly tells them apart."""
+    coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
+    if coarse < NOTES.rounding:
+        return ()
+    return (
+        f"The {role} lies so far from its origin that its coordinates are rounded by {coarse:.0%} of an edge: move it "
+        "to the origin in the program that made it.",
+    )
 
 
 def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, start: float) -> Steps[MatchResult]:
@@ -442,7 +474,10 @@ def _result_steps(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, st
         )
     certainty = candidate.certainty * whole.placed
     if certainty < NOTES.sure:
-        notes = ((UNSURE if certainty >= NOTES.lost else NOT_RECOGNISED).format(certainty), *notes)
+        turns = likely_turns(candidates, chosen)
+        unsure = (UNSURE if certainty >= NOTES.lost else NOT_RECOGNISED).format(certainty)
+        recognised = certainty_but_for_turns(candidates) * whole.placed >= NOTES.lost
+        notes = (TURNED.format(turns, certainty) if turns > 1 and recognised else unsure, *notes)
     return MatchResult(
         whole.surface_map,
         whole.confidence,

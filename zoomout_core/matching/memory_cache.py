@@ -7,7 +7,8 @@ mesh in as a new surface each time. `store_shapes` has shapes written to disk, t
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from hashlib import blake2b
 from os import PathLike
 from threading import Lock
@@ -99,6 +100,18 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTE
     """
     global _folder
     _folder = None if folder is None else ShapeFolder(folder, most_bytes)
+
+
+@contextmanager
+def shapes_stored_in(folder: str | PathLike[str], most_bytes: int = MOST_BYTES_ON_DISK) -> Iterator[None]:
+    """A context in which `store_shapes` is set so; what was before is back after it."""
+    global _folder
+    before = _folder
+    store_shapes(folder, most_bytes)
+    try:
+        yield
+    finally:
+        _folder = before
 
 
 def forget_shapes() -> None:

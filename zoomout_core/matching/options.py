@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Literal, TypeAlias
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -65,6 +67,9 @@ class MatchOptions:
 
     def __post_init__(self) -> None:
         _check_start(self.initial, self.landmarks, self.initial_map)
+        _check_pairs(self.landmarks, self.regions)
+        if isinstance(self.seed, bool) or not isinstance(self.seed, Integral):
+            raise TypeError(f"seed is {self.seed!r}: give a whole number.")
         check_sizes(self.k_final, self.step, self.samples, self.proxy_vertices)
         if self.partial not in PARTIAL:
             raise ValueError(f"partial is {self.partial!r}: choose one of {', '.join(PARTIAL)}.")
@@ -86,6 +91,16 @@ def _check_start(initial: str, landmarks: Landmarks | None, initial_map: object)
         raise ValueError(f"Landmarks are not used by initial={initial!r}: leave them out, or use initial='landmarks'.")
 
 
+def _check_pairs(landmarks: object, regions: object) -> None:
+    if landmarks is not None and not (isinstance(landmarks, Sequence | np.ndarray) and len(landmarks) == 2):
+        raise TypeError(
+            f"landmarks is {landmarks!r:.80}: give a pair, places on the source and places on the target that "
+            "correspond to them."
+        )
+    if regions is not None and not isinstance(regions, Iterable):
+        raise TypeError(f"regions is {regions!r:.80}: give pairs of source vertices and target vertices.")
+
+
 def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
     for name, value, least in (
         ("k_final", k_final, SMALLEST_FINAL),
@@ -93,5 +108,7 @@ def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Lit
         ("samples", samples, 1),
         ("proxy_vertices", None if proxy_vertices == "auto" else proxy_vertices, SMALLEST_PROXY),
     ):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < least):
+        if value is None and name == "proxy_vertices":
+            continue
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
             raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")

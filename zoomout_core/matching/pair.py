@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -105,6 +106,36 @@ def landmark_points(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple
         for surface, array in zip((pair.source, pair.target), arrays, strict=True)
     )
     return source, target
+
+
+def distinct_landmarks(
+    landmarks: tuple[ArrayLike, ArrayLike] | None,
+) -> tuple[tuple[ArrayLike, ArrayLike] | None, tuple[str, ...]]:
+    """Landmarks, each pair once, and notes on those that were given twice.
+
+    Raises:
+        MeshError: two of them contradict each other.
+    """
+    if landmarks is None or len(landmarks) != 2:
+        return landmarks, ()
+    both = source, target = tuple(np.atleast_1d(np.asarray(given)) for given in landmarks)
+    usable = all(given.ndim <= 2 and given.dtype.kind in "iuf" for given in both)
+    if not usable or not 0 < len(source) == len(target):
+        return landmarks, ()  # `landmarks_on_parts` says what is wrong
+    same = [(given[:, None] == given).reshape(len(given), len(given), -1).all(axis=2) for given in both]
+    for (role, here), (other, there) in permutations(zip(("source", "target"), same, strict=True)):
+        first, second = (np.argwhere(np.triu(here & ~there, 1)).tolist() or [(0, 0)])[0]
+        if first < second:
+            raise MeshError(
+                f"Landmarks {first} and {second} are the same place on the {role}, but different ones on the {other}: "
+                "remove one of them."
+            )
+    original = np.argmax(same[0], axis=1)
+    again = np.flatnonzero(original < np.arange(len(original)))
+    if not len(again):
+        return landmarks, ()
+    said = (f"Landmark {one} is the same pair as landmark {original[one]}: it counts once." for one in again)
+    return (np.delete(source, again, axis=0), np.delete(target, again, axis=0)), tuple(said)
 
 
 def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tuple[Integers, Integers]:

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
@@ -47,8 +50,8 @@ class ProximityMatch:
 
 
 def match_by_proximity(
-    source: Surface,
-    target: Surface,
+    source: ShapeLike,
+    target: ShapeLike,
     most_distance: float = MOST_DISTANCE,
     most_angle: float = MOST_ANGLE,
     either_side: bool = False,
@@ -72,26 +75,29 @@ def match_by_proximity(
     return drain(match_by_proximity_steps(source, target, most_distance, most_angle, either_side))
 
 
+@memory_in_words
 def match_by_proximity_steps(
-    source: Surface,
-    target: Surface,
+    source: ShapeLike,
+    target: ShapeLike,
     most_distance: float = MOST_DISTANCE,
     most_angle: float = MOST_ANGLE,
     either_side: bool = False,
 ) -> Steps[ProximityMatch]:
     """`match_by_proximity` as a generator that yields `Progress` and returns the result."""
-    if not 0 < most_distance < np.inf:
+    if not isinstance(most_distance, Real) or not 0 < most_distance < np.inf:
         raise ValueError(f"most_distance is {most_distance!r}: give a part of the square root of the source's area.")
-    if not 0 <= most_angle <= 180:
+    if not isinstance(most_angle, Real) or not 0 <= most_angle <= 180:
         raise ValueError(f"most_angle is {most_angle!r}: give degrees from 0 to 180.")
-    work = partial(_matched, source, target, most_distance, np.cos(np.radians(most_angle)), either_side)
+    work = partial(
+        _matched, as_surface(source), as_surface(target), most_distance, np.cos(np.radians(most_angle)), either_side
+    )
     return (yield from spread(in_background(work), 0, 1, "Finding the nearest points"))
 
 
 def _matched(
     source: Surface, target: Surface, most_distance: float, least_cosine: float, either_side: bool
 ) -> ProximityMatch:
-    placed = np.isfinite(target.vertices).all(axis=1)
+    placed = measurable(target.vertices)
     places = np.where(placed[:, None], target.vertices, source.vertices[source.triangles[0, 0]])
     surface_map = SurfaceMap(*closest_points(places, source.vertices, source.triangles), source.triangles)
     distance = np.linalg.norm(surface_map.interpolate(source.vertices) - places, axis=1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -43,6 +44,9 @@ class ProxyTuning(Tuning, set_by="speed"):
 
 
 PROXY = ProxyTuning()
+
+# How many vertices a stand-in is to have, as of `MatchOptions`.
+ProxyVertices: TypeAlias = int | Literal["auto"] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,13 @@ class Proxy:
     def full_vertex(self) -> Integers:
         """(n,) the part's vertex nearest to each vertex of the stand-in."""
         return np.asarray(cKDTree(self.full.vertices).query(self.vertices)[1])
+
+
+def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
+    """How many vertices the stand-in for a mesh of some vertices is to have; None for the mesh itself."""
+    if proxy_vertices != "auto":
+        return proxy_vertices
+    return int(np.clip(vertices // PROXY.reduction, PROXY.fewest, PROXY.most))
 
 
 def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, Proxy]:

@@ -119,6 +119,7 @@ class Candidate:
             is known, and their total, of which the smallest is the most likely map.
         part_match: where one shape is taken for a part of the other, how this lies on it: the map is then found by
             bending the part. None for maps of all of both.
+        turns: how many maps, this one included, differ by a rotation alone that takes one of the shapes onto itself.
     """
 
     origin: str
@@ -132,6 +133,7 @@ class Candidate:
     certainty: float
     scores: dict[str, float]
     part_match: PartCandidate | None = None
+    turns: int = 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,9 @@ from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
 
 # Larger coordinates overflow where areas are squared.
 LARGEST_COORDINATE = 1e75
+# A vertex that is so many times as far away as the middle one of all cannot belong to faces of the others: beside its
+# faces they have no extent that could be told from rounding. As many corners of faces tell which vertex that is.
+FARTHEST, MANY = 1e6, 10_000
 
 
 class MeshError(ValueError):
@@ -116,6 +119,7 @@ class Surface:
         edges: ArrayLike | None,
     ) -> None:
         self._working: WorkingMesh | None = None
+        self._rounding: float | None = None
         self.vertices: Floats = _checked_points(vertices)
         _check_faces(self.vertices, corner_vertex, face_start)
         self.corner_vertex = corner_vertex
@@ -175,6 +179,22 @@ class Surface:
         self._working = mesh
 
     @property
+    def rounding(self) -> float:
+        """How far apart the numbers are that the coordinates were rounded to, in units of the vertices.
+
+        Numbers of single precision are the further apart the further from zero. It is 0 where some coordinate is none
+        of these.
+        """
+        if self._rounding is None:
+            self._rounding = single_precision_step(self.vertices)
+        return self._rounding
+
+    @rounding.setter
+    def rounding(self, step: float) -> None:
+        """Say what it was before the vertices were brought to where they are."""
+        self._rounding = step
+
+    @property
     def components(self) -> Integers:
         """(n,) connected component of each vertex, largest area first; -1 where no face uses the vertex."""
         working = self.working
@@ -213,6 +233,19 @@ class PointCloud:
         if not len(triangles):
             raise MeshError("No surface passes through the points: do they lie on a line, or in one place?")
         return Surface(self.points, triangles)
+
+
+def single_precision_step(positions: ArrayLike) -> float:
+    """The largest distance from a coordinate (n, 3) to the next number of single precision, if all are such numbers.
+
+    It is 0 if they are not.
+    """
+    points = np.asarray(positions)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rounded = points.astype(np.float32)
+        if not len(points) or (rounded != points).any():
+            return 0.0
+        return float(np.spacing(np.abs(rounded).max()))
 
 
 # --- the edge: what a user hands in -------------------------------------------------------------------------
@@ -316,10 +349,33 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
         raise MeshError(
             f"A face names vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered from 0."
         )
-    usable = (np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1)  # and so no NaN
-    broken = np.unique(corner_vertex[~usable[corner_vertex]])
+    broken = np.unique(corner_vertex[~measurable(vertices)[corner_vertex]])
     if len(broken):
         raise MeshError(
             f"{len(broken)} vertices have coordinates that are not finite or beyond all measure "
             f"(the first is vertex {broken[0]}): remove or repair them."
         )
+    _check_distances(vertices[corner_vertex], corner_vertex, face_start)
+
+
+def _check_distances(corners: Floats, corner_vertex: Integers, face_start: Integers) -> None:
+    """Refuse faces between vertices that are near to each other and others that are beyond all measure of these."""
+    some = corners[:: 1 + len(corners) // MANY]
+    middle = np.median(some, axis=0)
+    farthest = FARTHEST * np.median(np.linalg.norm(some - middle, axis=1))
+    if farthest == 0 or np.abs(corners - middle).max() <= farthest:
+        return
+    far = np.linalg.norm(corners - middle, axis=1) > farthest
+    sizes = np.diff(face_start)
+    partly = np.add.reduceat(far, face_start[:-1], dtype=np.int64) < sizes
+    astray = np.unique(corner_vertex[far & np.repeat(partly, sizes)])
+    if len(astray):
+        raise MeshError(
+            f"Vertex {astray[0]} is more than {FARTHEST:,.0f} times as far away as the others, and faces reach there: "
+            "move it back, or remove it."
+        )
+
+
+def measurable(points: Floats) -> Booleans:
+    """(n,) which points (n, 3) have coordinates that are finite, and not beyond all measure."""
+    return np.asarray((np.abs(points) <= LARGEST_COORDINATE).all(axis=1))  # and so no NaN

@@ -90,13 +90,13 @@ def _known_cores() -> _Cores:
     if _cores is None:
         said = os.environ.get(VARIABLE)
         if said is None:
-            _cores = _Cores(min(MOST_THREADS, _usable_cores()))
+            _cores = _Cores(min(MOST_THREADS, usable_cores()))
         else:
             _cores = _Cores(_checked(VARIABLE, int(said) if said.isdecimal() else said))
     return _cores
 
 
-def _usable_cores() -> int:
+def usable_cores() -> int:
     """Cores that this process may use; where the system does not tell, all."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

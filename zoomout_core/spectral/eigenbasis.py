@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, eigh, qr, solve_triangular
+from scipy.linalg import LinAlgError, cholesky, eigh, qr, solve_triangular
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
@@ -34,6 +34,7 @@ COLUMN_CHUNK = 1 << 14
 # Parts of long vectors that products are made of, and of a block of right-hand sides: as many threads find work. Each
 # solve reads the whole factor, so that small parts of a block cost more than they gain.
 PRODUCTS, SOLVES = 8, 2
+UNCONVERGED = "The eigenfunctions did not converge: repair the mesh's slivers, or remesh it."
 
 
 @dataclass(frozen=True)
@@ -307,7 +308,10 @@ def _block_lanczos(
                 H[first:e, e - b : e] += parts.orthogonalised(Y, Q[first:e]).T
             R = np.eye(b)
             for _ in range(2):
-                L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
+                try:
+                    L = cholesky((Y @ Y.T).astype(np.float64), lower=True)
+                except LinAlgError:  # slivers have used up what the numbers resolve
+                    raise MeshError(UNCONVERGED) from None
                 Y = solve_triangular(L, np.eye(b), lower=True).astype(np.float32) @ Y
                 R = L.T @ R
             H[e : e + b, e - b : e] = R
@@ -341,7 +345,7 @@ def _block_lanczos(
             next_test = e + 4 * b
     finally:
         pool.shutdown(wait=False, cancel_futures=True)  # should the caller have closed this halfway
-    raise MeshError("The eigenfunctions did not converge: repair the mesh's slivers, or remesh it.")
+    raise MeshError(UNCONVERGED)
 
 
 class _InParts:

@@ -23,11 +23,13 @@ from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lifted
 from zoomout_core.matching.confidence import Partners, confidence_of
 from zoomout_core.matching.match import ANALYSING, fitted_steps
+from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate, rank_steps
 from zoomout_core.matching.refinement import REFINEMENT, dense_steps
 from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.runtime.stepping import Steps, drain, scaled, spread, within
@@ -131,6 +133,7 @@ def detect_symmetry(
     return drain(detect_symmetry_steps(surface, most, left, k_final, step, samples, seed, proxy_vertices))
 
 
+@memory_in_words
 @on_one_blas_thread
 def detect_symmetry_steps(
     surface: ShapeLike,
@@ -147,6 +150,7 @@ def detect_symmetry_steps(
     if most < 1:
         raise ValueError(f"most is {most}: ask for one symmetry or more.")
     to_the_left, surface = _unit_vector(left), as_surface(surface)
+    check_memory([len(surface.working.vertices)], k_final, proxy_vertices)
     bodies = yield from within(bodies_of_steps(surface, seed), 0.0, START_OF_BODY[0])
     attempts: list[Attempt] = []
     for body, start, end in zip(bodies, START_OF_BODY, START_OF_BODY[1:], strict=False):

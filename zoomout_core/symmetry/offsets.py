@@ -17,7 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.proxy import Proxy
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.surface import MeshError, measurable
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Domain
@@ -152,7 +152,7 @@ def _on_surface(values: Floats, symmetry: SelfMap) -> Floats:
     """Values (n_part, ...) of the main part's vertices, or the skin's, at all of the surface's: of the nearest ones."""
     surface, vertex_of = symmetry.surface, symmetry.shape.proxy.full.vertex_of.copy()
     body = np.flatnonzero(vertex_of >= 0)
-    rest = np.flatnonzero((vertex_of < 0) & np.isfinite(surface.vertices).all(axis=1))
+    rest = np.flatnonzero((vertex_of < 0) & measurable(surface.vertices))
     if len(rest):
         vertex_of[rest] = vertex_of[body[cKDTree(surface.vertices[body]).query(surface.vertices[rest])[1]]]
     return np.asarray(values[vertex_of])

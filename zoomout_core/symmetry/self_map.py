@@ -12,8 +12,10 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
 from zoomout_core.matching.components.bodies import Bodies, bodies_steps
-from zoomout_core.matching.match import ANALYSES, prepared_steps, proxy_size
+from zoomout_core.matching.match import ANALYSES, prepared_steps
 from zoomout_core.matching.memory_cache import kept_analysis_steps
+from zoomout_core.matching.proxy import proxy_size
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.stepping import Progress, Steps, drain, spread, within
@@ -69,6 +71,7 @@ class SelfMap:
         return np.where(np.abs(self.distance) <= width, 0, np.sign(self.distance)).astype(np.int8)
 
 
+@memory_in_words
 @on_one_blas_thread
 def main_shape_steps(
     surface: Surface,
@@ -100,5 +103,5 @@ def body_shape_steps(
 ) -> Steps[ShapeAnalysis]:
     """A surface's body, ready to have its symmetries found; arguments as for `detect_symmetry`."""
     k = max(k_final, ANALYSIS.fewest_functions)
-    preparing = kept_analysis_steps(body, k, samples, seed, proxy_size(body, proxy_vertices))
+    preparing = kept_analysis_steps(body, k, samples, seed, proxy_size(len(body.vertices), proxy_vertices))
     return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.0, 1.0, "Analysing the shape"))

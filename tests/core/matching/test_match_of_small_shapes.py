@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair
+from zoomout_core.matching.proxy import proxy_size
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.stepping import Progress, drain
 
@@ -162,13 +162,11 @@ def test_a_map_of_half_of_the_target_is_half_as_sure(result: zo.MatchResult, mon
 
 @pytest.mark.parametrize("given", [None, 700])
 def test_a_stand_in_has_as_many_vertices_as_asked_for(given: int | None) -> None:
-    assert match.proxy_size(SOURCE.surface.working, given) == given
+    assert proxy_size(len(SOURCE.surface.vertices), given) == given
 
 
 def test_a_larger_mesh_has_a_larger_stand_in_within_limits() -> None:
-    sizes = [
-        match.proxy_size(SimpleNamespace(vertices=range(count)), "auto") for count in (10, 1000, 40_000, 10**6, 10**7)
-    ]
+    sizes = [proxy_size(count, "auto") for count in (10, 1000, 40_000, 10**6, 10**7)]
     assert sizes[0] == sizes[1] < sizes[2] < sizes[3] == sizes[4]
 
 

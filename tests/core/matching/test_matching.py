@@ -103,6 +103,16 @@ def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
     assert sorted(rivals)[0] < 0.1
 
 
+def test_coordinates_that_are_far_from_the_origin_are_said_to_be_rounded(resting: Creature, bent: Creature) -> None:
+    rounded = [made.surface.with_vertices((made.surface.vertices + 1e6).astype(np.float32)) for made in (resting, bent)]
+    notes = zo.match(resting.surface, rounded[1]).notes
+    assert [note for note in notes if note.startswith("The target lies so far from its origin that")]
+    assert not [note for note in notes if note.startswith("The source lies so far")]
+    steps = [(made.surface.vertices + 2e7).astype(np.float32) for made in (resting, bent)]
+    with pytest.raises(MeshError, match="slivers"):
+        zo.match(*(made.surface.with_vertices(step) for made, step in zip((resting, bent), steps, strict=True)))
+
+
 def test_a_round_shape_is_called_uncertain() -> None:
     spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
     result = zo.match(*spheres)

@@ -172,7 +172,7 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
     monkeypatch.setattr(match, "units_differ", lambda _: False)
     monkeypatch.setattr(match, "too_coarse", lambda _: False)
-    first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty)])
+    first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty, turns=1)])
     options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
     steps, fractions = match._second_steps(first, None, options), []
     while True:

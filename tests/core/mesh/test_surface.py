@@ -229,3 +229,9 @@ def test_surfaces_are_joined_one_after_another() -> None:
         both.triangles, np.vstack([quad.triangles, triangle.triangles + 5, quad.triangles + 8])
     )
     np.testing.assert_array_equal(both.edges[[0, 1, -2, -1]], [[0, 4], [0, 1], [8, 12], [8, 9]])
+
+
+def test_a_surface_knows_how_far_its_coordinates_are_rounded(resting: Creature) -> None:
+    far = (resting.surface.vertices + 1e6).astype(np.float32)
+    assert resting.surface.with_vertices(far).rounding == 0.0625
+    assert resting.surface.with_vertices(far.astype(float) + 0.01).rounding == 0

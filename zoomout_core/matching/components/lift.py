@@ -18,7 +18,7 @@ from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair, standing
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lifted_fit
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas
 
 
@@ -97,7 +97,7 @@ def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
     """The map of shells in the surfaces' own numbers; vertices that no face uses take the nearest one's image."""
     of = pair.target.working.vertex_of
     used = np.flatnonzero(of >= 0)
-    rest = np.flatnonzero((of < 0) & np.isfinite(pair.target.vertices).all(axis=1))
+    rest = np.flatnonzero((of < 0) & measurable(pair.target.vertices))
     near = np.zeros(len(of), dtype=np.int64)
     near[used] = of[used]
     if len(rest):
@@ -129,7 +129,7 @@ def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
 def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Booleans) -> SurfaceMap:
     """The map, extended from the body to the vertices that have no place of their own: to the nearest one's."""
     source, target = pair.source, pair.target
-    rest = ~placed & np.isfinite(target.vertices).all(axis=1)
+    rest = ~placed & measurable(target.vertices)
     if not rest.any():
         return known
     main = np.flatnonzero(on_body[target.triangles[:, 0]])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
@@ -211,7 +211,7 @@ def paired(
         apart = max(ours.distance_to(theirs), theirs.distance_to(ours)) / size_and_error
         shape = float(np.mean(np.abs(ours.distances - theirs.distances))) if contested[i, j] else 0.0
         misfit[i, j] = relation[i, j] * (apart + size[i, j] + PARTS.shape_weight * shape)
-    rows, columns = linear_sum_assignment(np.minimum(misfit, 10 * PARTS.tolerance))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.minimum(misfit, 10 * PARTS.tolerance))
     return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= PARTS.tolerance}, misfit
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -331,7 +331,7 @@ def _partners(
     table[i, j] = np.minimum(cost, 10 * SHELLS.most_cost)
     number = np.zeros(table.shape, dtype=np.int64)
     number[i, j] = np.arange(len(i))
-    assigned = np.column_stack(linear_sum_assignment(table)).tolist()
+    assigned = np.column_stack(scipy.optimize.linear_sum_assignment(table)).tolist()
     chosen = [(a, b) for a, b in assigned if table[a, b] <= SHELLS.most_cost]
     return chosen, [found[number[a, b] : number[a, b] + 1] for a, b in chosen]
 

@@ -35,6 +35,7 @@ class RigidTuning(Tuning, set_by="judgement"):
         fewest_vertices: of a mesh that is refined.
         flush: two meshes of one surface are no farther apart.
         as_well: factor of the best motion's miss up to which meshes of one surface stand as they should.
+        fading: factor of that, and of `flush`, up to which where they stand counts, the less the nearer to it.
         throughout: where a motion takes this part of all vertices to their goals, surfaces differ by their meshes only,
             and the other vertices go along if they come to lie on the source: their goals were wrong.
     """
@@ -51,6 +52,7 @@ class RigidTuning(Tuning, set_by="judgement"):
     fewest_vertices: int = tuned(400, "vertices", 10, 1_000_000)
     flush: float = tuned(5e-4, "at unit area", 0, 1)
     as_well: float = tuned(2.0, "1", 1, 100)
+    fading: float = tuned(1.5, "1", 1.001, 100)
     throughout: float = tuned(0.9, "1", 0, 1)
 
 
@@ -101,7 +103,9 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         goal: (n, 3) in the frame of the source's part.
         fits: (n,) which goals are reliable.
         points: (n, 3) in that of the target's.
-        standing: (n, 3) where they are if both surfaces stay where they stand; they do if that fits about as well.
+        standing: (n, 3) where they are if both surfaces stay where they stand; they do if that fits about as well,
+            for then it is exact, which no motion between two meshes is. It fades, so that nothing jumps when one of the
+            two is moved away.
         source: the mesh to lie on.
 
     Returns:
@@ -133,10 +137,12 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
     if left > RIGID.flush:
         return goal, RIGID.flush
     placed = points @ motion.T + shift
-    if np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) < RIGID.flush:
+    elsewhere = np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) / RIGID.flush
+    if elsewhere < RIGID.fading:
         as_they_stand, _ = _residuals(standing[at[near]], source)
-        if np.median(np.abs(as_they_stand)) < RIGID.as_well * left:
-            placed = standing
+        worse = np.median(np.abs(as_they_stand)) / (RIGID.as_well * left)
+        stays = np.clip((RIGID.fading - max(elsewhere, worse)) / (RIGID.fading - 1), 0, 1)
+        placed = (1 - stays) * placed + stays * standing
     settled = fits & (np.linalg.norm(placed - goal, axis=1) < RIGID.coinciding)
     if settled.mean() < RIGID.throughout:
         return np.where(settled[:, None], placed, goal), RIGID.flush

@@ -143,7 +143,7 @@ def test_another_unit_has_to_be_likelier_than_the_same_one(
     monkeypatch.setattr(match, "part_match_steps", steps([SimpleNamespace(certainty=0.3)]))
     monkeypatch.setattr(match, "at_unknown_scale_steps", steps((elsewhere, [SimpleNamespace(certainty=certainty)])))
     monkeypatch.setattr(match, "agree", lambda *_: False)
-    whole = match.Attempt(given, [SimpleNamespace(certainty=0.1)], 0.9)  # type: ignore[arg-type, list-item]
+    whole = match.Attempt(given, [SimpleNamespace(certainty=0.1, turns=1)], 0.9)  # type: ignore[arg-type, list-item]
     known: Any = SimpleNamespace(disagreement=lambda _: None)
     found = drain(match._part_attempt_steps(whole, known))
     assert (found.candidates[0].certainty == certainty) == taken

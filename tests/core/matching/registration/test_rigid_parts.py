@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
@@ -199,3 +201,17 @@ def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_w
     found, _ = settle(goal, np.ones(len(goal), dtype=bool), other.vertices, standing, plum)
     assert np.array_equal(found, standing) == stays
     assert np.median(np.linalg.norm(found - 0.999 * standing / size, axis=1)) < 3e-4
+
+
+def test_nothing_jumps_when_one_of_two_surfaces_is_moved_away(plum: Proxy) -> None:
+    other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
+    at = plum.full.from_surface(other.to_surface(other.vertices))
+    goal = at + np.random.default_rng(0).normal(scale=1e-3, size=at.shape)
+    fits = np.ones(len(goal), dtype=bool)
+    sizes = np.linspace(0.999, 1.0, 81)
+    found = [settle(goal, fits, other.vertices, size * at, plum)[0] for size in sizes]
+    steps = [np.linalg.norm(after - before, axis=1).max() for before, after in pairwise(found)]
+    stood = [np.array_equal(one, size * at) for one, size in zip(found, sizes, strict=True)]
+    assert stood[0]
+    assert not stood[-1]
+    assert max(steps) < 5e-5

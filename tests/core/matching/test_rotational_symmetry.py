@@ -1,0 +1,181 @@
+"""Shapes that look the same when they are turned say so: of all their maps none is called certain."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+from scipy.spatial import cKDTree
+from shapes import LOPSIDED_TORUS, STONE, TORUS, VASE, shape
+from solids import CUBE, ICOSAHEDRON, OCTAHEDRON, TETRAHEDRON, prism, pyramid, solid
+
+import zoomout_core as zo
+from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.rotational_symmetry import TURNS, certainty_but_for_turns, likely_turns, self_maps
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import drain
+
+BOX = CUBE * [1.0, 1.4, 2.1]
+# The turns of a cube: permutations of the axes with signs, of determinant 1.
+OF_CUBE = np.array(
+    [
+        matrix
+        for order in permutations(range(3))
+        for signs in product((-1.0, 1.0), repeat=3)
+        if np.linalg.det(matrix := np.eye(3)[list(order)] * signs) > 0
+    ]
+)
+
+
+def analysed(surface: Surface) -> ShapeAnalysis:
+    """With few functions and samples."""
+    return drain(analysis_steps(surface.working.part(0)[0], 60, 400, 0))
+
+
+@pytest.mark.parametrize(
+    ("corners", "turns"),
+    [
+        (CUBE, 23),
+        (TETRAHEDRON, 11),
+        (OCTAHEDRON, 23),
+        (ICOSAHEDRON, 59),
+        (prism(3), 5),
+        (prism(5, 2.0), 9),
+        (prism(6, 0.5), 11),
+        (pyramid(3), 2),
+        (pyramid(4), 3),
+        (BOX, 3),
+    ],
+    ids=[
+        "cube",
+        "tetrahedron",
+        "octahedron",
+        "icosahedron",
+        "prism3",
+        "prism5",
+        "prism6",
+        "pyramid3",
+        "pyramid4",
+        "box",
+    ],
+)
+def test_all_rotations_of_a_solid_are_found(corners: np.ndarray, turns: int) -> None:
+    assert len(self_maps(analysed(solid(corners).surface))) == turns
+
+
+@pytest.mark.parametrize("corners", [prism(24, 1.5), pyramid(24)], ids=["cylinder", "cone"])
+def test_of_infinitely_many_rotations_some_are_found(corners: np.ndarray) -> None:
+    assert 8 <= len(self_maps(analysed(solid(corners).surface))) <= TURNS.most
+
+
+def test_round_shapes_of_any_kind_have_rotations() -> None:
+    assert len(self_maps(analysed(shape(VASE, 1500).surface))) == 1
+    assert len(self_maps(analysed(shape(TORUS, 1500).surface))) > 8
+    corners = np.array([[x, y, 0.0] for x in range(9) for y in range(9)])
+    faces = [[9 * x + y, 9 * x + y + 1, 9 * x + y + 10, 9 * x + y + 9] for x in range(8) for y in range(8)]
+    assert len(self_maps(analysed(Surface(corners, faces)))) >= 6  # a square, which may be turned over
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        creature(1500).surface,
+        creature(1500, 1, bend=0.5).surface,
+        shape(STONE, 1500).surface,
+        shape(LOPSIDED_TORUS, 1500).surface,
+        solid(CUBE, nose=0.2).surface,
+        solid(prism(24), nose=0.2).surface,
+    ],
+    ids=["creature", "bent creature", "stone", "lopsided torus", "cube with a nose", "disc with a nose"],
+)
+def test_what_is_only_nearly_round_has_none(surface: Surface) -> None:
+    assert not len(self_maps(analysed(surface)))
+
+
+def test_a_self_map_takes_functions_to_where_the_shape_is_turned() -> None:
+    shape_of_box = analysed(solid(BOX).surface)
+    positions = shape_of_box.basis.coefficients(shape_of_box.mesh.vertices)[:60]
+    signs = []
+    for turned in self_maps(shape_of_box):
+        places = shape_of_box.basis.eigenvectors[:, :60] @ (turned @ positions)
+        assert np.median(cKDTree(shape_of_box.mesh.vertices).query(places)[0]) < 0.02
+        signs.append(np.round(np.corrcoef(places.T, shape_of_box.mesh.vertices.T)[:3, 3:].trace()))
+    assert signs == [-1.0] * 3  # two axes are reversed
+
+
+@pytest.fixture(scope="module")
+def cubes() -> tuple[zo.MatchResult, Surface, Surface]:
+    source, target = (solid(CUBE, 900, seed).surface for seed in (1, 2))
+    return zo.match(source, target), source, target
+
+
+def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
+    result, _, _ = cubes
+    assert result.certainty == pytest.approx(1 / 24, rel=0.05)
+    assert "at least 24 maps are as good" in result.notes[0]
+    assert not any("not recognised" in note for note in result.notes)
+
+
+def test_each_of_its_turned_maps_may_be_chosen(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
+    result, source, target = cubes
+    turned = [number for number, one in enumerate(result.candidates) if one.turns == 24]
+    assert len(turned) == 24
+    at = source.vertices - source.vertices.mean(axis=0)
+    here = target.vertices - target.vertices.mean(axis=0)
+    turns = []
+    for number in turned[::9]:
+        images = result.use(number).surface_map.interpolate(at)
+        rotation = np.linalg.lstsq(here, images, rcond=None)[0]
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 0.05
+        assert np.median(np.linalg.norm(here @ rotation - images, axis=1)) < 0.05
+        turns.append(rotation)
+    assert min(np.abs(a - b).max() for i, a in enumerate(turns) for b in turns[:i]) > 0.5
+
+
+def test_landmarks_tell_the_turned_maps_apart(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
+    _, source, target = cubes
+    known = [solid(CUBE, 900, seed).directions for seed in (1, 2)]
+    wanted = OF_CUBE[7]
+    places = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [0, 0, 1]])
+    places /= np.linalg.norm(places, axis=1, keepdims=True)
+    on_source = cKDTree(known[0]).query(places @ wanted)[1]
+    on_target = cKDTree(known[1]).query(places)[1]
+    result = zo.match(source, target, initial="landmarks", landmarks=(on_source, on_target))
+    truth = cKDTree(known[0]).query(known[1] @ wanted)[1]
+    assert np.median(np.linalg.norm(source.vertices[result.surface_map.vertex] - source.vertices[truth], axis=1)) < 0.1
+    assert result.certainty > 0.9
+    assert not result.notes
+
+
+def test_a_target_that_is_round_is_unsure_where_the_source_is_not() -> None:
+    result = zo.match(solid(BOX, 900, 1, nose=0.15).surface, solid(BOX, 900, 2).surface)
+    assert result.certainty < 0.3
+    assert "at least 4 maps" in result.notes[0]
+
+
+@pytest.mark.parametrize("initial", ["proximity", "given"])
+def test_a_map_that_the_user_began_with_is_not_turned(initial: str) -> None:
+    cube = solid(CUBE, 900, 1).surface
+    given = np.arange(len(cube.vertices)) if initial == "given" else None
+    result = zo.match(cube, cube, initial=initial, initial_map=given)
+    assert [one.turns for one in result.candidates] == [1]
+    assert result.certainty > 0.9
+
+
+def listed(*certainties: float, turns: int) -> list[Any]:
+    """Candidates, of which the first ones, as many as `turns`, differ by rotations."""
+    return [SimpleNamespace(certainty=one, turns=turns if i < turns else 1) for i, one in enumerate(certainties)]
+
+
+def test_a_shape_counts_as_recognised_if_only_its_turn_is_unknown() -> None:
+    assert certainty_but_for_turns(listed(0.3, 0.3, 0.3, 0.1, turns=3)) == pytest.approx(0.9)
+    assert certainty_but_for_turns(listed(0.3, 0.3, turns=1)) == 0.3
+
+
+def test_turned_maps_that_landmarks_rule_out_are_not_counted() -> None:
+    assert likely_turns(listed(0.45, 0.45, 0.05, 0.05, turns=4), 0) == 2
+    assert likely_turns(listed(0.5, 0.5, turns=1), 0) == 1

@@ -1,0 +1,68 @@
+"""Convex solids, irregularly meshed and turned: nothing but their shape tells their rotations apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from creatures import directions
+from scipy.spatial import ConvexHull, cKDTree
+
+from zoomout_core.mesh.surface import Surface
+
+GOLDEN = (1 + 5**0.5) / 2
+CUBE = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+TETRAHEDRON = CUBE[CUBE.prod(axis=1) > 0]
+OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
+ICOSAHEDRON = np.array(
+    [np.roll([0, a, b], shift) for a in (-1.0, 1.0) for b in (-GOLDEN, GOLDEN) for shift in range(3)]
+)
+
+
+def prism(sides: int, height: float = 1.0) -> np.ndarray:
+    """(2 sides, 3) corners, on a circle of radius 1."""
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    return np.concatenate([np.column_stack([ring, np.full(sides, z)]) for z in (-height / 2, height / 2)])
+
+
+def pyramid(sides: int, height: float = 2.0) -> np.ndarray:
+    """(sides + 1, 3) corners."""
+    return np.vstack([prism(sides)[:sides], [[0, 0, height - 0.5]]])
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A mesh with the direction (n, 3), before it was turned, that each vertex stands for."""
+
+    surface: Surface
+    directions: np.ndarray
+
+
+def solid(corners: np.ndarray, count: int = 900, seed: int = 0, nose: float = 0.0) -> Solid:
+    """The convex hull of corners (c, 3) about the origin; each seed is another mesh of it, turned another way.
+
+    Args:
+        corners: in any order.
+        count: of vertices.
+        seed: of the mesh.
+        nose: height of a bump off the middle of a face, which leaves no rotation.
+    """
+    tips = corners / np.linalg.norm(corners, axis=1, keepdims=True)
+    where = directions(count, seed)
+    where = np.vstack([tips, where[cKDTree(tips).query(where)[0] > 1.2 / count**0.5]])
+    planes = ConvexHull(corners).equations
+    radius = 1 / (where @ (planes[:, :3] / -planes[:, 3:]).T).max(axis=1)
+    beside = planes[0, :3] + 0.4 * np.roll(planes[0, :3], 1) + 0.2 * np.roll(planes[0, :3], 2)
+    radius += nose * np.exp(12 * (where @ (beside / np.linalg.norm(beside)) - 1))
+    triangles = ConvexHull(where).simplices
+    a, b, c = (where[triangles[:, i]] for i in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
+    return Solid(Surface(where * radius[:, None] @ (turn * np.linalg.det(turn)), triangles), where)
+
+
+def true_vertex(source: Solid, target: Solid) -> np.ndarray:
+    """(n_t,) the source vertex nearest to each target vertex's place."""
+    return np.asarray(cKDTree(source.directions).query(target.directions)[1])

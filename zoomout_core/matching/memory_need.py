@@ -1,0 +1,59 @@
+"""What a match will take of the memory, said before it begins where that is more than there is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from zoomout_core.matching.analysis import ANALYSIS
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.proxy import ProxyVertices, proxy_size
+from zoomout_core.mesh.memory import NotEnoughMemoryError
+from zoomout_core.runtime.memory import free_memory
+
+# Bytes that matches took, within a quarter (pairs of creatures of 5,000 to 300,000 vertices, by all details): in any
+# case, for each vertex, and for each vertex and function of a stand-in, where distances and whatever else is known at
+# its vertices are as many functions more.
+ALWAYS, PER_VERTEX, PER_VALUE, MORE_FUNCTIONS = 40 << 20, 800, 44, 300
+GIB = 1 << 30
+
+
+def memory_need(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> int:
+    """Bytes that analysing and matching meshes of some numbers of vertices takes, about."""
+    of_proxies = sum(min(n, proxy_size(n, proxy_vertices) or n) for n in vertices)
+    functions = max(k_final, ANALYSIS.fewest_functions) + MORE_FUNCTIONS
+    return ALWAYS + PER_VERTEX * sum(vertices) + PER_VALUE * functions * of_proxies
+
+
+def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVertices) -> None:
+    """Refuse what does not fit into the memory that is free, as far as that is known.
+
+    Args:
+        vertices: of each mesh.
+        k_final: size of the final functional map.
+        proxy_vertices: of the stand-ins, as of `MatchOptions`.
+
+    Raises:
+        NotEnoughMemoryError: it does not fit; the message says which size would, and which detail.
+    """
+    need, free = memory_need(vertices, k_final, proxy_vertices), free_memory()
+    if free is None or need <= free:
+        return
+    ways = []
+    for name, numbers in reversed(DETAIL.items()):
+        coarser = MatchOptions(**numbers)  # type: ignore[arg-type]
+        coarser_need = memory_need(vertices, coarser.k_final, coarser.proxy_vertices)
+        if coarser_need < need and coarser_need <= free:
+            ways.append(f"match at the detail '{name}' (in Python proxy_vertices={coarser.proxy_vertices!r})")
+            break
+    parts = np.linspace(0.99, 0.01, 99)
+    sizes = ([int(part * n) for n in vertices] for part in parts)
+    fitting = next((size for size in sizes if memory_need(size, k_final, proxy_vertices) <= free), None)
+    if fitting is not None:
+        ways.append(f"simplify to {' and '.join(map(str, fitting))} vertices")
+    raise NotEnoughMemoryError(
+        f"Meshes of {' and '.join(map(str, vertices))} vertices take about {need / GIB:.1f} GiB of memory, and "
+        f"{free / GIB:.1f} GiB are free: {', or '.join([*ways, 'close other programs'])}."
+    )

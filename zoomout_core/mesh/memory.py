@@ -1,0 +1,42 @@
+"""What runs out of memory says so in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from inspect import isgeneratorfunction
+from typing import Any, TypeVar, cast
+
+from zoomout_core.mesh.surface import MeshError
+
+NO_MEMORY = (
+    "There is not enough memory for it: close other programs, match by a coarser detail, or give meshes with fewer "
+    "vertices."
+)
+
+
+class NotEnoughMemoryError(MeshError):
+    """A mesh that is too large for the memory that there is now; elsewhere, or later, there may be more."""
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def memory_in_words(function: Function) -> Function:
+    """Have a function, stepped or not, raise `NotEnoughMemoryError`, which says what to do, where none is left."""
+
+    @wraps(function)
+    def at_once(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except MemoryError:
+            raise NotEnoughMemoryError(NO_MEMORY) from None
+
+    @wraps(function)
+    def stepped(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return (yield from function(*args, **kwargs))
+        except MemoryError:
+            raise NotEnoughMemoryError(NO_MEMORY) from None
+
+    return cast(Function, stepped if isgeneratorfunction(function) else at_once)

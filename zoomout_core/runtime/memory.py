@@ -1,0 +1,43 @@
+"""How much memory this process may still take, as far as the system says."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+# What containers may take and what they take, of both versions of control groups.
+GROUPS = (
+    ("sys/fs/cgroup/memory.max", "sys/fs/cgroup/memory.current"),
+    ("sys/fs/cgroup/memory/memory.limit_in_bytes", "sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+def free_memory(root: str | os.PathLike[str] = "/") -> int | None:
+    """Bytes that this process may still take: the least of what is free, and of what limits leave; None if unknown.
+
+    Of macOS, which does not say what is free, all that the machine has. Of Windows nothing is known, where what is used
+    goes to disk.
+
+    Args:
+        root: where the system's own files are.
+    """
+    return min((max(0, each) for each in _limits(Path(root))), default=None)
+
+
+def _limits(root: Path) -> Iterator[int]:
+    for most, taken in GROUPS:
+        with suppress(OSError, ValueError):  # there is no such group, or no limit to it
+            yield int((root / most).read_text()) - int((root / taken).read_text())
+    with suppress(OSError, ValueError, StopIteration):
+        lines = (root / "proc/meminfo").read_text().splitlines()
+        yield 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    with suppress(AttributeError, OSError, ValueError):  # no such call, or no such name
+        yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
+            yield limit - int((root / "proc/self/statm").read_text().split()[0]) * resource.getpagesize()
