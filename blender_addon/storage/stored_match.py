@@ -25,6 +25,7 @@ from zoomout_core.maps.surface_map import fault_of_map
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..mesh_data import HAS_PARTNER, MATCH_ATTRIBUTES, Fingerprint, Layer, ObjectPair, Role, read_layer, write_layer
+from ..mesh_data.arrays import hash_of
 from .stored_json import read_json
 
 TRIANGLE, BARYCENTRIC, CONFIDENCE = MATCH_ATTRIBUTES
@@ -108,6 +109,7 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
             "size": {"source": source.size, "target": target.size},
             "mirrored": {"source": source.mirrored, "target": target.mirrored},
             "others": [_described(source) for source in further],
+            "entries": _hash_of_entries(mesh),
             "vertices": len(match.confidence),
             "low_confidence": low_confidence(match.confidence),
             "without_partner": without_partner(match),
@@ -139,7 +141,9 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     if stored["target_fingerprint"] != pair.target_fingerprint.digest:
         raise zo.MeshError(f"The target '{pair.target_name}' was edited since it was matched: match again.")
     triangle, barycentric, confidence = (read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES)
-    if fault_of_map(triangle, barycentric, len(pair.source.triangles)) or not np.isfinite(confidence).all():
+    exchanged = stored.get("entries") not in (None, _hash_of_entries(mesh))  # which earlier versions do not have
+    fault = fault_of_map(triangle, barycentric, len(pair.source.triangles))
+    if exchanged or fault or not np.isfinite(confidence).all():
         raise zo.MeshError(f"The match that is stored on '{pair.target_name}' is damaged: match again.")
     # Stored in single precision: brought back to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
@@ -153,6 +157,11 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         _unpacked(stored.get("source_has_partner"), len(pair.source.vertices)),
         stored.get("without_partner"),
     )
+
+
+def _hash_of_entries(mesh: Mesh) -> str:
+    """A hash of the attributes, by which those of another match are noticed that were put in their place."""
+    return hash_of("", *(read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES))
 
 
 def description(mesh: Mesh) -> dict[str, Any] | None:

@@ -88,6 +88,22 @@ def test_a_damaged_match_is_refused_or_as_good_as_none_and_matching_again_heals_
     assert target.vertex_groups.keys() == ["Bone"]
 
 
+@pytest.mark.parametrize("name", stored_match.MATCH_ATTRIBUTES)
+def test_entries_of_another_match_are_noticed(pair: tuple[bpy.types.Object, bpy.types.Object], name: str) -> None:
+    source, target = pair
+    values = stored_match.read_layer(target.data, name).attribute.values
+    set_values(target.data, name, values[::-1].copy())
+    with pytest.raises(MeshError, match="The match that is stored on 'Target' is damaged: match again"):
+        transfer(source, target)
+
+
+def test_a_match_of_an_earlier_version_has_no_hash_of_its_entries(
+    pair: tuple[bpy.types.Object, bpy.types.Object],
+) -> None:
+    described(pair[1].data, entries=None)
+    transfer(*pair)
+
+
 @pytest.mark.parametrize("text", ["{", "[]", '{"candidates": 3, "chosen": 0}', "null", "ÿ"])
 def test_other_descriptions_that_are_damaged_are_as_good_as_none(
     pair: tuple[bpy.types.Object, bpy.types.Object], text: str

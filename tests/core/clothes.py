@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from creatures import LENGTHS, LIMBS, SHARPNESS, _posed, directions
+from creatures import directions
 from scipy.spatial import ConvexHull, cKDTree
 
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.samples import LENGTHS, LIMBS, SHARPNESS, posed
 from zoomout_core.spectral.sampling import farthest_points
 
 # Directions to choose from, for each vertex of a garment.
@@ -109,7 +110,7 @@ def dressed(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float =
     body = Piece("skin", skin(where), _hull(where), where)
     everything = [body, *pieces]
     first = np.cumsum([0] + [len(piece.points) for piece in everything])
-    points = _posed(np.vstack([piece.points for piece in everything]), bend)
+    points = posed(np.vstack([piece.points for piece in everything]), bend)
     triangles = [piece.triangles + start for piece, start in zip(everything, first[:-1], strict=True)]
     names = np.repeat([piece.name for piece in everything], [len(piece.triangles) for piece in everything])
     parts = {piece.name: np.arange(*first[i : i + 2]) for i, piece in enumerate(everything)}

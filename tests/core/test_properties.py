@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
+from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.triangles import triangle_areas, triangle_normals
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.transfer import RULES
@@ -178,6 +179,62 @@ def test_the_identity_gives_back_what_there_was(kind: zo.Kind, domain: zo.Domain
         np.testing.assert_allclose(after, before, atol=1e-6)
     else:
         np.testing.assert_array_equal(after, before)
+
+
+@settings(few, max_examples=4)
+@given(seeds)
+def test_the_identity_gives_back_what_lies_smoothly(seed: int) -> None:
+    """Texture coordinates of a chart, shape keys, and numbers on edges."""
+    random, surface = np.random.default_rng(seed), small()
+    linear, at = random.standard_normal((3, 3)), surface.vertices
+    chart = (at @ linear[:2].T)[surface.corner_vertex]
+    keys = np.stack([0.1 * at @ linear, np.roll(at, 1, axis=1)], axis=1)
+    heights = at[surface.edges].mean(axis=1) @ linear[0]
+    for domain, kind, values, most in (
+        (zo.Domain.CORNER, zo.Kind.UV, chart, 1e-6),
+        (zo.Domain.POINT, zo.Kind.OFFSET, keys, 1e-5),
+        (zo.Domain.EDGE, zo.Kind.SCALAR, heights, 0.2),
+    ):
+        found = zo.transfer(zo.Attribute("any", domain, kind, values), identity(), surface, surface).values
+        assert np.abs(found - values).max() < most * np.ptp(values), kind
+
+
+@settings(few, max_examples=4)
+@given(seeds, st.floats(1e-3, 1e3))
+def test_a_map_to_the_nearest_points_does_not_depend_on_frame_unit_order_or_winding(seed: int, size: float) -> None:
+    random, source, target = np.random.default_rng(seed), small(), creature(150, 1, asymmetry=0.3).surface
+    turn, shift = Rotation.random(random_state=seed).as_matrix(), random.standard_normal(3)
+    order = random.permutation(len(target.vertices))
+    number = np.argsort(order)
+    moved = [size * (one.vertices @ turn.T + shift) for one in (source, target)]
+    ours = zo.match_by_proximity(source, target, most_angle=180, either_side=True).surface_map
+    theirs = zo.match_by_proximity(
+        zo.Surface(moved[0], source.triangles[:, ::-1]),
+        zo.Surface(moved[1][order], number[target.triangles]),
+        most_angle=180,
+        either_side=True,
+    ).surface_map
+    places = ours.interpolate(source.vertices)[order], theirs.interpolate(source.vertices)
+    assert np.quantile(np.linalg.norm(places[0] - places[1], axis=1), 0.95) < 1e-6
+
+
+@settings(few, max_examples=4)
+@given(seeds, st.floats(1e-3, 1e3))
+def test_functions_of_a_surface_do_not_depend_on_how_quads_are_cut(seed: int, size: float) -> None:
+    """Areas, normals and interpolated values of planar quads."""
+    random = np.random.default_rng(seed)
+    grid = size * np.stack(np.meshgrid(np.arange(4.0), np.arange(5.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    quads = np.array([[5 * x + y, 5 * x + 5 + y, 5 * x + 6 + y, 5 * x + 1 + y] for x in range(3) for y in range(4)])
+    turned = np.array([np.roll(quad, random.integers(4)) for quad in quads])
+    surfaces = [zo.Surface(grid, faces) for faces in (quads, turned)]
+    np.testing.assert_allclose(surfaces[0].area, surfaces[1].area)
+    values = grid @ random.standard_normal(3)
+    points = size * random.uniform(0, 3, (20, 3)) * [1, 1, 0]
+    found = []
+    for one in surfaces:
+        triangle, barycentric = closest_points(points, one.vertices, one.triangles)
+        found.append(zo.SurfaceMap(triangle, barycentric, one.triangles).interpolate(values[:, None]))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-9 * size)
 
 
 @few

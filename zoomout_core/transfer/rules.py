@@ -12,12 +12,14 @@ from scipy.sparse import issparse
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.continuation import continued
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
+from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import turn_directions, turn_normals
@@ -121,6 +123,7 @@ RULES: dict[Kind, Rule] = {
 }
 
 
+@memory_in_words
 def transfer(
     attribute: Attribute,
     result: Match | SurfaceMap,
@@ -151,7 +154,10 @@ def transfer(
         MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map
             is of other surfaces.
         ValueError: `fill_below` is no confidence.
+        TypeError: something else is given as the attribute, the match or a surface.
     """
+    if not isinstance(attribute, Attribute):
+        raise TypeError(f"An Attribute is needed, not a {type(attribute).__name__}: give its name, domain and kind.")
     return transfer_along(attribute, map_target(result, source, target, fill_below), **options)
 
 
@@ -173,6 +179,10 @@ def map_target(
     if isinstance(result, SurfaceMap):
         _check_map(result, source, target)
         return MappedTarget(source, target, result, np.ones(len(target.vertices)), fill_below)
+    if not hasattr(result, "surface_map"):
+        raise TypeError(
+            f"A match is needed, not a {type(result).__name__}: give what `match` returns, or its surface_map."
+        )
     surface_map, confidence, has_partner = result.surface_map, np.asarray(result.confidence), result.has_partner
     _check_map(surface_map, source, target, confidence, *([] if has_partner is None else [has_partner]))
     if has_partner is not None:
@@ -185,6 +195,8 @@ def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -
     """`transfer` of one of many attributes, which share what is worked out of the map."""
     rule = _rule(attribute)
     _check_values(attribute, rule, mapped.source)
+    if not rule.finite:
+        attribute = with_finite_values(attribute, mapped.source)
     return rule.domains[attribute.domain](attribute, mapped, **options)
 
 
@@ -193,6 +205,7 @@ def transfer_steps(attribute: Attribute, mapped: MappedTarget, **options: Any) -
     return in_background(partial(transfer_along, attribute, mapped, **options))
 
 
+@memory_in_words
 def conform(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
     """The source's shape on the target's vertices: (n_t, 3) positions on the source.
 
@@ -239,8 +252,8 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
         raise MeshError(f"'{name}' has {given} values for {count} {unit}s of the source: give one for each.")
     if tuple(columns[1:]) != rule.column or sum(columns[:1]) not in rule.widths or values.dtype.kind not in rule.dtypes:
         raise MeshError(f"'{name}' has values of type {values.dtype} and shape {values.shape}, but {needs}.")
-    if rule.finite and not np.isfinite(values.data if rule.sparse else values).all():
-        raise MeshError(f"'{name}' has values that are not finite: correct them.")
+    if rule.finite and not (finite := np.isfinite(values.data if rule.sparse else values)).all():
+        raise MeshError(f"'{name}' has {(~finite).sum()} values that are not finite: correct them.")
 
 
 def _check_map(surface_map: SurfaceMap, source: Surface, target: Surface, *of_vertices: Floats | Booleans) -> None:

@@ -18,6 +18,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
@@ -101,6 +102,7 @@ def dress(
     return drain(dress_steps(result, source, target, carried, manners=manners, stiffness=stiffness, gap=gap))
 
 
+@memory_in_words
 def dress_steps(
     result: Match | SurfaceMap,
     source: Surface,

@@ -14,6 +14,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import area_normals
@@ -97,6 +98,7 @@ def wrap(
     return drain(steps)
 
 
+@memory_in_words
 def wrap_steps(
     result: Match | SurfaceMap,
     source: ShapeLike,

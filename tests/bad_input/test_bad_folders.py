@@ -1,0 +1,71 @@
+"""Folders that cannot be written to are found before the work begins, on every door."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+from doors import refused, run
+
+import blender_addon
+from blender_addon import cli
+from meshlab_filter.commands import main as meshlab
+from zoomout_core.cli import main as zoomout
+from zoomout_core.runtime import stepping
+
+Pair = tuple[Path, Path]
+DOORS: dict[str, Callable[[Pair, Path], tuple[Any, ...]]] = {
+    "zoomout match": lambda pair, folder: (zoomout, "match", *pair, "-o", folder / "map.npz"),
+    "zoomout transfer onto several": lambda pair, folder: (
+        *(zoomout, "transfer", *pair, pair[0].with_name("copy.ply"), "-o", folder),
+    ),
+    "zoomout transfer": lambda pair, folder: (zoomout, "transfer", *pair, "-o", folder / "made.ply"),
+    "zoomout symmetry": lambda pair, folder: (zoomout, "symmetry", pair[0], "-o", folder / "symmetry.npz"),
+    "meshlab_filter transfer": lambda pair, folder: (meshlab, "transfer", *pair, "-o", folder / "made.ply"),
+    "meshlab_filter transfer onto several": lambda pair, folder: (
+        *(meshlab, "transfer", pair[0], pair[1], pair[0].with_name("copy.ply"), "-o", folder),
+    ),
+}
+
+
+@pytest.fixture
+def locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that nobody may write to, whoever runs the tests."""
+    folder, really = tmp_path / "locked", os.access
+    folder.mkdir()
+    monkeypatch.setattr(
+        os, "access", lambda path, mode: not (Path(path) == folder and mode & os.W_OK) and really(path, mode)
+    )
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def idle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No work is done."""
+
+    def begun(*_: object, **__: object) -> None:
+        raise AssertionError("the work has begun")
+
+    monkeypatch.setattr(stepping.Progress, "__init__", begun)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_it_is_said_at_once(door: str, meshes: Pair, locked: Path) -> None:
+    (meshes[0].with_name("copy.ply")).write_bytes(meshes[1].read_bytes())
+    refused(run(*DOORS[door](meshes, locked)), "locked cannot be written to: change its permissions")
+    assert not list(locked.iterdir())
+
+
+@pytest.mark.parametrize("option", ["--save", "--report"])
+def test_and_so_it_is_in_blender(option: str, meshes: Pair, locked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    for path in meshes:
+        bpy.ops.wm.ply_import(filepath=str(path))
+    with blender_addon.registered():
+        ended = cli.main(["match", "--source", "source", "--target", "target", option, str(locked / "out")])
+    assert ended == 1
+    assert "locked cannot be written to" in capsys.readouterr().err

@@ -1,0 +1,63 @@
+"""Landmarks that contradict each other, stand there twice, or are none: named in a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+from doors import refused, run
+
+import zoomout_core as zo
+from zoomout_core.cli import main
+
+SOURCE = creature(300).surface
+OPTIONS: dict[str, Any] = {"k_final": 20, "samples": 60, "initial": "landmarks"}
+POINT = SOURCE.vertices
+CONTRADICTORY = {
+    "a source vertex twice": (([3, 90, 3], [4, 91, 120]), "Landmarks 0 and 2 are the same place on the source"),
+    "a target vertex twice": (([3, 90, 150], [4, 91, 91]), "Landmarks 1 and 2 are the same place on the target"),
+    "a source point twice": ((POINT[[3, 90, 3]], POINT[[4, 91, 120]]), "Landmarks 0 and 2 are the same place on the"),
+    "points against a vertex": (
+        (POINT[[3, 90, 150]], [4, 4, 91]),
+        "Landmarks 0 and 1 are the same place on the",
+    ),
+    "beside one that stands twice": (([3, 3, 3], [4, 4, 5]), "Landmarks 0 and 2 are the same place on the source"),
+}
+WRONG = {
+    "more of the source": (([3, 90, 150], [4, 91]), "come in pairs"),
+    "of words": ((["a", "b"], [1, 2]), "andmarks"),
+    "not finite": ((POINT[[3, 90]] * np.nan, [4, 91]), "finite"),
+    "negative": (([-3, 90], [4, 91]), "-3"),
+    "beyond all": (([3, 3000], [4, 91]), "3000"),
+    "none": (([], []), "no landmarks"),
+}
+
+
+@pytest.mark.parametrize("case", CONTRADICTORY | WRONG)
+def test_landmarks_that_cannot_be_right_are_named(case: str) -> None:
+    landmarks, sentence = (CONTRADICTORY | WRONG)[case]
+    with pytest.raises(ValueError, match=sentence):
+        zo.match(SOURCE, SOURCE, landmarks=landmarks, **OPTIONS)
+
+
+def test_a_pair_that_stands_there_twice_counts_once_and_that_is_said() -> None:
+    once = zo.match(SOURCE, SOURCE, landmarks=([3, 90, 150], [3, 90, 150]), **OPTIONS)
+    twice = zo.match(SOURCE, SOURCE, landmarks=([3, 90, 3, 150], [3, 90, 3, 150]), **OPTIONS)
+    np.testing.assert_array_equal(once.surface_map.triangle, twice.surface_map.triangle)
+    assert "Landmark 2 is the same pair as landmark 0: it counts once." in twice.notes
+    assert not any("same pair" in note for note in once.notes)
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [("3 4\n90 91\n3 120\n", "Landmarks 0 and 2"), ("3 4\n90 91\n150 91\n", "Landmarks 1 and 2"), ("3\n", "no list")],
+)
+def test_the_command_names_them(meshes: tuple[Path, Path], lines: str, sentence: str) -> None:
+    listed = meshes[0].with_name("landmarks.txt")
+    listed.write_text(lines)
+    output = meshes[0].with_name("map.npz")
+    refused(run(main, "match", *meshes, "--landmarks", listed, "-o", output), sentence)
+    assert not output.exists()

@@ -1,0 +1,188 @@
+"""Objects of Blender that cannot be used, or hardly: a sentence, and nothing written, or a transfer that is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import bpy
+import numpy as np
+import pytest
+from creatures import creature
+from mathutils import Matrix
+
+import blender_addon
+import zoomout_core as zo
+from blender_addon import api
+
+Object = bpy.types.Object
+# How objects are matched: by shape, where the place is another one, and by place, which takes less time.
+HOW, NEAREST = {"detail": "fast", "partial": "off"}, {"initial": "nearest"}
+
+
+@pytest.fixture(autouse=True)
+def scene() -> Iterator[None]:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with blender_addon.registered():
+        yield
+
+
+def added(name: str, vertices: np.ndarray, faces: list[list[int]], edges: tuple[tuple[int, int], ...] = ()) -> Object:
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices.tolist(), list(edges), faces)
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def body(name: str, seed: int) -> Object:
+    surface = creature(200, seed=seed).surface
+    return added(name, surface.vertices, surface.triangles.tolist())
+
+
+def in_place(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Object], None]:
+    """What changes the positions of vertices."""
+
+    def changed(obj: Object) -> None:
+        points = np.empty((len(obj.data.vertices), 3), np.float32)
+        obj.data.vertices.foreach_get("co", points.ravel())
+        obj.data.vertices.foreach_set("co", change(points).astype(np.float32).ravel())
+        obj.data.update()
+
+    return changed
+
+
+def with_values(number: int, value: float) -> Callable[[np.ndarray], np.ndarray]:
+    def changed(points: np.ndarray) -> np.ndarray:
+        points[number] = value
+        return points
+
+    return changed
+
+
+def replaced(vertices: list[list[float]], faces: list[list[int]]) -> Callable[[Object], None]:
+    """What gives an object another mesh."""
+
+    def changed(obj: Object) -> None:
+        mesh = bpy.data.meshes.new("Other")
+        mesh.from_pydata(vertices, [], faces)
+        obj.data = mesh
+
+    return changed
+
+
+def scaled(*scale: float) -> Callable[[Object], None]:
+    return lambda obj: setattr(obj, "scale", scale)
+
+
+def linked_twice(obj: Object) -> None:
+    bpy.context.scene.objects["Source"].data = obj.data
+
+
+def masked_away(obj: Object) -> None:
+    obj.vertex_groups.new(name="None")
+    obj.modifiers.new("Mask", "MASK").vertex_group = "None"
+
+
+def with_nodes(obj: Object) -> None:
+    obj.modifiers.new("Nodes", "NODES")  # of no node group
+
+
+# What the target is made into, and what is said of it; nothing where it is matched as well as any.
+TARGETS: dict[str, tuple[Callable[[Object], None], str]] = {
+    "a vertex that is no number": (in_place(with_values(7, np.nan)), "not finite"),
+    "a vertex at infinity": (in_place(with_values(7, np.inf)), "not finite"),
+    "no extent": (in_place(lambda points: points * 0), "no area"),
+    "on a line": (in_place(lambda points: points * [1, 0, 0]), "no area"),
+    "a scale of zero": (scaled(0, 0, 0), "no area"),
+    "a scale of zero in two directions": (scaled(1, 0, 0), "no area"),
+    "a flat scale": (scaled(1, 1, 0), ""),
+    "a tiny scale": (scaled(1e-12, 1e-12, 1e-12), ""),
+    "a huge scale": (scaled(1e12, 1e12, 1e12), ""),
+    "a mirrored scale": (scaled(-1, 1, 1), ""),
+    "vertices alone": (replaced([[0, 0, 0], [1, 0, 0]], []), "no faces"),
+    "nothing": (replaced([], []), "no faces"),
+    "one triangle": (replaced([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), "too few"),
+    "the mesh of the source": (linked_twice, "share one mesh"),
+    "turned over by a matrix": (lambda obj: setattr(obj, "matrix_world", Matrix.Diagonal((1, 1, -1, 1))), ""),
+    "hidden by a mask": (masked_away, ""),
+    "nodes without a group": (with_nodes, ""),
+    "disabled in the viewport": (lambda obj: setattr(obj, "hide_viewport", True), "disabled in the viewport"),
+    "an animated name with quotes": (lambda obj: setattr(obj, "name", 'Target\'s "one"'), ""),
+}
+
+
+def outcome(target: Object) -> str:
+    """What the transfer of a group says where it fails."""
+    before = len(target.vertex_groups), len(target.data.attributes), len(bpy.data.objects), len(bpy.data.meshes)
+    source = bpy.data.objects["Source"]
+    try:
+        api.transfer_objects(bpy.context, source, target, ["vertex_groups"], **HOW)
+    except zo.MeshError as error:
+        assert before == (
+            len(target.vertex_groups),
+            len(target.data.attributes),
+            len(bpy.data.objects),
+            len(bpy.data.meshes),
+        )
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_target_is_used_or_refused_in_a_sentence(name: str) -> None:
+    source, target = body("Source", 0), body("Target", 1)
+    source.vertex_groups.new(name="Bone").add(range(200), 1.0, "REPLACE")
+    change, said = TARGETS[name]
+    change(target)
+    bpy.context.view_layer.update()
+    found = outcome(target)
+    assert said in found if said else not found
+    assert not found or (found.endswith(".") and "\n" not in found)
+    if not found:
+        assert "Bone" in target.vertex_groups
+        weights = [target.vertex_groups["Bone"].weight(vertex) for vertex in range(200)]
+        np.testing.assert_allclose(weights, 1, atol=1e-3)
+
+
+def flat_source(obj: Object) -> None:
+    obj.scale = 1, 1, 0
+    obj.data.normals_split_custom_set(np.tile([0.6, 0, 0.8], (len(obj.data.loops), 1)).tolist())
+
+
+# What the source is made into, and the data that is asked for.
+SOURCES: dict[str, tuple[Callable[[Object], None], list[str]]] = {
+    "custom normals on a flat object": (flat_source, ["custom_normals"]),
+    "weights that are no numbers": (
+        lambda obj: obj.vertex_groups.new(name="Bone").add(range(200), float("nan"), "REPLACE"),
+        ["vertex_groups"],
+    ),
+    "values that are no numbers": (
+        lambda obj: obj.data.attributes.new("Odd", "FLOAT", "POINT").data.foreach_set("value", np.full(200, np.nan)),
+        ["attributes"],
+    ),
+    "values without end": (
+        lambda obj: obj.data.attributes.new("Odd", "FLOAT", "POINT").data.foreach_set("value", np.full(200, np.inf)),
+        ["attributes"],
+    ),
+    "nothing of what is asked for": (lambda obj: None, ["uv_maps"]),
+    "a name of 63 letters": (
+        lambda obj: obj.data.attributes.new("n" * 63, "FLOAT", "POINT") and None,
+        ["attributes"],
+    ),
+    "a name in another script": (lambda obj: obj.vertex_groups.new(name="骨🦴") and None, ["vertex_groups"]),
+}
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("name", SOURCES)
+def test_what_a_source_carries_is_carried_or_refused_in_a_sentence(name: str) -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    change, data = SOURCES[name]
+    change(source)
+    bpy.context.view_layer.update()
+    said = ""
+    try:
+        report = api.transfer_objects(bpy.context, source, target, data, **NEAREST)
+    except zo.MeshError as error:
+        said = str(error)
+    assert said.endswith(".") if said else report["skipped"] or any(report["written"].values())

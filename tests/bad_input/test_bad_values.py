@@ -1,0 +1,83 @@
+"""Coordinates and attributes that are no numbers, infinite or beyond all measure: a sentence, or filled in and said."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.transfer.finite import PLACES
+
+SOURCE = creature(300).surface
+COUNT = len(SOURCE.vertices)
+IDENTITY = zo.SurfaceMap.from_vertices(np.arange(COUNT), SOURCE)
+OPTIONS: dict[str, Any] = {"k_final": 20, "samples": 60, "initial": "proximity"}
+
+
+@pytest.mark.parametrize("value", [3.4e38, 1e9, -1e20, 1e308, np.nan, np.inf], ids=str)
+@pytest.mark.parametrize("role", ["source", "target"])
+def test_a_vertex_of_faces_that_is_nowhere_near_is_named(value: float, role: str) -> None:
+    vertices = SOURCE.vertices.copy()
+    vertices[7, 1] = value
+    pair = [(vertices, SOURCE.triangles), SOURCE]
+    with pytest.raises(zo.MeshError, match=r"[Vv]ertex 7\b"):
+        zo.match(*(pair if role == "source" else pair[::-1]), **OPTIONS)
+
+
+@pytest.mark.parametrize("value", [3.4e38, 1e308, np.nan, np.inf], ids=str)
+@pytest.mark.parametrize("role", ["source", "target"])
+def test_a_vertex_of_no_face_may_be_anywhere(value: float, role: str) -> None:
+    padded = zo.Surface(np.vstack([SOURCE.vertices, np.full((1, 3), value)]), SOURCE.triangles)
+    pair = [padded, SOURCE]
+    result = zo.match(*(pair if role == "source" else pair[::-1]), **OPTIONS)
+    known = zo.match(SOURCE, SOURCE, **OPTIONS)
+    np.testing.assert_array_equal(result.surface_map.vertex[:COUNT], known.surface_map.vertex)
+    assert np.isfinite(result.surface_map.barycentric).all()
+
+
+def test_a_part_that_lies_far_away_is_matched_beside() -> None:
+    far = zo.Surface(
+        np.vstack([SOURCE.vertices, 1e9 + np.eye(3)]), np.vstack([SOURCE.triangles, [[COUNT, COUNT + 1, COUNT + 2]]])
+    )
+    assert len(far.vertices) == COUNT + 3
+
+
+@pytest.mark.parametrize("domain", list(zo.Domain), ids=lambda domain: domain.name.lower())
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
+def test_values_that_are_not_finite_are_filled_in_and_counted(domain: zo.Domain, value: float) -> None:
+    places = PLACES[domain](SOURCE)
+    values = places[:, 2].copy()
+    wrong = np.arange(0, len(values), 50)
+    values[wrong] = value
+    moved = zo.transfer(zo.Attribute("heat", domain, zo.Kind.SCALAR, values), IDENTITY, SOURCE, SOURCE)
+    assert np.isfinite(moved.values).all()
+    assert moved.notes[0].startswith(f"{len(wrong)} of {len(values)} values of 'heat' are not finite")
+    assert np.abs(moved.values - places[:, 2]).max() < 1.5
+    assert np.abs(moved.values - places[:, 2]).mean() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns"), [(zo.Kind.VECTOR, 5), (zo.Kind.COLOR, 4), (zo.Kind.DIRECTION, 3), (zo.Kind.NORMAL, 3)]
+)
+def test_so_are_rows_of_which_one_number_is_not(kind: zo.Kind, columns: int) -> None:
+    values = np.full((COUNT, columns), 0.25)
+    values[11, 1] = np.nan
+    moved = zo.transfer(zo.Attribute("rows", zo.Domain.POINT, kind, values), IDENTITY, SOURCE, SOURCE)
+    assert np.isfinite(moved.values).all()
+    assert moved.notes[0].startswith(f"1 of {COUNT} values of 'rows'")
+
+
+def test_of_values_none_of_which_is_finite_nothing_is_made() -> None:
+    nothing = zo.Attribute("heat", zo.Domain.POINT, zo.Kind.SCALAR, np.full(COUNT, np.nan))
+    with pytest.raises(zo.MeshError, match="'heat' has no values that are finite"):
+        zo.transfer(nothing, IDENTITY, SOURCE, SOURCE)
+
+
+def test_kinds_that_cannot_do_without_a_value_say_how_many_are_not_finite() -> None:
+    quaternions = np.tile([1.0, 0, 0, 0], (COUNT, 1))
+    quaternions[[3, 5]] = np.nan
+    with pytest.raises(zo.MeshError, match="'turn' has 8 values that are not finite"):
+        zo.transfer(zo.Attribute("turn", zo.Domain.POINT, zo.Kind.QUATERNION, quaternions), IDENTITY, SOURCE, SOURCE)

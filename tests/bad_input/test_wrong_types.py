@@ -1,0 +1,76 @@
+"""What is of the wrong type is refused in words, and what a file needs to be read is named."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature
+from doors import refused, run
+
+import zoomout_core as zo
+from zoomout_core.cli import main
+
+SURFACE = creature(100).surface
+SAME = zo.SurfaceMap(np.zeros(100, dtype=int), np.tile([1.0, 0, 0], (100, 1)), SURFACE.triangles)
+NUMBERS = zo.Attribute("numbers", zo.Domain.POINT, zo.Kind.SCALAR, np.zeros(100))
+
+WRONG: dict[str, Callable[[], object]] = {
+    "a number as a shape": lambda: zo.match(3, SURFACE),  # type: ignore[arg-type]
+    "nothing as a shape": lambda: zo.match(SURFACE, None),  # type: ignore[arg-type]
+    "a dictionary as a shape": lambda: zo.detect_symmetry({}),  # type: ignore[arg-type]
+    "a shape of one array": lambda: zo.eigenbasis(np.zeros((5, 3))),  # type: ignore[arg-type]
+    "options of a dictionary": lambda: zo.match(SURFACE, SURFACE, {"k_final": 9}),  # type: ignore[arg-type]
+    "a size in words": lambda: zo.match(SURFACE, SURFACE, k_final="large"),
+    "a size with a fraction": lambda: zo.match(SURFACE, SURFACE, k_final=20.5),
+    "no step": lambda: zo.match(SURFACE, SURFACE, step=None),
+    "a seed in words": lambda: zo.match(SURFACE, SURFACE, seed="one"),
+    "landmarks of a number": lambda: zo.match(SURFACE, SURFACE, landmarks=3),
+    "landmarks in words": lambda: zo.match(SURFACE, SURFACE, landmarks=(["nose"], ["nose"])),
+    "landmarks of three lists": lambda: zo.match(SURFACE, SURFACE, landmarks=([1], [2], [3])),
+    "regions of a number": lambda: zo.match(SURFACE, SURFACE, regions=3),
+    "an axis in words": lambda: zo.match(SURFACE, SURFACE, common_axes="up"),
+    "an axis of two numbers": lambda: zo.match(SURFACE, SURFACE, common_axes=(0, 1)),
+    "a start of a number": lambda: zo.match(SURFACE, SURFACE, initial=3),
+    "an initial map in words": lambda: zo.match(SURFACE, SURFACE, initial="given", initial_map="map"),
+    "numbers as bases": lambda: zo.zoomout(1, 2, [0]),  # type: ignore[arg-type]
+    "eigenfunctions in words": lambda: zo.eigenbasis(SURFACE, k="all"),  # type: ignore[arg-type]
+    "a number as a match": lambda: zo.transfer(NUMBERS, 3, SURFACE, SURFACE),  # type: ignore[arg-type]
+    "an array as an attribute": lambda: zo.transfer(np.zeros(100), SAME, SURFACE, SURFACE),  # type: ignore[arg-type]
+    "a number as what is wrapped": lambda: zo.wrap(SAME, 3, SURFACE),  # type: ignore[arg-type]
+    "a number as a match to wrap by": lambda: zo.wrap(3, SURFACE, SURFACE),  # type: ignore[arg-type]
+    "a number as a match to conform by": lambda: zo.conform(3, SURFACE, SURFACE),  # type: ignore[arg-type]
+    "a number as a path": lambda: zo.read_surface(3),  # type: ignore[arg-type]
+    "a number near a shape": lambda: zo.match_by_proximity(3, SURFACE),  # type: ignore[arg-type]
+    "a distance in words": lambda: zo.match_by_proximity(SURFACE, SURFACE, most_distance="near"),  # type: ignore[arg-type]
+    "values in words": lambda: SAME.interpolate("values"),  # type: ignore[arg-type]
+    "too few values": lambda: SAME.interpolate(np.zeros(3)),
+    "vertices in words": lambda: zo.Surface("vertices", [[0, 1, 2]]),
+    "faces that are none": lambda: zo.Surface(SURFACE.vertices, None),  # type: ignore[arg-type]
+    "points in words": lambda: zo.PointCloud("points"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_it_is_one_sentence(name: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=r"(?s)^\S.*[a-z:].*\.$"):
+        WRONG[name]()
+
+
+@pytest.mark.parametrize(("name", "package"), [("scan.dae", "collada"), ("scan.3mf", "networkx")])
+def test_the_extra_that_a_format_needs_is_named(
+    name: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import trimesh
+
+    missing = trimesh.exceptions.ExceptionWrapper(ImportError(f"missing `pip install {package}`"))
+    monkeypatch.setitem(sys.modules, package, None)
+    for ending in ("dae", "zae", "3mf"):
+        monkeypatch.setitem(trimesh.exchange.load.mesh_loaders, ending, missing)
+    path = tmp_path / name
+    path.write_bytes(b"something")
+    ran = run(main, "info", path)
+    refused(ran, "needs a package that is missing to be read: pip install 'zoomout-core[formats]'")

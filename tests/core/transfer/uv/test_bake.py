@@ -1,0 +1,152 @@
+"""Textures baked anew: each texel shows its own place, and never what lies beyond an island."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.stepping import drain
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.uv import bake
+from zoomout_core.transfer.uv.bake import Baked, Picture, bake_steps
+
+BACKGROUND = 255  # of the third channel, which is zero where an island is
+
+
+def square(cells: int) -> Surface:
+    """The unit square in triangles."""
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, cells + 1), np.linspace(0, 1, cells + 1)))
+    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    a, b, c, d = first, first + 1, first + cells + 2, first + cells + 1
+    return Surface(np.column_stack([x, y, 0 * x]), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+
+
+SOURCE, TARGET = square(8), square(7)
+
+
+def corners(surface: Surface) -> np.ndarray:
+    """(c, 2) places of the corners in the square."""
+    return surface.vertices[surface.corner_vertex, :2]
+
+
+def two_islands(place: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(q, 2) where the left and the right half of the square lie in an atlas, with a gutter between them."""
+    return np.column_stack([0.03 + 0.7 * place[:, 0] + 0.24 * right, 0.1 + 0.8 * place[:, 1]])
+
+
+RIGHT = np.repeat(corners(SOURCE).reshape(-1, 3, 2)[:, :, 0].mean(axis=1) > 0.5, 3)
+ATLAS = two_islands(corners(SOURCE), RIGHT)
+
+
+def picture(size: int) -> Picture:
+    """Red is the place's x and green its y; blue is the background."""
+    u, v = np.meshgrid((np.arange(size) + 0.5) / size, (np.arange(size) + 0.5)[::-1] / size)
+    right = u > 0.5
+    x, y = (u - 0.03 - 0.24 * right) / 0.7, (v - 0.1) / 0.8
+    inside = (x > 0) & (x < 1) & (y > 0) & (y < 1) & ((x > 0.5) == right)
+    image = np.stack([20 + 200 * x, 20 + 200 * y, 0 * x], axis=-1)
+    image[~inside] = [0, 0, BACKGROUND]
+    return Picture([np.rint(image).astype(np.uint8)], np.zeros(len(SOURCE.triangles), dtype=int))
+
+
+def baked(atlas: np.ndarray, shown: Picture, uv: np.ndarray, width: int = 64, height: int = 64) -> Baked:
+    found = closest_points(TARGET.vertices, SOURCE.vertices, SOURCE.triangles)
+    mapped = MappedTarget(SOURCE, TARGET, SurfaceMap(*found, SOURCE.triangles), np.ones(len(TARGET.vertices)))
+    return drain(bake_steps(mapped, atlas, shown, uv, width, height))
+
+
+def places(image: np.ndarray) -> np.ndarray:
+    """(h, w, 2) the places that the colours stand for."""
+    return (image[:, :, :2].astype(float) - 20) / 200
+
+
+@pytest.mark.parametrize("size", [16, 33, 128])
+def test_texels_show_their_places_and_nothing_of_the_background(size: int) -> None:
+    uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]  # turned
+    made = baked(ATLAS, picture(size), uv, 64, 96)
+    assert made.image.shape == (96, 64, 3)
+    assert not made.image[:, :, 2].any()
+    u, v = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(96) + 0.5)[::-1] / 96)
+    inside = (np.abs(u - 0.5) < 0.4) & (np.abs(v - 0.5) < 0.4)
+    assert made.covered[inside].all()
+    true = np.stack([v - 0.1, u - 0.1], axis=-1) / 0.8
+    # Beside borders and seams of the source the nearest texel of the island stands in: up to a texel off.
+    assert np.abs(places(made.image) - true)[inside].max() < 1 / (0.7 * size) + 0.006
+    assert np.abs(places(made.image) - true)[inside].mean() < 0.1 / size + 0.003
+    assert not made.outside.any()
+
+
+def test_gutters_take_the_texel_of_the_nearest_island() -> None:
+    right = np.repeat(corners(TARGET).reshape(-1, 3, 2)[:, :, 0].mean(axis=1) > 0.5, 3)
+    uv = 0.3 * corners(TARGET) + np.where(right[:, None], [0.6, 0.1], [0.05, 0.5])
+    made = baked(ATLAS, picture(128), uv, 100, 100)
+    assert not made.image[:, :, 2].any()
+    assert 0.05 < made.covered.mean() < 0.2
+    x = places(made.image)[:, :, 0]
+    assert x[0, 0] < 0.05  # beside the left island's left border
+    assert x[-1, -1] > 0.95
+    assert np.ptp(x[:40, -30:]) < 0.5
+
+
+@pytest.mark.parametrize("tile", [0, 3])
+def test_a_tip_that_owns_no_texel_is_read_at_the_nearest_of_its_island(tile: int) -> None:
+    """A wedge, thinner than texels at its left end, over a background."""
+    place = corners(SOURCE)
+    atlas = np.column_stack([0.1 + 0.8 * place[:, 0], 0.53 + 0.4 * (place[:, 1] - 0.5) * place[:, 0]])
+    u, v = np.meshgrid((np.arange(16) + 0.5) / 16, (np.arange(16) + 0.5)[::-1] / 16)
+    x = (u - 0.1) / 0.8
+    inside = (x > 0) & (x < 1) & (np.abs(v - 0.53) < 0.2 * x)
+    image = np.where(inside[..., None], [9, 9, 0], [0, 0, BACKGROUND]).astype(np.uint8)
+    made = baked(atlas + tile, Picture([image], np.zeros(len(SOURCE.triangles), dtype=int)), corners(TARGET))
+    assert (made.image == [9, 9, 0]).all()
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_an_island_without_a_texel_is_read_where_it_lies(alone: bool) -> None:
+    small = np.array([0.8, 0.8]) + 0.01 * corners(SOURCE)
+    atlas = small if alone else np.where(RIGHT[:, None], small, 0.6 * corners(SOURCE))
+    image = np.zeros((4, 4, 3), dtype=np.uint8)
+    image[0, 3] = [7, 8, 9]  # the upper right one
+    made = baked(atlas, Picture([image], np.zeros(len(SOURCE.triangles), dtype=int)), corners(TARGET), 8, 8)
+    assert (made.image[:, 5:] == [7, 8, 9]).all()
+
+
+def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]
+    at_once = baked(ATLAS, picture(33), uv)
+    monkeypatch.setattr(bake, "BLOCK", 64)
+    monkeypatch.setattr(bake, "READ_TOGETHER", 100)
+    np.testing.assert_array_equal(baked(ATLAS, picture(33), uv).image, at_once.image)
+
+
+def test_images_repeat_beyond_the_unit_square() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (8, 8, 4), dtype=np.uint8)
+    number = np.zeros(len(SOURCE.triangles), dtype=int)
+    for repeats in (1, 16):  # one of a triangle of the source, or several
+        at_home, away = (
+            baked(repeats * corners(SOURCE) + shift, Picture([image], number), corners(TARGET)) for shift in (0, 5)
+        )
+        np.testing.assert_allclose(at_home.image.astype(int), away.image, atol=1)
+    assert len(np.unique(at_home.image.reshape(-1, 4), axis=0)) > 20
+
+
+def test_every_triangle_is_read_in_its_own_image() -> None:
+    images = [np.full((4, 4, 3), level, dtype=np.uint8) for level in (10, 200)]
+    number = RIGHT.reshape(-1, 3)[:, 0].astype(int)
+    made = baked(corners(SOURCE), Picture(images, number), corners(TARGET))
+    assert set(made.image[:, :31].ravel()) == {10}
+    assert set(made.image[:, 33:].ravel()) == {200}
+
+
+def test_what_lies_outside_of_the_image_is_told() -> None:
+    uv = corners(TARGET) + np.array([0.5, 0])
+    made = baked(ATLAS, picture(64), uv)
+    off = (uv.reshape(-1, 3, 2)[:, :, 0] > 1).any(axis=1)
+    np.testing.assert_array_equal(made.outside, off)
+    with pytest.raises(MeshError, match="cover no texel of the image"):
+        baked(ATLAS, picture(64), uv + 5)
+    with pytest.raises(ValueError, match="width is 0"):
+        baked(ATLAS, picture(64), uv, 0)

@@ -1,0 +1,59 @@
+"""Values that are no numbers, or infinite: one of them would make all that it is mixed with the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, segment_sum
+from zoomout_core.mesh.surface import MeshError, Surface, measurable
+from zoomout_core.transfer.attribute import Attribute, Domain
+
+NOT_FINITE = "{} of {} values of '{}' are not finite: taken from the nearest ones that are."
+
+
+def _face_centres(surface: Surface) -> Floats:
+    sizes = np.diff(surface.face_start)
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    return segment_sum(surface.vertices[surface.corner_vertex], face, len(sizes)) / sizes[:, None]
+
+
+PLACES: dict[Domain, Callable[[Surface], Floats]] = {
+    Domain.POINT: lambda surface: surface.vertices,
+    Domain.EDGE: lambda surface: surface.vertices[surface.edges].mean(axis=1),
+    Domain.FACE: _face_centres,
+    Domain.CORNER: lambda surface: surface.vertices[surface.corner_vertex],
+}
+
+
+def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
+    """An attribute of a surface, with values that are not finite taken from the nearest places; its notes say so.
+
+    Args:
+        attribute: with an array of values, (count, ...).
+        surface: it is of.
+
+    Raises:
+        MeshError: none of its values is finite.
+    """
+    values = np.asarray(attribute.values)
+    if values.dtype.kind != "f":
+        return attribute
+    finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    if finite.all():
+        return attribute
+    places = PLACES[attribute.domain](surface)
+    somewhere = measurable(places)
+    known = np.flatnonzero(finite & somewhere)
+    if not len(known):
+        raise MeshError(f"'{attribute.name}' has no values that are finite: correct them.")
+    filled = values.copy()
+    unknown = np.flatnonzero(~finite)
+    # What lies nowhere is of no face, and takes any.
+    at = np.where(somewhere[unknown, None], places[unknown], 0)
+    filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
+    note = NOT_FINITE.format(len(unknown), len(values), attribute.name)
+    return replace(attribute, values=filled, notes=(*attribute.notes, note))

@@ -1,0 +1,238 @@
+"""Textures baked anew: the source's images in the target's own atlas, read texel by texel along the map.
+
+A texel of the target's atlas is a place on the target, which lies on the source, in one island of the source's
+atlas. There the image is read between the four nearest texels, of which those that other islands own, or none, do not
+count: what lies beyond a seam never shows. A texel that an island of the target only touches is read at the island's
+nearest point, and the others, the gutters, take the value of the texel that is nearest to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, check_counts
+from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.uv.chart import chart_of
+
+# Pairs of a texel and a triangle that are looked at together, and texels that are read together: bounds the memory.
+BLOCK = 1 << 19
+READ_TOGETHER = 1 << 15
+# Whoever reads between four texels sees none that is farther from the place than this many texels.
+REACH = 2**0.5
+# A texel whose middle is no farther from a triangle, by rounding, lies in it.
+INSIDE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The images that an atlas refers to.
+
+    Attributes:
+        images: each (height, width, channels), from the top row to the bottom one, all of as many channels.
+        number: (m,) the image of each triangle.
+    """
+
+    images: Sequence[Bytes]
+    number: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class Baked:
+    """An image for the target's atlas.
+
+    Attributes:
+        image: (height, width, channels), from the top row to the bottom one.
+        covered: (height, width) the texels that triangles of the target cover or touch; the others are gutters.
+        outside: (m_t,) triangles of the target that lie outside of the image, wholly or in part.
+    """
+
+    image: Bytes
+    covered: Booleans
+    outside: Booleans
+
+
+def bake_steps(
+    mapped: MappedTarget, source_uv: Floats, picture: Picture, target_uv: Floats, width: int, height: int
+) -> Steps[Baked]:
+    """The source's images in the target's atlas; yields progress.
+
+    Args:
+        mapped: the target on the source.
+        source_uv: (c_s, 2) at the source's corners; images repeat beyond the unit square.
+        picture: the source's.
+        target_uv: (c_t, 2) at the target's corners; what lies beyond the unit square is not baked.
+        width: of the image that is made, in texels.
+        height: of the image.
+
+    Raises:
+        MeshError: no texel of the image is in the target's atlas.
+        ValueError: the image is to have no texel.
+    """
+    check_counts(width=width, height=height)
+    source, target = mapped.source, mapped.target
+    islands = chart_of(source, source_uv).cut.triangle_island
+    corners = source_uv[source.triangle_corners]  # (m_s, 3, 2)
+    owned = []
+    for number, image in enumerate(picture.images):
+        yield Progress(0.2 * number / len(picture.images), "Reading the islands of the source")
+        chosen = np.flatnonzero(picture.number == number)
+        owned.append(_Islands(corners[chosen], islands[chosen], *image.shape[1::-1]))
+    yield Progress(0.2, "Looking for texels")
+    atlas = target_uv[target.triangle_corners]
+    texel, triangle, weights = _texels_of(atlas, width, height)
+    if not len(texel):
+        raise MeshError(
+            "The target's texture coordinates cover no texel of the image: lay them out in the unit square, or give a "
+            "larger image."
+        )
+    values = np.empty((len(texel), picture.images[0].shape[2]), dtype=np.uint8)
+    for first in range(0, len(texel), READ_TOGETHER):
+        yield Progress(0.3 + 0.6 * first / len(texel), "Baking")
+        block = slice(first, first + READ_TOGETHER)
+        place, inside = mapped.locate(triangle[block], weights[block])
+        uv = np.einsum("qc,qcx->qx", inside, corners[place])
+        for number in np.unique(picture.number[place]):
+            here = picture.number[place] == number
+            values[block][here] = owned[number].read(picture.images[number], uv[here], islands[place[here]])
+    yield Progress(0.9, "Filling gutters")
+    covered = np.zeros((height, width), dtype=bool)
+    image = np.zeros((height, width, values.shape[1]), dtype=np.uint8)
+    row, column = height - 1 - texel // width, texel % width
+    covered[row, column], image[row, column] = True, values
+    nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    outside = ~((atlas >= -INSIDE) & (atlas <= 1 + INSIDE)).all(axis=(1, 2))
+    return Baked(image[tuple(nearest)], covered, outside)
+
+
+class _Islands:
+    """Which texels of an image its islands own: those whose middles lie in them.
+
+    Args:
+        uv: (m, 3, 2) of the triangles that refer to the image.
+        island: (m,) numbers of their islands.
+        width: of the image.
+        height: of the image.
+    """
+
+    def __init__(self, uv: Floats, island: Integers, width: int, height: int) -> None:
+        self._width, self._height = width, height
+        # A triangle that the image repeats on is bounded by no texel.
+        repeated = np.ptp(uv, axis=1).max(axis=1, initial=0) > 1
+        self._endless = np.unique(island[repeated])
+        bounded = np.flatnonzero(~repeated)
+        owned = [np.empty(0, dtype=np.int64)]
+        for x, y, triangle, _, distance in _near(uv[bounded], width, height):
+            inside = distance <= INSIDE
+            owned.append(np.unique(self._key(x, y, island[bounded[triangle]])[inside]))
+        self._owned = np.unique(np.concatenate(owned))
+
+    def _key(self, x: Integers, y: Integers, island: Integers) -> Integers:
+        """One number for a texel of an island."""
+        return (island * self._height + y % self._height) * self._width + x % self._width
+
+    def _own(self, x: Integers, y: Integers, island: Integers) -> Booleans:
+        key = self._key(x, y, island)
+        at = np.minimum(np.searchsorted(self._owned, key), len(self._owned) - 1)
+        found = self._owned[at] == key if len(self._owned) else np.zeros(len(key), dtype=bool)
+        return np.asarray(found | np.isin(island, self._endless))
+
+    def read(self, image: Bytes, uv: Floats, island: Integers) -> Bytes:
+        """(q, channels) values of the image at places (q, 2) of islands (q,), between texels of these alone."""
+        at = uv * [self._width, self._height] - 0.5
+        low = np.floor(at).astype(np.int64)
+        part = at - low
+        sums, total = np.zeros((len(uv), image.shape[2])), np.zeros(len(uv))
+        for right in (0, 1):
+            for up in (0, 1):
+                x, y = low[:, 0] + right, low[:, 1] + up
+                weight = np.abs(1 - right - part[:, 0]) * np.abs(1 - up - part[:, 1]) * self._own(x, y, island)
+                sums += weight[:, None] * self._texels(image, x, y)
+                total += weight
+        lost = np.flatnonzero(total <= 0)
+        sums[lost], total[lost] = self._texels(image, *self._nearest(uv[lost], island[lost])), 1
+        return np.rint(sums / total[:, None]).astype(np.uint8)
+
+    def _nearest(self, uv: Floats, island: Integers) -> tuple[Integers, Integers]:
+        """Columns and rows of the texels nearest to places (q, 2) that their islands own: tips are thinner than these.
+
+        Of islands that own none it is the texel that the place lies in.
+        """
+        at = uv * [self._width, self._height] % [self._width, self._height]
+        texel = np.floor(at).astype(np.int64)
+        if len(self._owned) and len(uv):
+            apart = 2.0 * (self._width + self._height)  # so that other islands are never nearer
+            number, place = np.divmod(self._owned, self._width * self._height)
+            own = np.column_stack([place % self._width, place // self._width])
+            tree = cKDTree(np.column_stack([own + 0.5, apart * number]))
+            distance, nearest = tree.query(np.column_stack([at, apart * island]))
+            texel = np.where(np.asarray(distance < apart)[:, None], own[nearest], texel)
+        return texel[:, 0], texel[:, 1]
+
+    def _texels(self, image: Bytes, x: Integers, y: Integers) -> Bytes:
+        return np.asarray(image[self._height - 1 - y % self._height, x % self._width])
+
+
+def _texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers, Floats]:
+    """The texels of an image that triangles (m, 3, 2) cover or touch, and the places there.
+
+    Returns:
+        (q,) numbers of texels, row after row from the bottom; (q,) the triangle that each lies in, or else the nearest;
+        and (q, 3) the place in it that is nearest to the texel's middle.
+    """
+    best = np.full(width * height, np.inf)
+    triangle = np.full(width * height, -1)
+    weights = np.zeros((width * height, 3))
+    for x, y, candidate, place, distance in _near(uv, width, height, REACH, window=True):
+        chosen = np.flatnonzero(distance <= REACH)
+        texel = y[chosen] * width + x[chosen]
+        order = np.lexsort((distance[chosen], texel))
+        order = order[np.flatnonzero(np.diff(texel[order], prepend=-1))]
+        order = order[distance[chosen[order]] < best[texel[order]]]
+        texel, chosen = texel[order], chosen[order]
+        best[texel], triangle[texel], weights[texel] = distance[chosen], candidate[chosen], place[chosen]
+    texel = np.flatnonzero(triangle >= 0)
+    return texel, triangle[texel], weights[texel]
+
+
+def _near(
+    uv: Floats, width: int, height: int, reach: float = 0.0, window: bool = False
+) -> Iterator[tuple[Integers, Integers, Integers, Floats, Floats]]:
+    """Texels within reach of triangles (m, 3, 2), and some more, in blocks; in the window of the image alone, or all.
+
+    Yields:
+        (q,) columns and (q,) rows from the bottom; (q,) triangles, (q, 3) barycentric coordinates of the place that is
+        nearest to the texel's middle, and (q,) the distance, in texels.
+    """
+    size = np.array([width, height])
+    places = uv * size
+    low = np.ceil(places.min(axis=1) - 0.5 - reach)
+    high = np.floor(places.max(axis=1) - 0.5 + reach)
+    if window:
+        low, high = np.maximum(low, 0), np.minimum(high, size - 1)
+    first = low.astype(np.int64)
+    columns, rows = np.maximum(high - low + 1, 0).astype(np.int64).T
+    row_triangle, row = _counted(first[:, 1], rows)
+    ends = np.cumsum(columns[row_triangle])
+    for block in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(ends // BLOCK)) + 1):
+        owner, x = _counted(first[row_triangle[block], 0], columns[row_triangle[block]])
+        triangle, y = row_triangle[block][owner], row[block][owner]
+        a, b, c = places[triangle].transpose(1, 2, 0)
+        ab, ac, offset = b - a, c - a, np.stack([x, y]) + 0.5 - a
+        pairs = ((offset, ab), (offset, ac), (ab, ab), (ab, ac), (ac, ac))
+        weights = barycentric_of_closest(tuple(np.einsum("xq,xq->q", *pair) for pair in pairs))
+        offset -= weights[:, 1] * ab + weights[:, 2] * ac
+        yield x, y, triangle, weights, np.hypot(*offset)
+
+
+def _counted(first: Integers, count: Integers) -> tuple[Integers, Integers]:
+    """Rows of consecutive numbers, one after another: (q,) the row of each, and (q,) the numbers."""
+    row = np.repeat(np.arange(len(count)), count)
+    return row, first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
