@@ -1,21 +1,16 @@
-"""Colours of previews and thumbnails: of confidences, of positions, and of symmetric points."""
+"""Colours of previews and thumbnails that only Blender shows; the others are in `zoomout_core.colors`."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.colors import BAD_TO_GOOD, confidence_colors, place_colors
 from zoomout_core.symmetry.self_map import SelfMap
 
-# From bad to good: distinct for colour-blind users, and unlike Blender's weight colours, which go from blue to red.
-BAD_TO_GOOD = np.array([[0.75, 0.12, 0.08], [0.96, 0.55, 0.25], [0.95, 0.92, 0.70], [0.30, 0.62, 0.80]])
 # Of the right side, the middle and the left side.
 SIDES = BAD_TO_GOOD[1:]
-# Of what has no partner, and, on the source, of what has one.
-LONELY, MET = np.array([0.34, 0.13, 0.50]), np.array([0.80, 0.80, 0.78])
-# Smallest and largest value of each channel of position colours, so that both differ from light and dark themes.
-DARK, LIGHT = 0.08, 0.98
 # Part of white in the colours of the right side, so that the symmetry line shows.
 PALENESS = 0.45
 # Number of nearest samples whose colours are blended, weighted by the inverse squared distance.
@@ -25,28 +20,9 @@ BLENDED = 4
 RED_LENGTH, RED_WEIGHT = 0.01, 0.1
 
 
-def confidence_colors(confidence: Floats, has_partner: Booleans | None = None) -> Floats:
-    """(n, 3) colours of confidences (n,), and of their own what has no partner (n,), if that is known."""
-    steps = np.linspace(0, 1, len(BAD_TO_GOOD))
-    colors = np.column_stack([np.interp(confidence, steps, channel) for channel in BAD_TO_GOOD.T])
-    return colors if has_partner is None else np.where(has_partner[:, None], colors, LONELY)
-
-
-def partner_colors(has_partner: Booleans) -> Floats:
-    """(n, 3) colours of a source's vertices by whether they have partners (n,)."""
-    return np.where(has_partner[:, None], MET, LONELY)
-
-
 def asymmetry_colors(values: Floats, most: float) -> Floats:
     """(n, 3) colours of differences (n,) between the sides: good at 0, bad from `most` on."""
     return confidence_colors(1 - values / most)
-
-
-def place_colors(points: Floats, around: Floats) -> Floats:
-    """(m, 3) colours of points (m, 3): red across, green along and blue up the box around all points (n, 3)."""
-    low, high = np.nanmin(around, axis=0), np.nanmax(around, axis=0)
-    share = (points - low) / np.where(high > low, high - low, 1)
-    return DARK + (LIGHT - DARK) * np.nan_to_num(share).clip(0, 1)
 
 
 def blended_colors(points: Floats, known: Integers, colors: Floats) -> Floats:

@@ -46,6 +46,10 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     """The source's custom normals, if it has any and they are asked for."""
     if "custom_normals" not in request.data:
         return []
+    flat = [source.name for source, *_ in request.sources if mesh_data.is_flat(source)]
+    if flat:
+        remarks.skipped["custom normals"] = f"'{flat[0]}' has a scale of zero, so that they point nowhere"
+        return []
     normals = mesh_data.read_joined_normals(request.sources)
     if normals is None:
         return []

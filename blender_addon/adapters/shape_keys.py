@@ -108,7 +108,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
                 f"The key '{request.source.name}' has the shape that is seen of the source, and the modifiers of "
                 f"'{request.target.name}' act on it as well."
             )
-        found.append(ShapeAdapter(request.source.name, np.array(request.source.matrix_world.translation)))
+        found.append(ShapeAdapter(request.source.name, mesh_data.origin(request.source)))
     return found
 
 

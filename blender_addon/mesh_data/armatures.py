@@ -5,8 +5,6 @@ The armatures themselves are never written to: they may belong to another file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
@@ -16,8 +14,9 @@ from mathutils import Euler, Matrix, Quaternion, Vector
 
 from zoomout_core.arrays import Floats, Integers
 
+from .matrices import moved_by, world_matrix
 from .shape_keys import read_key_positions, read_rest_positions
-from .surfaces import positions_in_world
+from .surfaces import is_mirrored, positions_in_world
 
 # What an object's matrix follows from, besides its parent.
 OF_PLACE = ("location", "rotation_mode", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")
@@ -79,15 +78,20 @@ def bind_like(source: Object, target: Object) -> None:
     given = armature_modifiers(source)
     place = _place_of_modifiers(source, target)
     for number, one in enumerate(given):
-        made = target.modifiers.new(one.name, "ARMATURE")
-        for option in one.bl_rna.properties:
-            if not option.is_readonly and option.identifier != "name":
-                setattr(made, option.identifier, getattr(one, option.identifier))
-        target.modifiers.move(len(target.modifiers) - 1, place + number)
+        copy_modifier(one, target, place + number)
     if not given:
         target.modifiers.new("Armature", "ARMATURE").object = source.parent
         target.modifiers.move(len(target.modifiers) - 1, place)
     put(target, _parent_for(source), place_beside(source, target))
+
+
+def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
+    """Give an object an armature modifier like another one, at a place in its list."""
+    made = obj.modifiers.new(modifier.name, "ARMATURE")
+    for option in modifier.bl_rna.properties:
+        if not option.is_readonly and option.identifier != "name":
+            setattr(made, option.identifier, getattr(modifier, option.identifier))
+    obj.modifiers.move(len(obj.modifiers) - 1, place)
 
 
 def hang_like(source: Object, target: Object) -> None:
@@ -96,22 +100,23 @@ def hang_like(source: Object, target: Object) -> None:
         setattr(target, name, _copied(getattr(source, name)))
 
 
-def place_beside(source: Object, target: Object) -> Matrix:
-    """The matrix that an object is given to be bound like another one: the same, mirrored where only one of both is."""
-    flipped = source.matrix_world.is_negative != target.matrix_world.is_negative
-    return source.matrix_world @ (Matrix.Diagonal((-1, 1, 1, 1)) if flipped else Matrix())
+def place_beside(source: Object, target: Object) -> Floats:
+    """The matrix (4, 4) that an object is given to be bound like another one: the same, mirrored if one of both is."""
+    flipped = is_mirrored(source) != is_mirrored(target)
+    return world_matrix(source) @ np.diag([-1.0 if flipped else 1.0, 1, 1, 1])
 
 
 def can_be_put(source: Object, target: Object) -> bool:
     """Whether an object would stand where another one does, if it were bound like that: nothing else holds it."""
-    wanted = place_beside(source, target)
-    with _restored(target):
+    wanted, before = place_beside(source, target), Place(target)
+    try:
         put(target, _parent_for(source), wanted)
         bpy.context.view_layer.update()
-        found = target.matrix_world.copy()
-    bpy.context.view_layer.update()
-    size = max(abs(entry) for row in wanted for entry in row)
-    return all((a - b).length <= ROUNDING * size for a, b in zip(found, wanted, strict=True))
+        found = world_matrix(target)
+    finally:
+        before.restore()
+        bpy.context.view_layer.update()
+    return bool((np.abs(found - wanted) <= ROUNDING * np.abs(wanted).max()).all())
 
 
 def unbind(obj: Object) -> None:
@@ -124,17 +129,18 @@ def unbind(obj: Object) -> None:
         obj.matrix_world = placed
 
 
-def matrix_at_rest(obj: Object) -> Matrix:
-    """The matrix of an object in the world, were the bone that it hangs from at rest."""
+def matrix_at_rest(obj: Object) -> Floats:
+    """The matrix (4, 4) of an object in the world, were the bone that it hangs from at rest."""
     armature = obj.parent
     if armature is None or obj.parent_type != "BONE" or obj.parent_bone not in armature.pose.bones:
-        return obj.matrix_world.copy()
-    bone, world = armature.pose.bones[obj.parent_bone], armature.matrix_world
-    return world @ bone.bone.matrix_local @ (world @ bone.matrix).inverted() @ obj.matrix_world
+        return world_matrix(obj)
+    bone, world = armature.pose.bones[obj.parent_bone], world_matrix(armature)
+    posed = world @ np.array(bone.matrix)
+    return world @ np.array(bone.bone.matrix_local) @ np.linalg.inv(posed) @ world_matrix(obj)
 
 
 def reshape(
-    obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: Matrix, stood: Matrix | None = None
+    obj: Object, seen: Floats, at_rest: Floats, linear: Floats, place: Floats, stood: Floats | None = None
 ) -> None:
     """Move the vertices of an object, and of its shape keys, before it is given another place.
 
@@ -145,18 +151,18 @@ def reshape(
         seen: (n, 3) where its vertices are seen, in world space.
         at_rest: (n, 3) where these are to be, in world space.
         linear: (n, 3, 3) what becomes of differences around each vertex.
-        place: the matrix that the object will have.
-        stood: the matrix by which its vertices are seen there; the object's own when not given.
+        place: (4, 4) the matrix that the object will have.
+        stood: (4, 4) the matrix by which its vertices are seen there; the object's own when not given.
     """
-    mesh, to_world = obj.data, np.array(obj.matrix_world if stood is None else stood)
-    to_object = np.array(place.inverted())
+    mesh, to_world = obj.data, world_matrix(obj) if stood is None else stood
+    to_object = np.linalg.inv(place)
 
     def placed(offsets: Floats) -> Floats:
         world = at_rest + np.einsum("nxy,ny->nx", linear, offsets)
-        return np.ascontiguousarray(world @ to_object[:3, :3].T + to_object[:3, 3], np.float32)
+        return np.ascontiguousarray(moved_by(to_object, world), np.float32)
 
     blocks = mesh.shape_keys.key_blocks if mesh.shape_keys else ()
-    keys = [read_key_positions(mesh, block.name) @ to_world[:3, :3].T + to_world[:3, 3] for block in blocks]
+    keys = [moved_by(to_world, read_key_positions(mesh, block.name)) for block in blocks]
     shapes = [placed(key - seen) for key in keys]
     mesh.vertices.foreach_set("co", (shapes[0] if shapes else placed(np.zeros_like(seen))).ravel())
     for block, shape in zip(blocks, shapes, strict=True):
@@ -193,31 +199,33 @@ def _place_of_modifiers(source: Object, target: Object) -> int:
     return max(behind, default=-1) + 1
 
 
-def put(obj: Object, parent: Object, place: Matrix) -> None:
-    """Hang an object from a parent, at a place in the world, sheared as that may be."""
-    children = [(child, child.matrix_world.copy()) for child in obj.children]
+def put(obj: Object, parent: Object, place: Floats) -> None:
+    """Hang an object from a parent, at a place (4, 4) in the world, sheared as that may be."""
+    children = [(child, world_matrix(child)) for child in obj.children]
     obj.parent, obj.parent_type = parent, "OBJECT"
     for name, value in DELTAS.items():
         setattr(obj, name, value)
     obj.matrix_basis = Matrix()
-    obj.matrix_parent_inverse = parent.matrix_world.inverted() @ place
+    obj.matrix_parent_inverse = Matrix((np.linalg.inv(world_matrix(parent)) @ place).tolist())
     for child, standing in children:
         if child.parent_type == "OBJECT":
-            child.matrix_parent_inverse = place.inverted() @ standing @ child.matrix_basis.inverted()
+            inverse = np.linalg.inv(place) @ standing @ np.linalg.inv(np.array(child.matrix_basis, np.float64))
+            child.matrix_parent_inverse = Matrix(inverse.tolist())
 
 
-@contextmanager
-def _restored(obj: Object) -> Iterator[None]:
-    """What an object's place follows from, and that of its children, is as before at the end."""
-    names = (*OF_PARENT, *OF_PLACE, *DELTAS)
-    before = {name: _copied(getattr(obj, name)) for name in names}
-    children = [(child, child.matrix_parent_inverse.copy()) for child in obj.children]
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            setattr(obj, name, value)
-        for child, inverse in children:
+class Place:
+    """What an object's place follows from, and that of its children, to bring it back."""
+
+    def __init__(self, obj: Object) -> None:
+        self._obj = obj
+        self._own = {name: _copied(getattr(obj, name)) for name in (*OF_PARENT, *OF_PLACE, *DELTAS)}
+        self._children = [(child, child.matrix_parent_inverse.copy()) for child in obj.children]
+
+    def restore(self) -> None:
+        """Make it what it was."""
+        for name, value in self._own.items():
+            setattr(self._obj, name, value)
+        for child, inverse in self._children:
             child.matrix_parent_inverse = inverse
 
 

@@ -22,9 +22,10 @@ def add_shaped_copy(context: Context, obj: Object, name: str, shape: Floats, pla
         context: Blender's.
         obj: what is copied.
         name: of the new object.
-        shape: (n, 3) positions in world space, relative to its origin.
-        place: (3,) the origin, in world space.
+        shape: (n, 3) positions in world space.
+        place: (3,) where its origin is to be.
     """
+    place = place.astype(np.float32)  # as Blender keeps it
     copy = obj.copy()
     copy.data = obj.data.copy()
     copy.name = copy.data.name = name
@@ -37,7 +38,7 @@ def add_shaped_copy(context: Context, obj: Object, name: str, shape: Floats, pla
         copy.modifiers.remove(modifier)
     if is_mirrored(obj):  # its new matrix does not turn faces over
         copy.data.flip_normals()
-    copy.data.vertices.foreach_set("co", np.ascontiguousarray(shape, np.float32).ravel())
+    copy.data.vertices.foreach_set("co", np.ascontiguousarray(shape - place, np.float32).ravel())
     copy.data.update()
     for collection in obj.users_collection or (context.scene.collection,):
         collection.objects.link(copy)

@@ -32,7 +32,7 @@ def read_strands(obj: Object, depsgraph: Depsgraph | None = None) -> zo.Lines:
         points = _positions(seen) if len(seen.points) == len(obj.data.points) else points
     if not len(points):
         raise zo.MeshError(f"'{obj.name}' has no strands: leave it out.")
-    return zo.Lines(positions_in_world(obj, points.astype(np.float64)), _edges(_first_points(obj.data)))
+    return zo.Lines(positions_in_world(obj, points), _edges(_first_points(obj.data)))
 
 
 def write_strands(curves: Curves, positions: Floats) -> None:

@@ -11,8 +11,10 @@ from bpy.types import Depsgraph, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.surface import single_precision_step
 
 from .arrays import read_array
+from .matrices import moved_by, world_matrix
 
 # Modifiers that move vertices or change data, but neither add nor remove vertices.
 VERTEX_PRESERVING = frozenset(
@@ -135,17 +137,27 @@ def read_faces(mesh: Mesh) -> Faces:
 
 def positions_in_world(obj: Object, positions: Floats) -> Floats:
     """Positions (..., 3) in the object's space, in world space."""
-    return directions_in_world(obj, positions) + np.array(obj.matrix_world.translation)
+    return moved_by(world_matrix(obj), positions)
 
 
 def directions_in_world(obj: Object, directions: Floats) -> Floats:
     """Differences of positions (..., 3) in the object's space, in world space."""
-    return directions @ np.array(obj.matrix_world)[:3, :3].T
+    return directions @ world_matrix(obj)[:3, :3].T
+
+
+def positions_in_object(obj: Object, positions: Floats) -> Floats:
+    """Positions (..., 3) in world space, in the object's space; of a flat one as near as there is."""
+    return to_object(obj, positions - origin(obj))
 
 
 def to_object(obj: Object, directions: Floats) -> Floats:
-    """Differences of positions (..., 3) in world space, in the space of an object that is not flat."""
-    return directions @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3]).T
+    """Differences of positions (..., 3) in world space, in the object's space; of a flat one as near as there is."""
+    return directions @ np.linalg.pinv(world_matrix(obj)[:3, :3]).T
+
+
+def origin(obj: Object) -> Floats:
+    """(3,) where the origin of an object is, in world space."""
+    return world_matrix(obj)[:3, 3]
 
 
 def is_flat(obj: Object) -> bool:
@@ -158,7 +170,9 @@ def world_surface(obj: Object, mesh: Mesh, positions: np.ndarray, with_edges: Me
 
     A mirroring object matrix turns the surface inside out, so triangles are then wound the other way.
     """
-    return _surface(obj, mesh, positions_in_world(obj, positions), with_edges, is_mirrored(obj))
+    surface = _surface(obj, mesh, positions_in_world(obj, positions), with_edges, is_mirrored(obj))
+    surface.rounding = single_precision_step(positions) * float(np.linalg.norm(world_matrix(obj)[:3, :3], 2))
+    return surface
 
 
 def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirrored: bool = False) -> zo.Surface:

@@ -9,7 +9,6 @@ import bpy
 import numpy as np
 from bpy.types import Collection as BlenderCollection
 from bpy.types import Context, Depsgraph, Object
-from mathutils import Matrix
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
@@ -18,6 +17,7 @@ from .armatures import armatures_of, bind_like, hang_like, matrix_at_rest, put, 
 from .arrays import hash_of, read_array
 from .base import read_base_positions, read_target_surface
 from .inspection import content_hash
+from .matrices import moved_by, world_matrix
 from .shape_keys import read_rest_positions
 from .strands import read_strands, write_strands
 from .surfaces import VERTEX_PRESERVING, check_evaluated
@@ -37,7 +37,7 @@ class Worn:
     Attributes:
         name: of the object.
         shape: in world space.
-        stood: the matrix by which it is there.
+        stood: (4, 4) the matrix by which it is there.
         at_rest: whether it is as it is without what deforms it.
         hangs_from_bone: whether a bone moves it as a whole.
         content: hash of its own data, by which edits are noticed.
@@ -45,7 +45,7 @@ class Worn:
 
     name: str
     shape: zo.Surface | zo.Lines
-    stood: Matrix
+    stood: Floats
     at_rest: bool
     hangs_from_bone: bool
     content: str
@@ -65,7 +65,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
     """
     if obj.type not in TYPES:
         raise zo.MeshError(f"'{obj.name}' is neither a mesh nor hair curves: convert it to one of these.")
-    stood = matrix_at_rest(obj) if at_rest else obj.matrix_world.copy()
+    stood = matrix_at_rest(obj) if at_rest else world_matrix(obj)
     return Worn(
         obj.name,
         _curves(obj, depsgraph, at_rest, stood) if obj.type == "CURVES" else _mesh(obj, depsgraph, at_rest, stood),
@@ -83,11 +83,6 @@ def content_of(obj: Object) -> str:
     return hash_of("curves", read_array(obj.data.position_data, "vector", np.float32, 3))
 
 
-def rest_in_world(obj: Object) -> Floats:
-    """(n, 3) vertices of a mesh as it has them itself, in world space."""
-    return _in_world(read_rest_positions(obj.data), obj.matrix_world)
-
-
 def add_worn_copy(
     worn: Worn,
     obj: Object,
@@ -96,7 +91,7 @@ def add_worn_copy(
     wearer: Object,
     bodies: Collection[Object],
     collection: BlenderCollection,
-    moved: Matrix,
+    moved: Floats,
 ) -> tuple[Object, list[str]]:
     """Add a copy of an object in another shape, that another object wears.
 
@@ -111,7 +106,7 @@ def add_worn_copy(
         wearer: what wears the copy.
         bodies: what wore the object: references to these become such to the wearer.
         collection: the copy is linked to.
-        moved: how all that was worn has moved, where it is not at rest.
+        moved: (4, 4) how all that was worn has moved, where it is not at rest.
 
     Returns:
         The copy, and notes.
@@ -157,7 +152,7 @@ def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Float
     """
     copy = context.scene.objects[worn.name]
     original = context.scene.objects.get(copy[COPY_OF])
-    place = wearer.matrix_world.copy() if original is None else matrix_at_rest(original)
+    place = world_matrix(wearer) if original is None else matrix_at_rest(original)
     _write_positions(copy, worn, positions, turns, place)
     put(copy, wearer, place)
     if original is None:
@@ -168,13 +163,9 @@ def bind_worn_copy(context: Context, worn: Worn, positions: Floats, turns: Float
         hang_like(original, copy)
 
 
-def remove_worn_copies(collection: BlenderCollection, name: str) -> None:
-    """Remove earlier copies of an object from a collection."""
-    for copy in [each for each in collection.objects if each.get(COPY_OF) == name]:
-        data, kept = copy.data, bpy.data.meshes if copy.type == "MESH" else bpy.data.hair_curves
-        bpy.data.objects.remove(copy)
-        if not data.users:
-            kept.remove(data)
+def worn_copies_in(collection: BlenderCollection, name: str) -> list[Object]:
+    """Copies of an object that were made before, in a collection."""
+    return [each for each in collection.objects if each.get(COPY_OF) == name]
 
 
 def collection_beside(context: Context, obj: Object, name: str) -> BlenderCollection:
@@ -187,36 +178,29 @@ def collection_beside(context: Context, obj: Object, name: str) -> BlenderCollec
     return found
 
 
-def _mesh(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Matrix) -> zo.Surface | zo.Lines:
+def _mesh(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Floats) -> zo.Surface | zo.Lines:
     mesh = obj.data
     if not mesh.vertices:
         raise zo.MeshError(f"'{obj.name}' has no vertices: leave it out.")
     check_evaluated(obj, depsgraph)
     own = read_rest_positions(mesh) if at_rest else read_base_positions(obj, depsgraph)
-    positions = _in_world(own, stood)
+    positions = moved_by(stood, own)
     if mesh.polygons:
         return read_target_surface(obj, depsgraph).with_vertices(positions)
     return zo.Lines(positions, read_array(mesh.edges, "vertices", np.int32, 2))
 
 
-def _curves(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Matrix) -> zo.Lines:
+def _curves(obj: Object, depsgraph: Depsgraph, at_rest: bool, stood: Floats) -> zo.Lines:
     lines = read_strands(obj, None if at_rest else depsgraph)
     if not at_rest:
         return lines
-    moved = np.array(stood @ obj.matrix_world.inverted())
-    return zo.Lines(lines.vertices @ moved[:3, :3].T + moved[:3, 3], lines.edges)
+    return zo.Lines(moved_by(stood @ np.linalg.inv(world_matrix(obj)), lines.vertices), lines.edges)
 
 
-def _in_world(positions: Floats, matrix: Matrix) -> Floats:
-    """Positions (n, 3), moved by a matrix, in double precision."""
-    moved = np.array(matrix)
-    return positions.astype(np.float64) @ moved[:3, :3].T + moved[:3, 3]
-
-
-def _write_positions(copy: Object, worn: Worn, positions: Floats, turns: Floats, place: Matrix) -> None:
-    """Move the points of a copy to positions (n, 3) in world space, before it is given another place."""
+def _write_positions(copy: Object, worn: Worn, positions: Floats, turns: Floats, place: Floats) -> None:
+    """Move the points of a copy to positions (n, 3) in world space, before it is given a place (4, 4)."""
     if copy.type == "CURVES":
-        write_strands(copy.data, _in_world(positions, place.inverted()))
+        write_strands(copy.data, moved_by(np.linalg.inv(place), positions))
     else:
         reshape(copy, worn.shape.vertices, positions, turns, place, worn.stood)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from bpy.types import Context
 
@@ -12,7 +13,7 @@ from zoomout_core.runtime.stepping import Steps
 from ..properties.match import MatchOptions, RedoOptions
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import sources_of_targets
-from ..services.match import prepare_match_steps
+from ..services.match import agreed_matches_steps, prepare_match_steps
 from ..services.targets import Outcome, each_target_steps
 from ..storage import stored_match
 from .stepped import SteppedOperator
@@ -39,6 +40,9 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, SteppedOperator):
         outcome = yield from each_target_steps(
             list(source_of),
             lambda target: prepare_match_steps(context, source_of[target], target, seen=target == active, **options),
+            partial(agreed_matches_steps, options.get("detail", "balanced"), options.get("k_final", 0))
+            if self.initial == "AUTO"
+            else None,
         )
         self.report_failed(outcome)
         return _summary([source_of[target] for target in outcome.done], outcome)

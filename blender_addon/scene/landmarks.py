@@ -18,7 +18,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import PLACEMENT
 
-from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point
+from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, positions_in_world
 from ..mesh_data.arrays import hash_of
 from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
 from .selection import participants
@@ -126,7 +126,7 @@ def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Dep
         if position is None:
             again = nearest_surface_point(obj, Vector(places[number].position), most, depsgraph)
             position = None if again is None else Vector(again.position)
-        found[number] = None if position is None else np.array(obj.matrix_world @ position)
+        found[number] = None if position is None else positions_in_world(obj, np.array(position, np.float64))
     return found
 
 

@@ -126,6 +126,18 @@ def check_unedited(context: Context, pair: ObjectPair) -> tuple[Object, Object]:
     return find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
 
 
+@contextmanager
+def writing(context: Context, pair: ObjectPair, *others: Object) -> Iterator[tuple[Object, Object]]:
+    """`check_unedited`, and a context in which the target, and other objects, are written to: all of it, or nothing.
+
+    Raises:
+        MeshError: the source or the target was removed or edited since the pair was read.
+    """
+    source, target = check_unedited(context, pair)
+    with mesh_data.all_or_nothing(target, *others):
+        yield source, target
+
+
 def check_same(before: Fingerprint, now: Fingerprint) -> None:
     """Raise a MeshError if an object was edited between two fingerprints."""
     if before.digest != now.digest:

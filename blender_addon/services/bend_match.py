@@ -14,7 +14,7 @@ from zoomout_core.runtime.threads import in_background
 
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
-from ..scene.pair import check_unedited, find_mesh
+from ..scene.pair import find_mesh, writing
 from ..scene.stored_pair import read_stored_match_steps
 from ..storage import stored_match
 from ..storage.stored_match import StoredMatch
@@ -57,9 +57,9 @@ def bend_match_steps(context: Context, target_name: str) -> Steps[str]:
     notes = (note, *(other for other in match.notes if not other.startswith("Bent to ")))
     result = replace(match, surface_map=surface_map, notes=notes)
     following = yield from previews.following_steps(context, pair, result)
-    source, target = check_unedited(context, pair)
-    seen = {stored_match.LANDMARKS: landmarks_fingerprint(context.scene, source, target)}
-    stored_match.write(target.data, result, pair, match.settings | seen)
+    with writing(context, pair) as (source, target):
+        seen = {stored_match.LANDMARKS: landmarks_fingerprint(context.scene, source, target)}
+        stored_match.write(target.data, result, pair, match.settings | seen)
     if following is not None:
         preview.show(following)
     return f"Bent the match of '{target_name}' to {what}, which it missed by up to {most:.1%} of its size"

@@ -174,8 +174,7 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:
     mesh_data.bind_like(source, target)
     context.view_layer.update()
     if bound.shape == "rest_pose":
-        stood = bound.seen - np.array(target.matrix_world.translation)
-        mesh_data.write_shape(target, POSED_SHAPE, mesh_data.to_object(target, stood))
+        mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
 
 
 def keep_match(context: Context, pair: ObjectPair, match: stored_match.Match, settings: Mapping[str, Any]) -> None:
@@ -223,7 +222,7 @@ def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
                 f"Modifiers of '{name}' make other faces without its armature, so that its rest pose cannot be read: "
                 "disable those that add or remove vertices, and match again."
             )
-        rest.append(mesh_data.positions_in_world(source, positions.astype(np.float64)))
+        rest.append(mesh_data.positions_in_world(source, positions))
     return np.concatenate(rest)
 
 

@@ -11,12 +11,12 @@ from bpy.types import Mesh
 
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes, Floats
+from zoomout_core.colors import DARK, LIGHT, place_colors
 from zoomout_core.matching.candidate_differences import differences
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.runtime.stepping import Steps
 from zoomout_core.symmetry.detect import DETECTION
 
-from ..colors import DARK, LIGHT, place_colors
 from ..mesh_data import ObjectPair
 from ..mesh_data.arrays import hash_of
 from ..storage import stored_candidates, stored_match

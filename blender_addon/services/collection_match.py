@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from bpy.types import Collection, Context, Depsgraph, Mesh, Object
+from bpy.types import Collection, Context, Depsgraph, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
@@ -129,19 +129,20 @@ def prepare_collections_steps(
     matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
-        meshes = [_unedited(context, pair) for pair, _ in matches]
-        for mesh, (pair, match) in zip(meshes, matches, strict=True):
-            store_match(mesh, match, pair, options | {"detail": detail})
+        written = [_unedited(context, pair) for pair, _ in matches]
+        with mesh_data.all_or_nothing(*written):
+            for obj, (pair, match) in zip(written, matches, strict=True):
+                store_match(obj.data, match, pair, options | {"detail": detail})
         return {pair.target_name: (pair.source_name, match) for pair, match in matches}
 
     return write
 
 
-def _unedited(context: Context, pair: ObjectPair) -> Mesh:
-    """The mesh of the target of a pair, which can be written to, and which is still what it was."""
+def _unedited(context: Context, pair: ObjectPair) -> Object:
+    """The target of a pair, which can be written to, and which is still what it was."""
     source, target = check_unedited(context, pair)
     check_distinct(source, target)
-    return target.data
+    return target
 
 
 def _read_steps(

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from bpy.types import Context, Object
-from mathutils import Matrix
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
@@ -141,9 +140,10 @@ def prepare_dress_steps(
     def write() -> dict[str, Any]:
         check_unedited(context, pair)
         check_unchanged(context, fitting.worn)
-        if stored is None:
-            store_match(find_mesh(context, target_name).data, match, pair, made_with)
-        made, notes = _write(context, pair, fitting, dressed, moved)
+        with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
+            if stored is None:
+                store_match(find_mesh(context, target_name).data, match, pair, made_with)
+            made, notes = _write(context, pair, fitting, dressed, moved, writing)
         return {
             "source": source_name,
             "target": target_name,
@@ -175,8 +175,9 @@ def taken_to_rest_steps(context: Context, pair: ObjectPair, at_rest: Floats) -> 
     def write() -> None:
         check_unchanged(context, worn)
         wearer = find_mesh(context, pair.target_name)
-        for each, positions, turns in zip(worn, dressed.vertices, dressed.turns, strict=True):
-            mesh_data.bind_worn_copy(context, each, positions, turns, wearer)
+        with mesh_data.all_or_nothing(*(context.scene.objects[each.name] for each in worn)):
+            for each, positions, turns in zip(worn, dressed.vertices, dressed.turns, strict=True):
+                mesh_data.bind_worn_copy(context, each, positions, turns, wearer)
 
     return write
 
@@ -213,7 +214,7 @@ def _read_steps(context: Context, pair: ObjectPair, names: Sequence[str], left_o
     surface, onto, notes = pair.source, pair.target, []
     if at_rest:
         surface = surface.with_vertices(read_sources_at_rest(context, pair))
-        onto = onto.with_vertices(mesh_data.rest_in_world(target))
+        onto = onto.with_vertices(mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data)))
     elif armatures:
         notes.append(f"'{target.name}' is not bound to the armature of '{source.name}': bind it, and these come along.")
     notes.extend(
@@ -245,8 +246,8 @@ def _read(context: Context, name: str, at_rest: bool) -> Worn:
     return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
 
 
-def _carried_steps(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> Steps[tuple[Matrix, Dressed]]:
-    """How the body moves, as a similarity, and what it wears."""
+def _carried_steps(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> Steps[tuple[Floats, Dressed]]:
+    """How the body moves, as the matrix (4, 4) of a similarity, and what it wears."""
     shape = yield from within(shape_of_source_steps(match, fitting.source, fitting.target), 0, SHAPING)
     body, shape = _part(fitting.source, shape, fitting.is_body)
     manners: list[Manner] = [
@@ -264,7 +265,7 @@ def _carried_steps(match: stored_match.Match, fitting: _Fitting, dressing: Dress
     dressed = yield from within(steps, SHAPING, 1)
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
-    return Matrix(moved.tolist()), dressed
+    return moved, dressed
 
 
 def _part(surface: zo.Surface, shape: Floats, kept: np.ndarray) -> tuple[zo.Surface, Floats]:
@@ -277,7 +278,12 @@ def _part(surface: zo.Surface, shape: Floats, kept: np.ndarray) -> tuple[zo.Surf
 
 
 def _write(
-    context: Context, pair: ObjectPair, fitting: _Fitting, dressed: Dressed, moved: Matrix
+    context: Context,
+    pair: ObjectPair,
+    fitting: _Fitting,
+    dressed: Dressed,
+    moved: Floats,
+    writing: mesh_data.Writing,
 ) -> tuple[dict[str, str], list[str]]:
     """Add the copies; their names by those of what they are of, and notes."""
     target = find_mesh(context, pair.target_name)
@@ -286,7 +292,8 @@ def _write(
     made, notes = {}, []
     for worn, positions, turns in zip(fitting.worn, dressed.vertices, dressed.turns, strict=True):
         obj = context.scene.objects[worn.name]
-        mesh_data.remove_worn_copies(collection, worn.name)
+        for earlier in mesh_data.worn_copies_in(collection, worn.name):
+            writing.replace(earlier)
         copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, moved)
         if copy.type == "CURVES":
             mesh_data.attach_strands(copy, target, fitting.target, positions)

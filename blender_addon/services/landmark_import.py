@@ -9,7 +9,16 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.matching.pair import PLACEMENT
 
-from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, read_positions, read_weights
+from ..mesh_data import (
+    SurfacePoint,
+    evaluated_mesh,
+    extent,
+    nearest_surface_point,
+    origin,
+    positions_in_object,
+    read_positions,
+    read_weights,
+)
 from ..scene.landmarks import set_landmark
 from .name_matching import COPY
 
@@ -79,12 +88,12 @@ def points_of_empties(context: Context, obj: Object, objects: list[Object]) -> d
     depsgraph = context.evaluated_depsgraph_get()
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
         size = extent(mesh)
-    inverse = obj.matrix_world.inverted_safe()
     places = {}
     for empty in context.scene.objects:
         if empty.type == "EMPTY" and (empty.parent is None or empty.parent not in objects or empty.parent == obj):
             reach = size if empty.parent == obj else PLACEMENT.off_surface * size
-            place = nearest_surface_point(obj, inverse @ empty.matrix_world.translation, reach, depsgraph)
+            point = Vector(positions_in_object(obj, origin(empty)).tolist())
+            place = nearest_surface_point(obj, point, reach, depsgraph)
             if place is not None:
                 places[COPY.sub("", empty.name)] = place
     return places

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from bpy.types import Context, Object
 
+import zoomout_core as zo
+from zoomout_core.collection.agree import agreed_steps
+from zoomout_core.matching.options import SMALLEST_FINAL
+from zoomout_core.matching.presets import DETAIL
 from zoomout_core.runtime.stepping import Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 
-from ..scene.pair import check_unedited, read_pair_steps
+from ..mesh_data import ObjectPair
+from ..scene.pair import read_pair_steps, writing
 from ..storage import stored_match
 from ..viewport import preview
 from . import previews
 from .candidates import store_match
 from .constraints import matching_steps, settings_to_store
 from .redo_match import kept_match, read_mask, redone_match
-from .targets import Write
 
 NOTHING_KEPT = "There was no match to keep, so all of it was matched, not only what Redo Only says."
 
@@ -53,7 +58,7 @@ def prepare_match_steps(
     redo_group: str = "",
     redo_keeps: bool = False,
     **options: Any,
-) -> Steps[Write[stored_match.Match]]:
+) -> Steps[PreparedMatch]:
     """`match_steps` without the writing: returns a function that stores the match on the target.
 
     Args:
@@ -76,13 +81,64 @@ def prepare_match_steps(
         result = yield from spread(blending, 1, 1, "Keeping the rest")
     elif redo_group:
         result = replace(result, notes=(NOTHING_KEPT, *result.notes))
+    return (yield from _prepared_steps(context, pair, result, settings, seen))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMatch:
+    """A match that is found; called, it is stored on the target, and returned.
+
+    Attributes:
+        context: Blender's.
+        pair: the two objects, as they were read.
+        result: the match.
+        settings: what is stored beside it.
+        seen: whether places are shown by colours for a while.
+        following: the preview that shows it; None where there is none.
+    """
+
+    context: Context
+    pair: ObjectPair
+    result: stored_match.Match
+    settings: dict[str, Any]
+    seen: bool
+    following: previews.Preview | None
+
+    def __call__(self) -> stored_match.Match:
+        with writing(self.context, self.pair) as (_, target):
+            store_match(target.data, self.result, self.pair, self.settings)
+        if self.following is not None:
+            preview.show(self.following)
+        return self.result
+
+
+def _prepared_steps(
+    context: Context, pair: ObjectPair, result: stored_match.Match, settings: dict[str, Any], seen: bool
+) -> Steps[PreparedMatch]:
     following = yield from previews.following_steps(context, pair, result, preview.PLACES if seen else None)
+    return PreparedMatch(context, pair, result, settings, seen, following)
 
-    def write() -> stored_match.Match:
-        _, target = check_unedited(context, pair)
-        store_match(target.data, result, pair, settings)
-        if following is not None:
-            preview.show(following)
-        return result
 
-    return write
+def agreed_matches_steps(
+    detail: str, k_final: int, prepared: Mapping[str, PreparedMatch]
+) -> Steps[dict[str, PreparedMatch]]:
+    """Matches of several targets, those with one source brought to agree: see `collection.agree`.
+
+    Args:
+        detail: of the matches between targets, one of `DETAIL`.
+        k_final: of these; 0 for as large as `detail` says.
+        prepared: the matches, by the names of the targets.
+    """
+    sizes: dict[str, Any] = DETAIL[detail] | ({"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {})
+    agreed = dict(prepared)
+    for source in dict.fromkeys(each.pair.source_names for each in prepared.values()):
+        results = {
+            name: each.result
+            for name, each in prepared.items()
+            if each.pair.source_names == source and isinstance(each.result, zo.MatchResult)
+        }
+        for name, result in (yield from agreed_steps(results, zo.MatchOptions(**sizes))).items():
+            was = prepared[name]
+            if result is not was.result:
+                agreed[name] = yield from _prepared_steps(was.context, was.pair, result, was.settings, was.seen)
+    return agreed

@@ -11,6 +11,7 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.colors import confidence_colors, partner_colors, place_colors
 from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer import map_target, transfer_steps
@@ -18,10 +19,7 @@ from zoomout_core.transfer import map_target, transfer_steps
 from ..colors import (
     asymmetry_colors,
     blended_colors,
-    confidence_colors,
     pair_colors,
-    partner_colors,
-    place_colors,
     side_colors,
 )
 from ..mesh_data import (

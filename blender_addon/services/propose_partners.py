@@ -14,7 +14,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.pair import PLACEMENT
 from zoomout_core.runtime.stepping import drain
 
-from ..mesh_data import ObjectPair, evaluated_mesh, extent, nearest_surface_point
+from ..mesh_data import ObjectPair, evaluated_mesh, extent, nearest_surface_point, positions_in_object
 from ..scene.landmarks import set_landmark, surface_points_on, world_positions
 from ..scene.stored_pair import read_stored_match_steps
 from ..storage import stored_match
@@ -79,9 +79,9 @@ def _place(
     points, valid = partners(pair, match, np.array(list(there.values())))
     with evaluated_mesh(other, depsgraph) as (_, mesh):
         most = PLACEMENT.off_surface * extent(mesh)
-    inverse, count = other.matrix_world.inverted_safe(), 0
-    for number, point in zip(np.array(list(there))[valid].tolist(), points[valid], strict=True):
-        place = nearest_surface_point(other, inverse @ Vector(point), most, depsgraph)
+    count, own = 0, positions_in_object(other, points[valid])
+    for number, point in zip(np.array(list(there))[valid].tolist(), own.tolist(), strict=True):
+        place = nearest_surface_point(other, Vector(point), most, depsgraph)
         if place is not None:
             set_landmark(context.scene, other, place, number, proposed=True)
             count += 1

@@ -15,7 +15,7 @@ from zoomout_core.transfer import map_target
 from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
 from ..mesh_data import ObjectPair, divided_steps, read_joined_active_uv_map, write_divided
-from ..scene.pair import check_unedited, evaluated_sources, find_mesh, fingerprint_target
+from ..scene.pair import check_unedited, evaluated_sources, find_mesh, fingerprint_target, writing
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
 from . import previews
@@ -55,12 +55,12 @@ def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Ste
     _, target = check_unedited(context, pair)
     divided = yield from spread(divided_steps(target.data, cut), DIVIDING, 1, "Dividing faces")
     try:
-        _, target = check_unedited(context, pair)
-        before = len(target.data.polygons)
-        write_divided(target.data, divided)
+        with writing(context, pair) as (_, target):
+            before = len(target.data.polygons)
+            write_divided(target.data, divided)
+            _store_match(context, pair, stored, cut)
     finally:
         divided.free()
-    _store_match(context, pair, stored, cut)
     previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
     whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress, Steps
 
+from ..mesh_data import all_or_nothing
+
 Result = TypeVar("Result")
+Prepared = TypeVar("Prepared", bound=Callable[[], Any])
 
 WRITING = Progress(1.0, "Writing")
 
@@ -37,26 +40,34 @@ class Outcome(Generic[Result]):
             raise zo.MeshError(several if len(self.failed) > 1 else reason)
 
 
-def each_target_steps(names: Sequence[str], work: Callable[[str], Steps[Write[Result]]]) -> Steps[Outcome[Result]]:
+def each_target_steps(
+    names: Sequence[str],
+    work: Callable[[str], Steps[Prepared]],
+    together: Callable[[dict[str, Prepared]], Steps[dict[str, Prepared]]] | None = None,
+) -> Steps[Outcome[Any]]:
     """Do some work for each of several targets; nothing is written before all of it is done.
 
     Args:
         names: of the targets.
         work: for the target of a name; returns what writes its result, in no time.
+        together: what is done for all of them in the end, where there are several, before it is written.
     """
-    outcome: Outcome[Result] = Outcome()
-    writes: dict[str, Write[Result]] = {}
+    outcome: Outcome[Any] = Outcome()
+    writes: dict[str, Prepared] = {}
     for i, name in enumerate(names):
         try:
             writes[name] = yield from _one_of(work(name), i, names)
         except zo.MeshError as error:
             outcome.failed[name] = str(error)
+    if together is not None and len(writes) > 1:
+        writes = yield from together(writes)
     yield WRITING
-    for name, write in writes.items():
-        try:
-            outcome.done[name] = write()
-        except zo.MeshError as error:
-            outcome.failed[name] = str(error)
+    with all_or_nothing():  # what is no fault of one target is none of the others', but leaves all as they were
+        for name, write in writes.items():
+            try:
+                outcome.done[name] = write()
+            except zo.MeshError as error:
+                outcome.failed[name] = str(error)
     return outcome
 
 

@@ -31,11 +31,11 @@ from ..mesh_data import ObjectPair
 from ..properties.match import option_label
 from ..scene.pair import (
     READING,
-    check_unedited,
     evaluated_sources,
     find_mesh,
     target_mesh,
     users_of_mesh,
+    writing,
 )
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match, stored_report
@@ -176,22 +176,22 @@ def prepare_transfer_steps(
         bind_worn = yield from taken_to_rest_steps(context, pair, bound.rest.positions)
 
     def write() -> dict[str, Any]:
-        _, target = check_unedited(context, pair)
-        if stored is None:
-            store_match(target.data, match, pair, made_with)
-        for one in adapters:
-            if one.kind != "shape":
-                one.write(target)
-        if bound is not None:
-            write_bound(context, pair, bound)
-            bind_worn()
-        for one in adapters:
-            if one.kind == "shape":  # which lies where the source is, and so where a bound target is
-                one.write(target)
-        target.data.update()
-        if bound is not None:
-            keep_match(context, pair, match, stored.settings if stored else made_with)
-        return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
+        with writing(context, pair) as (_, target):
+            if stored is None:
+                store_match(target.data, match, pair, made_with)
+            for one in adapters:
+                if one.kind != "shape":
+                    one.write(target)
+            if bound is not None:
+                write_bound(context, pair, bound)
+                bind_worn()
+            for one in adapters:
+                if one.kind == "shape":  # which lies where the source is, and so where a bound target is
+                    one.write(target)
+            target.data.update()
+            if bound is not None:
+                keep_match(context, pair, match, stored.settings if stored else made_with)
+            return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
 
     return write
 

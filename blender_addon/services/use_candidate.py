@@ -10,7 +10,7 @@ import zoomout_core as zo
 from zoomout_core.runtime.stepping import Steps, drain, within
 
 from ..mesh_data import ObjectPair
-from ..scene.pair import check_unedited, find_mesh
+from ..scene.pair import find_mesh, writing
 from ..scene.stored_pair import read_stored_match_steps
 from ..storage import stored_candidates, stored_match
 from ..storage.stored_candidates import CandidateList
@@ -46,8 +46,8 @@ def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps
         result = yield from _result_steps(context, pair, listing, place, stored)
         result = replace(result, notes=(note, *result.notes))
         following = yield from previews.following_steps(context, pair, result)
-        _, target = check_unedited(context, pair)
-    candidates.store_match(target.data, result, pair, stored.settings)
+        with writing(context, pair) as (_, target):
+            candidates.store_match(target.data, result, pair, stored.settings)
     if following is not None:
         preview.show(following)
     return result

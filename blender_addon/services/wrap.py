@@ -19,7 +19,7 @@ from .. import mesh_data
 from ..adapters import Settings, check_takes_keys
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import LandmarkPairs, landmark_pairs
-from ..scene.pair import check_unedited, check_writable, find_mesh, fingerprint_source, fingerprint_target
+from ..scene.pair import check_writable, find_mesh, fingerprint_source, fingerprint_target, writing
 from ..scene.stored_pair import stored_pair_steps
 from ..storage import stored_match
 from . import previews
@@ -134,12 +134,12 @@ def prepare_wrap_steps(
     notes = [*wrapped.notes, *(given.landmarks.notes if given.landmarks else ())]
 
     def write() -> dict[str, Any]:
-        check_unedited(context, pair)
-        if stored is None:
-            store_match(find_mesh(context, target_name).data, match, pair, made_with)
-        obj, key, more = _write(context, given, wrapping, wrapped.vertices)
-        if wrapping.result != "shape_key":
-            _keep_match(context, pair, match, made_with, obj, wrapping)
+        with writing(context, pair, find_mesh(context, given.wrapped)) as (_, target):
+            if stored is None:
+                store_match(target.data, match, pair, made_with)
+            obj, key, more = _write(context, given, wrapping, wrapped.vertices)
+            if wrapping.result != "shape_key":
+                _keep_match(context, pair, match, made_with, obj, wrapping)
         if obj.name == target_name:
             previews.follow_match(context, obj)
         return {
@@ -254,10 +254,10 @@ def _write(
 ) -> tuple[Object, str, tuple[str, ...]]:
     """Write a shape (n, 3) in world space; the object that has it, the name of its key, and notes."""
     obj, other = find_mesh(context, given.wrapped), find_mesh(context, given.shape)
-    place = np.array(other.matrix_world.translation)
+    place = mesh_data.origin(other)
     if wrapping.result == "object":
         name = f"{obj.name} on {other.name}"
-        return mesh_data.add_shaped_copy(context, obj, name, vertices - place, place), "", ()
+        return mesh_data.add_shaped_copy(context, obj, name, vertices, place), "", ()
     shape = mesh_data.to_object(obj, vertices - place)
     notes: tuple[str, ...] = ()
     shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]

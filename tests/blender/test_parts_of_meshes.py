@@ -23,7 +23,6 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon.adapters import Settings
-from blender_addon.colors import LONELY, MET, confidence_colors
 from blender_addon.operators.match import _summary
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
@@ -31,6 +30,7 @@ from blender_addon.services.targets import Outcome
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
+from zoomout_core.colors import LONELY, MET, confidence_colors
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import PART_MATCH

@@ -8,7 +8,6 @@ from scenes import activate, add_uv_map, ellipsoid, positions, snapshot_file, va
 import blender_addon
 import zoomout_core as zo
 from blender_addon import watch
-from blender_addon.colors import confidence_colors, place_colors
 from blender_addon.scene import mesh_facts
 from blender_addon.scene.pair import read_pair
 from blender_addon.services import previews
@@ -16,6 +15,7 @@ from blender_addon.services.match import match_objects
 from blender_addon.services.use_candidate import use_candidate, use_candidate_steps
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
+from zoomout_core.colors import confidence_colors, place_colors
 from zoomout_core.runtime.stepping import drain
 
 

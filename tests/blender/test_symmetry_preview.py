@@ -10,7 +10,7 @@ from scenes import set_weights, snapshot
 from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
 
 import zoomout_core as zo
-from blender_addon.colors import PALENESS, asymmetry_colors, pair_colors, place_colors
+from blender_addon.colors import PALENESS, asymmetry_colors, pair_colors
 from blender_addon.colors import SIDES as SIDE_COLORS
 from blender_addon.scene import mesh_facts
 from blender_addon.services.preflight import is_reshaped
@@ -20,6 +20,7 @@ from blender_addon.services.symmetry.weights import symmetrise_weights
 from blender_addon.storage import stored_symmetry
 from blender_addon.ui import thumbnails
 from blender_addon.viewport import overlay, preview
+from zoomout_core.colors import place_colors
 from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.self_map import SelfMap
 

@@ -112,3 +112,31 @@ def test_linked_duplicates_are_done_once(source, targets):
     assert chosen_targets(bpy.context, source) == []
     with pytest.raises(RuntimeError, match="'Source' cannot be its own source"):
         bpy.ops.zoomout.match()
+
+
+def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkeypatch):
+    from dataclasses import replace
+
+    from blender_addon.services import match as service
+
+    asked = {}
+
+    def agreed_steps(results, options):
+        asked.update(results)
+        yield zo.Progress(1.0, "Asking other targets")
+        return {**results, "B": replace(results["B"], notes=("Another candidate was taken.",))}
+
+    monkeypatch.setattr(service, "agreed_steps", agreed_steps)
+    assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
+    assert sorted(asked) == ["A", "B", "C"]
+    notes = {obj.name: stored_match.description(obj.data)["notes"] for obj in targets}
+    assert notes["B"] == ["Another candidate was taken."]
+    assert "Another candidate was taken." not in notes["A"]
+
+
+def test_a_single_target_asks_nobody(source, targets, monkeypatch):
+    from blender_addon.services import match as service
+
+    monkeypatch.setattr(service, "agreed_steps", lambda *_: pytest.fail("asked"))
+    activate(targets[0])
+    assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}

@@ -289,7 +289,7 @@ def test_a_transfer_that_fails_on_the_last_of_many_leaves_the_scene_untouched(so
     source.data.attributes["UV B"].data.foreach_set("vector", values_with_a_hole.ravel())
     activate(target, source)
     before = snapshot_file()
-    with pytest.raises(RuntimeError, match=r"Error: 'UV B' has values that are not finite"):
+    with pytest.raises(RuntimeError, match=r"Error: 'UV B' has \d+ values that are not finite"):
         bpy.ops.zoomout.transfer()
     assert snapshot_file() == before
 

@@ -14,7 +14,7 @@ from ...properties.symmetry import AXES
 from ...storage import stored_symmetry
 from .. import previews
 from ..targets import WRITING
-from .mesh_access import unedited, writable_mesh
+from .mesh_access import writable_mesh, writing
 
 # Largest number of stored candidates: objects such as wheels have many symmetries.
 MOST = 6
@@ -44,8 +44,8 @@ def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps
     if not found:
         raise zo.MeshError(f"No symmetry of '{name}' was found: it may have none.")
     yield WRITING
-    obj = unedited(context, name, surface)
-    stored_symmetry.write(obj, found, left)
+    with writing(context, name, surface) as obj:
+        stored_symmetry.write(obj, found, left)
     previews.follow_symmetry(context, obj)
     return found
 

@@ -22,7 +22,7 @@ from zoomout_core.transfer import Attribute, Kind
 from ... import mesh_data
 from ...mesh_data import Layer
 from ...storage import stored_symmetry
-from .mesh_access import READING, own_mesh, unedited, writable_mesh
+from .mesh_access import READING, own_mesh, writable_mesh, writing
 
 USUAL_DATA = ("uv_maps", "color_attributes", "attributes", "materials", "edges")
 
@@ -72,10 +72,10 @@ def mirror_attributes_steps(
         work = in_background(partial(_symmetrised, one, symmetry, direction, uv_layout))
         values = yield from spread(work, i / len(found), (i + 1) / len(found), f"Mirroring '{one.attribute.name}'")
         made.append(replace(one, attribute=values))
-    obj = unedited(context, name, symmetry.surface)
-    for one in made:
-        one.write(obj, one.attribute)
-    obj.data.update()
+    with writing(context, name, symmetry.surface) as obj:
+        for one in made:
+            one.write(obj, one.attribute)
+        obj.data.update()
     left_out = f"; skipped {', '.join(skipped)}, of which there is no mean" if skipped else ""
     names = ", ".join(dict.fromkeys(one.attribute.name for one in made))
     exchanged = f"Exchanged the sides of {names} of '{name}'{left_out}"

@@ -10,6 +10,7 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.runtime.stepping import Progress
 
+from ...mesh_data import all_or_nothing
 from ...scene.pair import check_elements, check_writable, edited, find_mesh
 from ...storage import stored_symmetry
 
@@ -39,6 +40,14 @@ def own_mesh(context: Context, name: str, surface: zo.Surface) -> Iterator[tuple
     obj = writable_mesh(context, name)
     check_elements(name, surface, obj.data)
     yield obj, obj.data
+
+
+@contextmanager
+def writing(context: Context, name: str, before: zo.Surface) -> Iterator[Object]:
+    """`unedited`, and a context in which the object is written to: all of it, or nothing."""
+    obj = unedited(context, name, before)
+    with all_or_nothing(obj):
+        yield obj
 
 
 def unedited(context: Context, name: str, before: zo.Surface) -> Object:

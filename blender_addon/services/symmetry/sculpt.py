@@ -15,7 +15,7 @@ from zoomout_core.symmetry.offsets import symmetrised_offsets
 
 from ... import mesh_data
 from ...storage import stored_symmetry
-from .mesh_access import READING, unedited, writable_mesh
+from .mesh_access import READING, writable_mesh, writing
 
 
 def mirror_sculpt(context: Context, obj: Object, direction: Direction = "left_to_right") -> str:
@@ -45,9 +45,9 @@ def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> St
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
     work = in_background(partial(symmetrised_offsets, moved, symmetry, direction))
     wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
-    obj = unedited(context, name, now)
-    mesh_data.move_vertices(obj.data, wanted - moved)
-    stored_symmetry.store_shape(obj)
+    with writing(context, name, now) as obj:
+        mesh_data.move_vertices(obj.data, wanted - moved)
+        stored_symmetry.store_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
     return f"Carried the sculpt of '{name}' over: {count} vertices moved"
 

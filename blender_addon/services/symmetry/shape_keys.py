@@ -22,7 +22,7 @@ from zoomout_core.symmetry.self_map import SelfMap
 from ... import mesh_data
 from ...mesh_data import ShapeKey
 from ...storage import stored_symmetry
-from .mesh_access import READING, own_mesh, unedited, writable_mesh
+from .mesh_access import READING, own_mesh, writable_mesh, writing
 
 KeyMode: TypeAlias = Literal["mirror", "split", "symmetrise"]
 # Displacements shorter than this part of a key's longest one are noise.
@@ -77,10 +77,10 @@ def mirror_shape_key_steps(
         keys = [replace(key, name=new) for new in names]
         work = partial(_new_offsets, offsets, symmetry, mode, direction, blend)
     made = yield from spread(in_background(work), 0, 1, "Mirroring the key")
-    obj = unedited(context, name, symmetry.surface)
-    for one, shape in zip(keys, made, strict=True):
-        _write(obj, one, shape, mode, in_place=both or mode == "symmetrise")
-    obj.data.update()
+    with writing(context, name, symmetry.surface) as obj:
+        for one, shape in zip(keys, made, strict=True):
+            _write(obj, one, shape, mode, in_place=both or mode == "symmetrise")
+        obj.data.update()
     return _summary(key_name, names, mode, direction)
 
 

@@ -29,10 +29,11 @@ def select_symmetry_line(obj: Object) -> str:
     """
     symmetry = _with_sides(obj)
     chosen = vertices_on_line(symmetry)
-    mesh_data.write_selection(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
     faces = np.zeros(len(obj.data.polygons), dtype=bool)
-    mesh_data.write_selection(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, faces))
-    obj.data.update()
+    with mesh_data.all_or_nothing(obj):
+        mesh_data.write_selection(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
+        mesh_data.write_selection(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, faces))
+        obj.data.update()
     return f"Selected {int(chosen.sum())} vertices on the symmetry line of '{obj.name}'"
 
 
@@ -64,8 +65,9 @@ def name_sides(obj: Object, width: float) -> str:
     side = symmetry.sides(width * np.sqrt(symmetry.surface.area))
     members = np.column_stack([side > 0, side < 0, side == 0])
     weights = csr_array(members.astype(np.float32))
-    mesh_data.write_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
-    obj.data.update()
+    with mesh_data.all_or_nothing(obj):
+        mesh_data.write_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
+        obj.data.update()
     left, right, middle = members.sum(axis=0)
     return f"'{obj.name}': {left} vertices on the left, {right} on the right, {middle} in the middle"
 

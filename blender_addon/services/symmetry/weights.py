@@ -20,7 +20,7 @@ from zoomout_core.transfer.weights import sum_to_one
 
 from ... import mesh_data
 from ...storage import stored_symmetry
-from .mesh_access import READ, READING, own_mesh, unedited, writable_mesh
+from .mesh_access import READ, READING, own_mesh, writable_mesh, writing
 
 
 def symmetrise_weights(context: Context, obj: Object, direction: Direction = "left_to_right", only: str = "") -> str:
@@ -52,9 +52,9 @@ def symmetrise_weights_steps(context: Context, name: str, direction: Direction, 
         chosen = _choose(obj, with_partners(weights, mesh_data.deforming_bones(obj)), only)
     work = in_background(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
     weights = yield from spread(work, READ, 1, "Mirroring weights")
-    obj = unedited(context, name, symmetry.surface)
-    mesh_data.update_weights(obj, chosen.weights, weights)
-    obj.data.update()
+    with writing(context, name, symmetry.surface) as obj:
+        mesh_data.update_weights(obj, chosen.weights, weights)
+        obj.data.update()
     return _summary(name, chosen, direction)
 
 

@@ -1,0 +1,152 @@
+"""Writing that leaves things as they were where it fails, at whatever step.
+
+Blender's own undo takes back a whole operator that has ended well; here one that fails is taken back, as are functions
+of scripts and commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+from bpy.types import ID, Key, Object
+
+from .armatures import Place, copy_modifier
+
+# Collections of the file that writing adds to; what refers to others comes before these.
+ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions")
+
+
+class Writing:
+    """What is being written, and how it was before."""
+
+    def __init__(self) -> None:
+        self._before: list[_Before] = []
+        self._replaced: list[tuple[ID, str]] = []
+        self._present = {one.session_uid for kind in ADDED_TO for one in getattr(bpy.data, kind)}
+
+    def keep(self, obj: Object) -> None:
+        """Remember an object that is written to, with its data, its place and that of its children."""
+        before = _Before(obj)
+        self._before.append(before)
+        for writing in _enclosing:
+            writing._present |= before.copies
+
+    def replace(self, obj: Object) -> None:
+        """Let others have the names of an object and its data; it is removed when all is written."""
+        for one in (obj, obj.data):
+            self._replaced.append((one, one.name))
+            one.name = f"{one.name} before"
+
+    def take_over(self, other: Writing) -> None:
+        """Be able to take back what another one has written, too."""
+        self._before += other._before
+        self._replaced += other._replaced
+
+    def take_back(self) -> None:
+        """Bring back what was there, and remove what was not."""
+        for before in reversed(self._before):
+            before.restore()
+        for kind in ADDED_TO:
+            bpy.data.batch_remove([one for one in getattr(bpy.data, kind) if one.session_uid not in self._present])
+        for one, name in self._replaced:
+            one.name = name
+        bpy.context.view_layer.update()
+
+    def finish(self) -> None:
+        """Forget what was there."""
+        objects, data = ([one for one, _ in self._replaced[first::2]] for first in (0, 1))
+        bpy.data.batch_remove(objects)
+        bpy.data.batch_remove([one for one in data if not one.users])
+        for before in self._before:
+            before.forget()
+
+
+# What encloses what is being written: the writing for several targets, of which each is written for itself.
+_enclosing: list[Writing] = []
+
+
+@contextmanager
+def all_or_nothing(*objects: Object) -> Iterator[Writing]:
+    """A context in which objects are written to, and after which all is as it was before if that fails.
+
+    Where it lies within another one, that one takes back what this has written as well.
+
+    Args:
+        objects: whose data, vertex groups, shape keys, materials, place or armature modifiers are written. New objects
+            and data-blocks need not be named.
+    """
+    writing = Writing()
+    _enclosing.append(writing)
+    try:
+        for obj in dict.fromkeys(objects):
+            writing.keep(obj)
+        yield writing
+    except BaseException:
+        _enclosing.pop()
+        writing.take_back()
+        raise
+    _enclosing.pop()
+    if _enclosing:
+        _enclosing[-1].take_over(writing)
+    else:
+        writing.finish()
+
+
+class _Before:
+    """An object as it was, kept as a copy that is in no scene.
+
+    Attributes:
+        copies: `session_uid` of the copy and of its data.
+    """
+
+    def __init__(self, obj: Object) -> None:
+        self._obj, self._place = obj, Place(obj)
+        self._name, self._fake_user = obj.data.name, obj.data.use_fake_user
+        keys = getattr(obj.data, "shape_keys", None)
+        self._name_of_keys = keys and keys.name
+        self._copy = obj.copy()
+        self._copy.data = obj.data.copy()
+        self.copies = {self._copy.session_uid, self._copy.data.session_uid}
+
+    def restore(self) -> None:
+        """Put the copy's data in place of the object's, wherever that is used, and what else was the object's back."""
+        written, data = self._obj.data, self._copy.data
+        if self._name_of_keys and written.shape_keys:
+            _let_drivers_refer(written.shape_keys, data.shape_keys)
+        written.user_remap(data)
+        bpy.data.batch_remove([written])
+        data.name, data.use_fake_user = self._name, self._fake_user
+        if self._name_of_keys:
+            data.shape_keys.name = self._name_of_keys
+        self._place.restore()
+        self._restore_modifiers()
+        if self._name_of_keys:
+            self._obj.active_shape_key_index = self._copy.active_shape_key_index
+        bpy.data.batch_remove([self._copy])
+
+    def _restore_modifiers(self) -> None:
+        """Bring back the armature modifiers; of others none is added or removed."""
+        for one in [one for one in self._obj.modifiers if one.type == "ARMATURE"]:
+            self._obj.modifiers.remove(one)
+        for place, one in enumerate(self._copy.modifiers):
+            if one.type == "ARMATURE":
+                copy_modifier(one, self._obj, place)
+        active = self._copy.modifiers.active
+        self._obj.modifiers.active = active and self._obj.modifiers[active.name]
+
+    def forget(self) -> None:
+        """Remove the copy."""
+        bpy.data.batch_remove([self._copy, self._copy.data])
+
+
+def _let_drivers_refer(before: Key, now: Key) -> None:
+    """Let drivers that refer to shape keys refer to others."""
+    for user in bpy.data.user_map(subset=[before])[before]:
+        animation = getattr(user, "animation_data", None)
+        for curve in animation.drivers if animation else ():
+            for variable in curve.driver.variables:
+                for end in variable.targets:
+                    if end.id == before:
+                        end.id = now

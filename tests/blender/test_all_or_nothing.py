@@ -1,0 +1,347 @@
+"""Whatever fails while something is written, at whatever step, and wherever work is cancelled: all is as it was."""
+
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+from rigged import posed_target, source_and_rig
+from scenes import (
+    activate,
+    add_attribute,
+    add_uv_map,
+    decimated,
+    ellipsoid,
+    linked,
+    new_material,
+    positions,
+    set_weights,
+    snapshot_file,
+)
+from symmetric import LEFT, RIGHT, add_key, bumps
+from true_match import keep_true_match
+
+import blender_addon
+import zoomout_core as zo
+from blender_addon import api, watch
+from blender_addon.adapters import DATA
+from blender_addon.mesh_data import writing as room
+from blender_addon.mesh_data.surface_points import surface_point_of_vertex
+from blender_addon.scene.landmarks import set_landmark
+from blender_addon.services.bend_match import bend_match_steps
+from blender_addon.services.dress import Dressing, prepare_dress_steps
+from blender_addon.services.seam_cut import cut_seams_steps
+from blender_addon.services.symmetry.layers import mirror_attributes_steps
+from blender_addon.services.symmetry.sculpt import mirror_sculpt_steps
+from blender_addon.services.symmetry.shape_keys import mirror_shape_key_steps
+from blender_addon.services.symmetry.sides import name_sides
+from blender_addon.services.symmetry.weights import symmetrise_weights_steps
+from blender_addon.services.targets import each_target_steps
+from blender_addon.services.transfer import prepare_transfer_steps
+from blender_addon.services.wrap import Wrapping, prepare_wrap_steps
+from zoomout_core.runtime.stepping import drain
+
+ADDON = str(Path(blender_addon.__file__).parent)
+# What does the taking back, and is not to fail itself.
+UNDOING = room.__file__
+ERRORS = (RuntimeError, zo.MeshError, KeyboardInterrupt, MemoryError)
+NEAREST = {"initial": "nearest"}
+
+
+def plain(value):
+    """A value of Blender's that can be compared after what it was read from is gone."""
+    if isinstance(value, bpy.types.ID):
+        return value.name
+    return value if isinstance(value, (str, int, float, type(None))) else [plain(each) for each in value]
+
+
+def state():
+    """Everything that writing could change, of the whole file."""
+    placed = {
+        obj.name: [
+            plain(getattr(obj, name))
+            for name in (
+                "parent", "parent_type", "parent_bone", "matrix_parent_inverse", "location", "scale", "rotation_euler",
+                "active_shape_key_index", "data", "users_collection",
+            )
+        ]
+        + [
+            {option: str(getattr(one, option)) for option in set(one.bl_rna.properties.keys()) - {"rna_type"}}
+            for one in obj.modifiers
+        ]
+        for obj in bpy.data.objects
+    }  # fmt: skip
+    marked = []
+    for mesh in bpy.data.meshes:
+        for name in ("select", "use_seam", "use_edge_sharp"):
+            marked.append(np.empty(len(mesh.edges), bool))
+            mesh.edges.foreach_get(name, marked[-1])
+    drivers = [
+        [
+            (curve.data_path, [plain(end.id) for v in curve.driver.variables for end in v.targets])
+            for curve in own.drivers
+        ]
+        for keys in bpy.data.shape_keys
+        if (own := keys.animation_data)
+    ]
+    return snapshot_file(), placed, [each.tobytes() for each in marked], drivers
+
+
+def differences(one, other, at=""):
+    """Where two states differ."""
+    if one == other:
+        return []
+    if isinstance(one, dict) and isinstance(other, dict):
+        keys = [(key, one.get(key), other.get(key)) for key in {**one, **other}]
+    elif isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)) and len(one) == len(other):
+        keys = [(key, *pair) for key, pair in enumerate(zip(one, other, strict=True))]
+    else:
+        return [f"{at}: {one!r:.200} {other!r:.200}"]
+    return [found for key, *pair in keys for found in differences(*pair, f"{at}/{key}")]
+
+
+class FailAt:
+    """Fails where the n-th line of the add-on is reached first, of those that run while something is written."""
+
+    def __init__(self, number, error):
+        self.number, self.error, self.seen, self.failed = number, error, set(), False
+
+    def __enter__(self):
+        sys.settrace(self._of_frame)
+
+    def __exit__(self, *_):
+        sys.settrace(None)
+
+    def _of_frame(self, frame, event, _):
+        name = frame.f_code.co_filename
+        return self._of_line if room._enclosing and name.startswith(ADDON) and name != UNDOING else None
+
+    def _of_line(self, frame, event, _):
+        where = frame.f_code.co_filename, frame.f_lineno
+        if event == "line" and room._enclosing and where not in self.seen:
+            self.seen.add(where)
+            if len(self.seen) == self.number:
+                self.failed = True
+                sys.settrace(None)
+                raise self.error("on purpose")
+        return self._of_line
+
+
+def fails_nowhere_halfway(work, least, every=1):
+    """That work is done, or leaves all as it was, wherever it fails; and that it could fail in so many places.
+
+    At every line, or every few where the work takes longer.
+    """
+    before = state()
+    for number in range(1, 1000, every):
+        fail = FailAt(number, ERRORS[number % len(ERRORS)])
+        try:
+            with fail:
+                work()
+        except ERRORS:
+            assert fail.failed
+            assert not differences(before, state()), f"line {number}"
+            assert not room._enclosing
+        else:
+            assert not fail.failed
+            break
+    assert number > least
+    assert state() != before
+
+
+def cancels_anywhere(steps):
+    """What steps return; and that nothing is to be seen of them before, so that they can be ended anywhere."""
+    before, count = state(), 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            assert not differences(before, state())
+            return end.value
+        count += 1
+        assert count % 8 or not differences(before, state())
+
+
+@pytest.fixture(autouse=True)
+def without_handlers():
+    """Blender says what fails in these, and goes on."""
+    watch.unregister()
+    yield
+    watch.register()
+
+
+@pytest.fixture
+def rich():
+    """A source that has something of all kinds, and a target that has other things of the same names; not matched."""
+    source, target = ellipsoid("Source", 3), decimated(subdivisions=3)
+    for obj in (source, target):
+        count = len(obj.data.vertices)
+        add_uv_map(obj.data, "UV")
+        add_attribute(obj.data, "Color", "FLOAT_COLOR", "POINT", np.random.default_rng(count).random((count, 4)))
+        add_attribute(obj.data, "Number", "FLOAT" if obj == source else "INT", "POINT", np.arange(count))
+        set_weights(obj, "Both", positions(obj.data)[:, 0].clip(0, 1))
+        obj.shape_key_add(name="Basis")
+        obj.shape_key_add(name="Key").points[0].co.x += 1
+        obj.data.materials.append(new_material(f"Of {obj.name}"))
+        for number, edge in enumerate(obj.data.edges):
+            edge.use_seam, edge.use_edge_sharp = number % 7 == 0, number % 11 == 0
+    add_uv_map(source.data, "Other")
+    set_weights(source, "Other", np.ones(len(source.data.vertices)))
+    source.shape_key_add(name="Other").points[3].co.z += 1
+    driver = source.data.shape_keys.key_blocks["Other"].driver_add("value").driver
+    end = driver.variables.new().targets[0]
+    end.id_type, end.id, end.data_path = "KEY", source.data.shape_keys, "eval_time"
+    source.data.normals_split_custom_set(np.tile([0.6, 0, 0.8], (len(source.data.loops), 1)).tolist())
+    add_key(target, "Basis 2", 0)
+    user = linked("User", None)  # of a key of the target
+    end = user.driver_add("location", 0).driver.variables.new().targets[0]
+    end.id_type, end.id, end.data_path = "KEY", target.data.shape_keys, 'key_blocks["Key"].value'
+    target["own"], target.data["own"] = 3, "text"
+    linked("Sharing", target.data)
+    activate(target, source)
+    bpy.context.view_layer.update()
+    return source, target
+
+
+def test_a_transfer(rich):
+    _, target = rich
+    write = cancels_anywhere(prepare_transfer_steps(bpy.context, "Source", "Target", DATA, **NEAREST))
+    fails_nowhere_halfway(write, 100)
+    assert target.data.name == "Target"
+    assert (
+        bpy.data.objects["User"].animation_data.drivers[0].driver.variables[0].targets[0].id == target.data.shape_keys
+    )
+
+
+def test_binding_to_a_rig_with_what_is_worn():
+    source, armature = source_and_rig()
+    target, _ = posed_target(source, armature)
+    child = linked("Child", None)
+    child.parent, target.location.x = target, 0
+    other = linked("Rig before", bpy.data.armatures.new("Rig before"))
+    target.modifiers.new("Before", "WARP")
+    target.modifiers.new("Skeleton", "ARMATURE").object = other
+    target.modifiers.new("Behind", "SMOOTH").show_viewport = False
+    hat = ellipsoid("Hat", 1)
+    hat.location.z = 6
+    bpy.context.view_layer.update()
+    api.dress(bpy.context, source, target, [hat])
+    binding = api.Binding(replace=True)
+    steps = prepare_transfer_steps(bpy.context, "Source", "Target", (), binding=binding)
+    fails_nowhere_halfway(drain(steps), 100)
+    assert target.parent == armature
+
+
+@pytest.mark.parametrize("result", ["shape_key", "mesh", "object"])
+def test_wrapping(result):
+    ellipsoid("Source", 3)
+    target = ellipsoid("Target", 3)
+    target.data.transform(Matrix.Scale(1.1, 4))
+    bpy.context.view_layer.update()
+    steps = prepare_wrap_steps(bpy.context, "Source", "Target", Wrapping(result=result), **NEAREST)
+    fails_nowhere_halfway(cancels_anywhere(steps), 40)
+
+
+def test_dressing_anew():
+    ellipsoid("Source", 3), ellipsoid("Target", 3)
+    hats = [ellipsoid(name, 1) for name in ("Hat", "Cap")]
+    for hat in hats:
+        hat.location.z = 1
+    bpy.context.view_layer.update()
+
+    def steps():
+        return prepare_dress_steps(bpy.context, "Source", "Target", ("Hat", "Cap"), Dressing(), **NEAREST)
+
+    fails_nowhere_halfway(cancels_anywhere(steps()), 30)
+    names = sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys())
+    bpy.data.objects["Hat on Target"].location.x = 7  # so that what is made anew differs
+    bpy.context.view_layer.update()
+    fails_nowhere_halfway(cancels_anywhere(steps()), 30)
+    assert names == (sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys()))
+
+
+def test_symmetry(body):
+    count = len(body.data.vertices)
+    add_uv_map(body.data, "UV")
+    add_attribute(body.data, "Number", "FLOAT", "POINT", np.arange(count))
+    body.data.materials.append(new_material("M"))
+    body.data.edges[3].use_seam = True
+    for name, side in (("Arm.L", LEFT), ("Arm.R", RIGHT)):
+        set_weights(body, name, side * 0.7)
+    add_key(body, "Smile", bumps(LEFT * np.linspace(0, 1, count)))
+    for work, least in (
+        (lambda: symmetrise_weights_steps(bpy.context, "Creature", "left_to_right"), 12),
+        (lambda: mirror_shape_key_steps(bpy.context, "Creature", "Smile", "split", "left_to_right", 0.05), 20),
+    ):
+        fails_nowhere_halfway(lambda work=work: drain(work()), least, every=2)
+    fails_nowhere_halfway(
+        lambda: drain(
+            mirror_attributes_steps(bpy.context, "Creature", ("attributes", "edges"), "left_to_right", "own")
+        ),
+        12,
+    )
+    fails_nowhere_halfway(lambda: name_sides(body, 0.01), 8)
+
+
+def test_a_mirrored_sculpt(body):
+    moved = positions(body.data) + bumps(LEFT * 1.0)
+    body.data.vertices.foreach_set("co", moved.ravel().astype(np.float32))
+    body.data.update()
+    fails_nowhere_halfway(lambda: drain(mirror_sculpt_steps(bpy.context, "Creature", "left_to_right")), 8)
+
+
+def test_cutting_and_bending():
+    source, target = ellipsoid("Source", 3), decimated(subdivisions=3)
+    add_uv_map(source.data, "UV")
+    layer = source.data.uv_layers["UV"].data
+    for polygon in source.data.polygons:  # two islands
+        for corner in polygon.loop_indices:
+            layer[corner].uv.x += 2 * (polygon.center.x > 0.1)
+    keep_true_match(target)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    near = int(np.linalg.norm(positions(target.data) - positions(source.data)[10], axis=1).argmin())
+    nearer = next(vertex for edge in target.data.edges for vertex in edge.vertices if near in edge.vertices)
+    for obj, vertex in ((source, 10), (target, nearer)):
+        set_landmark(bpy.context.scene, obj, surface_point_of_vertex(obj, vertex, depsgraph), 1)
+    fails_nowhere_halfway(lambda: drain(bend_match_steps(bpy.context, "Target")), 15, every=7)
+    fails_nowhere_halfway(lambda: drain(cut_seams_steps(bpy.context, "Source", "Target")), 15, every=7)
+
+
+def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_one_is_its_own(source, target):
+    second, third = ellipsoid("Second", 3), ellipsoid("Third", 3)
+    for obj in (target, second, third):
+        keep_true_match(obj)
+    set_weights(source, "Group", np.ones(len(source.data.vertices)))
+    before = state()
+
+    def outcome(error):
+        def work(name):
+            write = yield from prepare_transfer_steps(bpy.context, "Source", name, ("vertex_groups",))
+
+            def written():
+                report = write()
+                if name == "Second":
+                    raise error
+                return report
+
+            return written
+
+        return drain(each_target_steps(["Target", "Second", "Third"], work))
+
+    with pytest.raises(RuntimeError):
+        outcome(RuntimeError())
+    assert state() == before
+    assert list(outcome(zo.MeshError("So.")).failed) == ["Second"]
+    # What "Second" wrote was done before its own error, and is taken back only by what encloses it.
+    assert target.vertex_groups.keys() == third.vertex_groups.keys() == ["Group"]
+
+
+def test_nothing_is_left_of_what_went_well(rich):
+    _, target = rich
+    before = {kind: len(getattr(bpy.data, kind)) for kind in room.ADDED_TO}
+    with room.all_or_nothing(target):
+        target.data["own"] = "other"
+    assert before == {kind: len(getattr(bpy.data, kind)) for kind in room.ADDED_TO}
+    assert target.data["own"] == "other"
