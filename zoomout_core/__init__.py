@@ -1,56 +1,76 @@
-"""Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it."""
+"""Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it.
 
-from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.transfer_asset import transfer_asset, transfer_asset_steps
-from zoomout_core.evaluation import geodesic_error
-from zoomout_core.geometry.shot import shot
-from zoomout_core.maps.descriptor_fit import fit_functional_map
-from zoomout_core.maps.functional_map import (
-    commutativity_error,
-    functional_map_of,
-    orthonormality_error,
-    precise_map_of,
-    vertex_map_of,
-)
-from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
-from zoomout_core.matching.match import MatchResult, match, match_steps
-from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
-from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
-from zoomout_core.mesh.files import read_point_cloud, read_surface
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
-from zoomout_core.runtime.stepping import Progress, drain
-from zoomout_core.runtime.threads import set_threads
-from zoomout_core.spectral.descriptors import (
-    heat_kernel_map,
-    heat_kernel_signature,
-    wave_kernel_map,
-    wave_kernel_signature,
-)
-from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
-from zoomout_core.spectral.hamiltonian import hamiltonian_basis
-from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
-from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
-from zoomout_core.transfer import (
-    Attribute,
-    Domain,
-    Dressed,
-    Kind,
-    Lines,
-    Wrapped,
-    conform,
-    dress,
-    dress_steps,
-    transfer,
-    wrap,
-    wrap_steps,
-)
+Each name is imported when it is asked for, so that what does not use them need not wait for scipy's parts; so are the
+modules `plotting`, which needs matplotlib, and `samples`.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from zoomout_core import plotting as plotting
+    from zoomout_core import samples as samples
+    from zoomout_core.assets.asset import Asset
+    from zoomout_core.assets.files import read_asset, write_asset
+    from zoomout_core.assets.transfer_asset import transfer_asset, transfer_asset_steps
+    from zoomout_core.collection.collection import CollectionResult, match_collection, match_collection_steps
+    from zoomout_core.evaluation import geodesic_error
+    from zoomout_core.geometry.shot import shot
+    from zoomout_core.maps.consistent_zoomout import ConsistentMaps, consistent_zoomout
+    from zoomout_core.maps.descriptor_fit import fit_functional_map
+    from zoomout_core.maps.functional_map import (
+        commutativity_error,
+        functional_map_of,
+        orthonormality_error,
+        precise_map_of,
+        vertex_map_of,
+    )
+    from zoomout_core.maps.surface_map import SurfaceMap
+    from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
+    from zoomout_core.matching.match import MatchResult, match, match_steps
+    from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
+    from zoomout_core.matching.options import MatchOptions
+    from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
+    from zoomout_core.mesh.files import read_point_cloud, read_surface
+    from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+    from zoomout_core.runtime.stepping import Progress, drain
+    from zoomout_core.runtime.threads import set_threads
+    from zoomout_core.spectral.descriptors import (
+        heat_kernel_map,
+        heat_kernel_signature,
+        wave_kernel_map,
+        wave_kernel_signature,
+    )
+    from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
+    from zoomout_core.spectral.hamiltonian import hamiltonian_basis
+    from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
+    from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
+    from zoomout_core.transfer import (
+        Attribute,
+        Domain,
+        Dressed,
+        Kind,
+        Lines,
+        Wrapped,
+        conform,
+        dress,
+        dress_steps,
+        transfer,
+        wrap,
+        wrap_steps,
+    )
+
+    __version__: str
 
 __all__ = [
     "Asset",
     "Attribute",
+    "CollectionResult",
+    "ConsistentMaps",
     "Domain",
     "Dressed",
     "Kind",
@@ -68,6 +88,7 @@ __all__ = [
     "Wrapped",
     "commutativity_error",
     "conform",
+    "consistent_zoomout",
     "detect_symmetry",
     "detect_symmetry_steps",
     "drain",
@@ -84,6 +105,8 @@ __all__ = [
     "match",
     "match_by_proximity",
     "match_by_proximity_steps",
+    "match_collection",
+    "match_collection_steps",
     "match_steps",
     "multiplication_operators",
     "orientation_operators",
@@ -109,11 +132,129 @@ __all__ = [
     "zoomout_both_ways",
 ]
 
+# Where each name is, as the imports above say.
+_HOMES = {
+    "assets.asset": ("Asset",),
+    "assets.files": (
+        "read_asset",
+        "write_asset",
+    ),
+    "assets.transfer_asset": (
+        "transfer_asset",
+        "transfer_asset_steps",
+    ),
+    "collection.collection": ("CollectionResult", "match_collection", "match_collection_steps"),
+    "evaluation": ("geodesic_error",),
+    "geometry.shot": ("shot",),
+    "maps.consistent_zoomout": ("ConsistentMaps", "consistent_zoomout"),
+    "maps.descriptor_fit": ("fit_functional_map",),
+    "maps.functional_map": (
+        "commutativity_error",
+        "functional_map_of",
+        "orthonormality_error",
+        "precise_map_of",
+        "vertex_map_of",
+    ),
+    "maps.surface_map": ("SurfaceMap",),
+    "maps.zoomout": (
+        "slanted_sizes",
+        "zoomout",
+        "zoomout_both_ways",
+    ),
+    "matching.match": (
+        "MatchResult",
+        "match",
+        "match_steps",
+    ),
+    "matching.memory_cache": (
+        "forget_shapes",
+        "store_shapes",
+    ),
+    "matching.options": ("MatchOptions",),
+    "matching.proximity": (
+        "ProximityMatch",
+        "match_by_proximity",
+        "match_by_proximity_steps",
+    ),
+    "mesh.files": (
+        "read_point_cloud",
+        "read_surface",
+    ),
+    "mesh.surface": (
+        "MeshError",
+        "PointCloud",
+        "Surface",
+    ),
+    "runtime.stepping": (
+        "Progress",
+        "drain",
+    ),
+    "runtime.threads": ("set_threads",),
+    "spectral.descriptors": (
+        "heat_kernel_map",
+        "heat_kernel_signature",
+        "wave_kernel_map",
+        "wave_kernel_signature",
+    ),
+    "spectral.eigenbasis": (
+        "SpectralBasis",
+        "eigenbasis",
+    ),
+    "spectral.hamiltonian": ("hamiltonian_basis",),
+    "spectral.operators": (
+        "multiplication_operators",
+        "orientation_operators",
+    ),
+    "symmetry.detect": (
+        "Symmetry",
+        "detect_symmetry",
+        "detect_symmetry_steps",
+    ),
+    "transfer": (
+        "Attribute",
+        "Domain",
+        "Dressed",
+        "Kind",
+        "Lines",
+        "Wrapped",
+        "conform",
+        "dress",
+        "dress_steps",
+        "transfer",
+        "wrap",
+        "wrap_steps",
+    ),
+}
+_MODULES = ("plotting", "samples")
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
-def __getattr__(name: str) -> str:
-    """`__version__`, read when it is asked for."""
-    if name == "__version__":
-        from importlib.metadata import version
 
-        return version("zoomout-core")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+class _Package(ModuleType):
+    """The package, in which `transfer` is the function, although a room is called so."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+if not TYPE_CHECKING:  # so that checkers know a wrong name
+
+    def __getattr__(name: str) -> object:
+        """A public name, a public module or `__version__`, when it is asked for."""
+        if name in _MODULES:
+            return import_module(f"{__name__}.{name}")
+        if name in _HOME:
+            value = globals()[name] = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+            return value
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version("zoomout-core")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

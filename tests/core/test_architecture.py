@@ -22,6 +22,9 @@ ROOMS = (
     "matching",
     "symmetry",
     "evaluation",
+    "colors",
+    "plotting",
+    "collection",
 )
 # Leaves on their way down: they import nothing of the rooms.
 RUNTIME = "runtime"

@@ -1,0 +1,44 @@
+"""The package is imported quickly, and its names are where it says."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import zoomout_core as zo
+
+
+def python(script: str) -> str:
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+
+
+def test_nothing_heavy_is_imported_before_it_is_used() -> None:
+    heavy = {"numpy", "scipy", "robust_laplacian", "fast_simplification", "trimesh", "matplotlib"}
+    loaded = set(python("import sys, zoomout_core; print(*sys.modules)").split())
+    assert not heavy & loaded
+
+
+def test_parts_of_scipy_that_few_maps_need_wait_for_these() -> None:
+    loaded = set(python("import sys, zoomout_core as zo; zo.match; zo.transfer; print(*sys.modules)").split())
+    assert "scipy.sparse" in loaded
+    assert not {"scipy.optimize", "scipy.ndimage", "matplotlib"} & loaded
+
+
+def test_a_function_keeps_its_name_where_a_room_has_it() -> None:
+    script = "import zoomout_core as zo; import zoomout_core.transfer.uv.chart; print(type(zo.transfer).__name__)"
+    assert python(script).strip() == "function"
+
+
+def test_all_names_are_there_and_as_type_checkers_see_them() -> None:
+    tree = ast.parse(Path(zo.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If) and isinstance(node.test, ast.Name))
+    told = {name.name: node.module for node in block.body if isinstance(node, ast.ImportFrom) for name in node.names}
+    assert [name for name, module in told.items() if module == "zoomout_core"] == ["plotting", "samples"]
+    told = {name: module for name, module in told.items() if module != "zoomout_core"}
+    assert set(told) == set(zo.__all__)
+    for name, module in told.items():
+        assert getattr(zo, name) is getattr(import_module(str(module)), name)
+    assert set(zo.__all__) <= set(dir(zo))
