@@ -11,6 +11,8 @@ from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.assets.read_gltf import read_gltf
 from zoomout_core.assets.write_gltf import write_gltf
 from zoomout_core.mesh.files import existing, read_surface
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import written_together
 
@@ -18,9 +20,10 @@ READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
 
 # The endings of files that hold meshes; what else lies in a folder is passed over.
-MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf")
+MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS)
 
 
+@memory_in_words
 def read_asset(path: str | PathLike[str]) -> Asset:
     """Read a mesh file with its attributes, materials and skin; of formats that are not known here the shape alone.
 

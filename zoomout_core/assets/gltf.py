@@ -59,6 +59,14 @@ class Document:
             if extension in COMPRESSED:
                 raise MeshError(f"{path} is compressed by {COMPRESSED[extension]}: export it without compression.")
 
+    @classmethod
+    def made(cls, gltf: GLTF2) -> Document:
+        """The document of what was made, with one buffer, and not read from a file."""
+        document = cls.__new__(cls)
+        document.gltf, document.folder = gltf, Path()
+        document._buffers = [bytes(gltf.binary_blob())]
+        return document
+
     def _buffer(self, number: int) -> bytes:
         uri = self.gltf.buffers[number].uri
         return bytes(self.gltf.binary_blob()) if uri is None else self.linked(uri)

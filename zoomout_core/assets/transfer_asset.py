@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
 from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
 from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -36,7 +38,7 @@ class StandingTuning(Tuning, set_by="judgement"):
     """When a target stands as its source does, so that the source's own joints take it to rest.
 
     Attributes:
-        lying: share of its vertices that lie on the source then, as near as `RestTuning.in_place`; fingers and hems of
+        lying: share of its area that lies on the source then, as near as `RestTuning.in_place`; fingers and hems of
             a remeshed target are off by more.
     """
 
@@ -67,6 +69,7 @@ def transfer_asset(
     return drain(transfer_asset_steps(source, target, match, kinds, **options))
 
 
+@memory_in_words
 def transfer_asset_steps(
     source: Asset,
     target: Asset,
@@ -162,4 +165,5 @@ def _stands_as(source: Surface, target: Surface) -> bool:
     triangle, barycentric = search.closest(target.vertices)
     near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])
     off = np.linalg.norm(near - target.vertices, axis=1)
-    return bool(np.quantile(off, STANDING.lying) < REST.in_place * np.sqrt(source.area))
+    near_area = vertex_areas(target.vertices, target.triangles)[off < REST.in_place * np.sqrt(source.area)].sum()
+    return bool(near_area > STANDING.lying * target.area)

@@ -18,8 +18,13 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.runtime.outputs import written_whole
 
+# What trimesh reads with packages of the extra `formats`.
+WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
 # Positions (n, 3), the vertex of each corner (c,), and the first corner of each face (f + 1,).
 Polygons = tuple[Floats, Integers, Integers]
 
@@ -44,6 +49,7 @@ def read_surface(path: str | PathLike[str]) -> Surface:
     return shape
 
 
+@memory_in_words
 def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
     """Read a mesh file as `read_surface` does, or as `read_point_cloud` does where it holds no faces.
 
@@ -110,7 +116,7 @@ def read_polygons(path: str | PathLike[str]) -> Polygons:
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
     path = existing(path)
-    readers = {".off": _read_off, ".ply": _read_ply, ".obj": _read_obj}
+    readers = dict.fromkeys(MORE_READERS, _read_with_extra) | {".off": _read_off, ".ply": _read_ply, ".obj": _read_obj}
     try:
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path)
     except (MeshError, ImportError):
@@ -306,7 +312,44 @@ def _ply_row(body: bytes, offset: int, properties: list[_Property]) -> tuple[dic
     return values, offset
 
 
+def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
+    """Write a surface or a point cloud with its normals to a PLY file, whole, with every digit.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    points = shape.points if isinstance(shape, PointCloud) else shape.vertices
+    normals = shape.normals if isinstance(shape, PointCloud) else None
+    columns = points if normals is None else np.hstack([points, normals])
+    names = ("x", "y", "z", "nx", "ny", "nz")[: columns.shape[1]]
+    faces = [] if isinstance(shape, PointCloud) else np.split(shape.corner_vertex, shape.face_start[1:-1])
+    header = [
+        "ply",
+        "format ascii 1.0",
+        f"element vertex {len(points)}",
+        *(f"property double {name}" for name in names),
+    ]
+    if not isinstance(shape, PointCloud):
+        header += [f"element face {len(faces)}", "property list int int vertex_indices"]
+    rows = [" ".join(map(repr, row)) for row in columns.tolist()]
+    rows += [" ".join(map(str, (len(face), *face.tolist()))) for face in faces]
+    with written_whole(path) as part:
+        part.write_text("\n".join([*header, "end_header", *rows, ""]), encoding="ascii")
+
+
 # --- everything else ----------------------------------------------------------------------------------------
+
+
+def _read_with_extra(path: Path) -> Polygons:
+    """The faces of a file of another program's format."""
+    try:
+        vertices, corner_vertex, sizes = MORE_READERS[path.suffix.lower()](path)
+    except ImportError as error:
+        raise ImportError(
+            f"{path} needs the package {error.name}, which is missing: pip install 'zoomout-core[formats]', or convert "
+            "it to OFF, PLY, OBJ, STL, glTF or GLB."
+        ) from error
+    return vertices, corner_vertex, np.cumsum([0, *sizes.tolist()])
 
 
 def _read_with_trimesh(path: Path) -> Polygons:
@@ -319,6 +362,11 @@ def _read_with_trimesh(path: Path) -> Polygons:
         scene = trimesh.load_scene(str(path), process=False)
     except NotImplementedError as error:
         raise MeshError(f"{path} is of no known format: convert it to OFF, PLY, OBJ, STL, glTF or GLB.") from error
+    except ImportError as error:
+        how = "convert it to OFF, PLY, OBJ, STL, glTF or GLB"
+        if path.suffix.lower() in WITH_EXTRA:
+            how = f"pip install 'zoomout-core[formats]', or {how}"
+        raise ImportError(f"{path} needs a package that is missing to be read: {how}.") from error
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for points, faces in _parts(scene):
         vertices.append(points)

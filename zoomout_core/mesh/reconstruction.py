@@ -174,7 +174,9 @@ def _senses(normals: Floats, triangles: Integers) -> Floats:
     edges, _ = unique_edges(triangles)
     turn = 1 - np.abs(np.einsum("ex,ex->e", normals[edges[:, 0]], normals[edges[:, 1]]))
     # An edge of no turn would be none in a sparse matrix.
-    tree = minimum_spanning_tree(coo_array((turn + 1e-3, edges.T), shape=(n, n)).tocsr())
+    # scipy 1.15, the last one for Python 3.10, takes indices of 4 bytes alone.
+    graph = coo_array((turn + 1e-3, edges.T.astype(np.int32)), shape=(n, n)).tocsr()
+    tree = minimum_spanning_tree(graph)
     tree = tree + tree.T
     parent = np.arange(n)
     _, component = connected_components(tree, directed=False)

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import PointCloud, Surface
 
 
@@ -33,6 +34,7 @@ class MeshLike(Protocol):
 ShapeLike: TypeAlias = Surface | PointCloud | tuple[ArrayLike, ArrayLike] | MeshLike | str | PathLike[str]
 
 
+@memory_in_words
 def as_shape(shape: ShapeLike) -> Surface | PointCloud:
     """The surface or the point cloud that a user hands in.
 
@@ -60,6 +62,7 @@ def as_shape(shape: ShapeLike) -> Surface | PointCloud:
     return PointCloud(np.asarray(vertices)) if faces is None else Surface(np.asarray(vertices), np.asarray(faces))
 
 
+@memory_in_words
 def as_surface(shape: ShapeLike) -> Surface:
     """The surface that a user hands in, and of a point cloud the one that is reconstructed from it.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter, label
+import scipy
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
@@ -67,8 +67,8 @@ def voxel_remesh(vertices: Floats, triangles: Integers, resolution: int, inset: 
     shape = np.ceil(extent / voxel).astype(int) + 1 + 2 * PADDING
     wall = _rasterised((vertices - low) / voxel + PADDING, triangles, shape)
     solid = _bridged(_filled(wall), VOXELS.widest_gap * resolution)
-    distance = distance_transform_edt(solid) - distance_transform_edt(~solid)
-    points, faces = surface_nets(gaussian_filter(distance, VOXELS.smoothing) - inset)
+    distance = scipy.ndimage.distance_transform_edt(solid) - scipy.ndimage.distance_transform_edt(~solid)
+    points, faces = surface_nets(scipy.ndimage.gaussian_filter(distance, VOXELS.smoothing) - inset)
     return low + (points - PADDING) * voxel, faces
 
 
@@ -91,7 +91,7 @@ def _rasterised(points: Floats, triangles: Integers, shape: Integers) -> Boolean
 
 def _filled(wall: Booleans) -> Booleans:
     """The voxels of walls and of what they enclose."""
-    empty, _ = label(~wall)
+    empty, _ = scipy.ndimage.label(~wall)
     return np.asarray((empty != empty[0, 0, 0]) | (_walls_around(wall) >= VOXELS.least_directions))
 
 
@@ -131,10 +131,10 @@ def _bridged(solid: Booleans, widest: float) -> Booleans:
         solid: voxels.
         widest: gaps that are wider than this, in voxels, stay.
     """
-    piece, count = label(solid, np.ones((3, 3, 3)))
+    piece, count = scipy.ndimage.label(solid, np.ones((3, 3, 3)))
     if count == 1:
         return solid
-    away, nearest = distance_transform_edt(~solid, return_indices=True)
+    away, nearest = scipy.ndimage.distance_transform_edt(~solid, return_indices=True)
     region = piece[tuple(nearest)]
     gaps, ends = [], []
     for axis in range(3):
@@ -160,7 +160,7 @@ def _bridged(solid: Booleans, widest: float) -> Booleans:
         line = np.rint(a + steps * (b - a)).astype(np.int64)
         for offset in CORNERS:
             joined[tuple((line + offset).T)] = True
-    piece, count = label(joined, np.ones((3, 3, 3)))
+    piece, count = scipy.ndimage.label(joined, np.ones((3, 3, 3)))
     if count > 1:
         joined = piece == 1 + np.argmax(np.bincount(piece.ravel())[1:])
     return joined

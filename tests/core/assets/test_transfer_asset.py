@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from skinned_tubes import LENGTH, PNG, tube, weights_of, write_tube
 
+from zoomout_core import samples
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset_steps
@@ -67,6 +68,17 @@ def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
     assert keys is not None
     low = again.skin.rest[:, 1] < 0.25 * 10 * LENGTH
     np.testing.assert_allclose(keys.values[low, 0, 0], again.skin.rest[low, 1] / 10 / LENGTH, atol=0.05)
+
+
+def test_limbs_in_another_pose_count_by_their_area_however_few_vertices_they_have() -> None:
+    source, made = samples.character(2000), samples.creature(1500, 1)
+    made = samples.Creature(made.surface.with_vertices(made.surface.vertices @ samples.UPRIGHT.T), made.directions)
+    target = samples.in_stance(made)
+    limbs = samples.limb_weights(made.directions)[:, 0] < 0.5
+    assert limbs.mean() < 0.1 < target.share_of_area(limbs)
+    match = matched(source, made.surface.vertices)
+    carried = drain(transfer_asset_steps(source, Asset(target), match, ("weights",)))
+    assert "taken to the rest pose" in " ".join(carried.notes)
 
 
 def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:

@@ -1,0 +1,103 @@
+"""Formats of other programs: USD by usd-core, and those of simulations by meshio; the extra `formats` brings both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.surface import MeshError
+
+# Positions (n, 3), the vertex of each corner (c,), and the number of corners of each face (f,).
+Faces = tuple[Floats, Integers, Integers]
+# Cells of meshio that are faces, and how many corners they have; those of higher order begin with these.
+CELLS = {"triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
+
+
+def read_usd(path: Path) -> Faces:
+    """All meshes of a USD stage at its first time, one after the other, placed as it says.
+
+    Raises:
+        MeshError: it cannot be opened.
+        ImportError: usd-core is not installed.
+    """
+    from pxr import Tf, Usd, UsdGeom
+
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise MeshError(f"{path} could not be opened as USD: is it complete?") from error
+    time = Usd.TimeCode(stage.GetStartTimeCode()) if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.Default()
+    placed = UsdGeom.XformCache(time)
+
+    def parts() -> Iterator[Faces]:
+        for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+            if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputeVisibility(time) == "invisible":
+                continue
+            mesh = UsdGeom.Mesh(prim)
+            points, corners, sizes = (
+                np.array(attribute.Get(time) if attribute.Get(time) is not None else ())
+                for attribute in (mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr())
+            )
+            transform = np.array(placed.GetLocalToWorldTransform(prim))
+            # Rows are points here, so that the transform stands on their right.
+            positions = points.reshape(-1, 3).astype(np.float64) @ transform[:3, :3] + transform[3, :3]
+            turned = (np.linalg.det(transform[:3, :3]) < 0) != (mesh.GetOrientationAttr().Get(time) == "leftHanded")
+            yield positions, _turned(corners, sizes) if turned else corners, sizes
+
+    return _joined(parts())
+
+
+def read_with_meshio(path: Path) -> Faces:
+    """The faces of a file that meshio knows; of solids their surface is not made.
+
+    Raises:
+        MeshError: it cannot be read.
+        ImportError: meshio is not installed.
+    """
+    import meshio
+
+    try:
+        mesh = meshio.read(path)
+    except (meshio.ReadError, SystemExit) as error:  # which it takes for the end of its own command
+        raise MeshError(f"{path} could not be read ({error}): is it complete?") from error
+    points = np.asarray(mesh.points, dtype=np.float64)
+    positions = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
+    faces = [block.data[:, : CELLS[block.type]] for block in mesh.cells if block.type in CELLS]
+    sizes = [np.full(len(each), each.shape[1]) for each in faces]
+    polygons = [face for block in mesh.cells if block.type.startswith("polygon") for face in block.data]
+    corners = [*(each.ravel() for each in faces), *map(np.asarray, polygons)]
+    return positions, _flat(corners), _flat([*sizes, np.array([len(face) for face in polygons])])
+
+
+READERS: dict[str, Callable[[Path], Faces]] = {
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), read_usd),
+    **dict.fromkeys(
+        (".bdf", ".inp", ".mesh", ".meshb", ".msh", ".nas", ".su2", ".ugrid", ".vol", ".vtk", ".vtu", ".xdmf"),
+        read_with_meshio,
+    ),
+}
+
+
+def _turned(corners: Integers, sizes: Integers) -> Integers:
+    """The corners of faces the other way round."""
+    start = np.cumsum(sizes) - sizes
+    place = np.arange(len(corners)) - np.repeat(start, sizes)
+    return np.asarray(corners[np.repeat(start + sizes - 1, sizes) - place])
+
+
+def _joined(parts: Iterator[Faces]) -> Faces:
+    """Meshes as one."""
+    found = list(parts)
+    count = np.cumsum([0, *(len(points) for points, _, _ in found)])
+    corners = [each + first for (_, each, _), first in zip(found, count, strict=False)]
+    points = np.concatenate([np.zeros((0, 3)), *(each for each, _, _ in found)])
+    return points, _flat(corners), _flat([sizes for _, _, sizes in found])
+
+
+def _flat(arrays: list[Any]) -> Integers:
+    return np.concatenate([np.zeros(0, dtype=np.int64), *chain(arrays)]).astype(np.int64)
