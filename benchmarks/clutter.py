@@ -21,9 +21,10 @@ from benchmarks.baselines.pfm import pfm
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.generate.folder import class_of
 from benchmarks.partial import RADIUS, figures
-from benchmarks.pictures import View, by_position, draw_views
+from benchmarks.pictures import View, draw_views
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.colors import place_colors
 from zoomout_core.mesh.decimation import decimated_steps
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
@@ -216,7 +217,7 @@ def _rows(records: list[Record]) -> list[Record]:
 def _views(scene: Scene, vertices: dict[str, Integers]) -> list[View]:
     """The scene with the animal's places in colours, and the model with those that each map carries over."""
     grey = np.full(3, GREY)
-    colour = np.where(scene.region[:, None], by_position(scene.source.vertices), grey)
+    colour = np.where(scene.region[:, None], place_colors(scene.source.vertices, scene.source.vertices), grey)
     seen = scene.truth >= 0
     maps = {"truth": scene.truth} | vertices
     carried = {name: np.where(seen[:, None], colour[vertex], grey) for name, vertex in maps.items()}

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from zoomout_core import plotting
 from zoomout_core.arrays import Floats
 
 # Errors times 1000 at which cumulative curves are taken.
-THRESHOLDS = np.arange(0, 251, 5)
+THRESHOLDS = np.arange(0.0, 251, 5)
 PANEL = 6.0, 5.0  # inches
 # Letters of a legend to an inch, and those that a line's key takes the place of.
 LETTERS, KEY = 13, 8
@@ -21,7 +21,7 @@ LETTERS, KEY = 13, 8
 
 def share_below(errors: Floats) -> list[float]:
     """The share of errors (n,), times 1000, up to each of `THRESHOLDS`; NaN counts as above all."""
-    return [float((errors <= threshold).mean()) for threshold in THRESHOLDS]
+    return plotting.share_below(errors, THRESHOLDS).tolist()
 
 
 def draw_curves(path: Path, panels: Mapping[str, Mapping[str, Floats | Sequence[float]]]) -> None:
@@ -33,7 +33,6 @@ def draw_curves(path: Path, panels: Mapping[str, Mapping[str, Floats | Sequence[
             names begin with `ZoomOut` or `zo.`, have thick lines; initial and published ones are dashed.
     """
     figure = Figure(figsize=(PANEL[0] * len(panels), PANEL[1]), layout="constrained")
-    FigureCanvasAgg(figure)
     methods = list(dict.fromkeys(method for curves in panels.values() for method in curves))
     for number, (title, curves) in enumerate(panels.items(), start=1):
         axes = figure.add_subplot(1, len(panels), number)
@@ -46,9 +45,8 @@ def draw_curves(path: Path, panels: Mapping[str, Mapping[str, Floats | Sequence[
                 linewidth=2.5 if method.startswith(("ZoomOut", "zo.")) else 1.4,
                 label=method,
             )
-        axes.set(title=title, xlabel="geodesic error, at unit area", ylabel="% of places", ylim=(0, 100))
-        axes.set_xlim(0, THRESHOLDS[-1] / 1000)
-        axes.grid(alpha=0.3)
+        axes.set_title(title)
+        plotting.set_error_axes(axes, THRESHOLDS[-1] / 1000)
     _finish(figure, path)
 
 
@@ -64,7 +62,6 @@ def draw_lines(
         ylabel: what y is; it begins at zero.
     """
     figure = Figure(figsize=PANEL, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for name, (x, y) in lines.items():
         axes.plot(x, y, marker="o", markersize=3, label=name)

@@ -19,9 +19,10 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.objects import rigid_motion, things
-from benchmarks.pictures import View, by_position, draw_views
+from benchmarks.pictures import View, draw_views
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.colors import place_colors
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.mesh.surface import Surface
@@ -80,7 +81,7 @@ def run(data: Path, shapes: int | None, figure: Path | None) -> Tables:
         body, ranked = ranked_signs(surface)
         of_shape = rows_of(body, ranked)
         rows += [{"shape": name} | row for row in of_shape]
-        colour = by_position(body.vertices)
+        colour = place_colors(body.vertices, body.vertices)
         views = [
             View(f"{row['rank']}. {row['signs']} {row['commutativity']:.2f}", body, colour[each.vertex])
             for row, each in zip(of_shape, ranked, strict=True)

@@ -21,9 +21,9 @@ from zoomout_core.arrays import Integers
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.match import proxy_size
 from zoomout_core.matching.memory_cache import kept_analysis_steps
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.proxy import proxy_size
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import one_blas_thread
@@ -102,7 +102,7 @@ def _prepared(surface: Surface) -> tuple[ShapeAnalysis, float]:
     start = perf_counter()
     with one_blas_thread:
         part = surface.working.part(0)[0]
-        shape = zo.drain(kept_analysis_steps(part, K_FINAL, SAMPLES, 0, proxy_size(part, "auto")))
+        shape = zo.drain(kept_analysis_steps(part, K_FINAL, SAMPLES, 0, proxy_size(len(part.vertices), "auto")))
     return shape, perf_counter() - start
 
 

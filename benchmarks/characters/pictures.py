@@ -7,16 +7,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import zoomout_core as zo
 from benchmarks.characters.cases import OUTFITS, Case
 from benchmarks.characters.figures import wrong
-from benchmarks.pictures import GAP, add_seen, by_position
 from zoomout_core.arrays import Floats
+from zoomout_core.colors import place_colors
+from zoomout_core.plotting import draw_triangles
 
 CELL = 14.0, 2.3  # inches
+# Between the middles of views, whose longest extent is one.
+GAP = 1.15
 RIGHT, WRONG = np.array([0.75, 0.75, 0.75]), np.array([0.9, 0.1, 0.1])
 SURE, UNSURE = np.array([0.95, 0.9, 0.2]), np.array([0.2, 0.05, 0.4])
 PANELS = (
@@ -44,7 +46,6 @@ class Picture(NamedTuple):
 def draw(path: Path, pictures: list[Picture]) -> None:
     """Write cases to one PNG file, a row each, all of it seen from the front and from the side."""
     figure = Figure(figsize=(CELL[0], len(pictures) * CELL[1]), layout="constrained")
-    FigureCanvasAgg(figure)
     for number, picture in enumerate(pictures, start=1):
         axes = figure.add_subplot(len(pictures), 1, number)
         axes.set_title(_caption(picture.row), fontsize=9, pad=12)
@@ -61,7 +62,7 @@ def _caption(row: dict[str, Any]) -> str:
 
 def _add(axes: Axes, picture: Picture) -> None:
     case, surface_map = picture.case, picture.result.surface_map
-    places = by_position(case.source.vertices)
+    places = place_colors(case.source.vertices, case.source.vertices)
     confidence = picture.result.confidence[:, None]
     panels = (
         (case.source, places),
@@ -73,7 +74,7 @@ def _add(axes: Axes, picture: Picture) -> None:
     for title, (surface, colour) in zip(PANELS, panels, strict=True):
         axes.text(left + GAP / 2, 0.53, title, fontsize=7, ha="center")
         for seen in _views(surface.vertices, upward=1 if case.kind == OUTFITS else 2):
-            add_seen(axes, seen, surface.triangles, colour, left)
+            draw_triangles(axes, seen, surface.triangles, colour, left)
             left += GAP
     axes.set_xlim(-GAP / 2, left - GAP / 2)
     axes.set_ylim(-0.5, 0.5)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from zoomout_core.cli.report import json_option, say
 from zoomout_core.mesh.surface import MeshError
 
 
@@ -13,7 +14,8 @@ from zoomout_core.mesh.surface import MeshError
 @click.option(
     "-o", "--output", default="demo", show_default=True, type=click.Path(file_okay=False), help="Folder to write to."
 )
-def demo(output: str) -> None:
+@json_option
+def demo(output: str, as_json: bool) -> None:
     """Build, pose, match and transfer a character in headless Blender, and measure it against the truth."""
     try:
         from blender_addon.demo import run, summary
@@ -25,5 +27,4 @@ def demo(output: str) -> None:
         report = run(Path(output))
     except (MeshError, OSError) as error:
         raise click.ClickException(str(error)) from None
-    for line in summary(report):
-        click.echo(line)
+    say(summary(report), report, as_json)

@@ -1,0 +1,67 @@
+"""The meshes to try things on are what they are said to be: alike but for pose and triangles, and complete."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import zoomout_core as zo
+from zoomout_core import samples
+from zoomout_core.cli import main
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("samples") / "new"
+    done = CliRunner().invoke(main, ["sample", str(place), "--json"], catch_exceptions=False)
+    assert [Path(name).name for name in json.loads(done.output)["files"]] == ["character.glb", "scan.ply", "truth.txt"]
+    return place
+
+
+def test_the_character_has_all_that_a_game_asks_for(folder: Path) -> None:
+    found = zo.read_asset(folder / "character.glb")
+    assert {each.name for each in found.attributes} == {"uv 0", "color 0", "normals", "materials"}
+    assert [material.name for material in found.materials] == ["Body", "Limbs"]
+    assert found.skin is not None
+    assert found.skin.names == ("Body", *samples.NAMES)
+    np.testing.assert_allclose(found.skin.rest, found.surface.vertices, atol=1e-6)
+    for number, name in enumerate(samples.NAMES, start=1):
+        tip = samples.UPRIGHT @ samples.LIMBS[number - 1]
+        farthest = (found.surface.vertices @ tip).argmax()
+        assert found.skin.weights.toarray()[farthest].argmax() == number, name
+    assert found.document is not None
+    assert [each.name for each in found.document.gltf.animations] == ["Wave"]
+
+
+def test_limbs_have_their_share_of_vertices_and_coordinates_cross_the_seam(folder: Path) -> None:
+    made = samples.scan()
+    limb = samples.limb_weights(made.directions)[:, 0] < 0.5
+    assert limb.mean() == pytest.approx(made.surface.share_of_area(limb), rel=0.2)
+    found = zo.read_asset(folder / "character.glb").find("uv 0")
+    assert found is not None
+    across = np.ptp(np.asarray(found.values).reshape(-1, 3, 2)[:, :, 0], axis=1)
+    assert (across > 0.5).sum() <= 4  # above and below, where all longitudes meet
+
+
+def test_the_truth_names_the_same_places(folder: Path) -> None:
+    pairs = np.loadtxt(folder / "truth.txt", dtype=int)
+    source, target = zo.read_surface(folder / "character.glb"), zo.read_surface(folder / "scan.ply")
+    assert len(pairs) > 300
+    # The body does not move, so what corresponds lies beside each other there.
+    body = np.flatnonzero(samples.limb_weights(samples.scan().directions)[pairs[:, 1], 0] > 0.999)
+    apart = np.linalg.norm(source.vertices[pairs[body, 0]] - target.vertices[pairs[body, 1]], axis=1)
+    assert len(body) > 50
+    assert np.quantile(apart, 0.99) < 0.15
+    # The limbs do.
+    assert np.linalg.norm(source.vertices[pairs[:, 0]] - target.vertices[pairs[:, 1]], axis=1).max() > 1
+
+
+def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = CliRunner().invoke(main, ["sample", str(tmp_path / "file" / "in")])
+    assert done.exit_code == 1
+    assert done.output.startswith("Error: ")

@@ -1,0 +1,25 @@
+"""The command `zoomout sample`: meshes to try the others on."""
+
+from __future__ import annotations
+
+import click
+
+from zoomout_core.cli.report import json_option, say
+from zoomout_core.samples import write_samples
+
+
+@click.command()
+@click.argument("folder", type=click.Path(file_okay=False))
+@json_option
+def sample(folder: str, as_json: bool) -> None:
+    """Write a character and a scan of it into FOLDER, to try the other commands on.
+
+    The character has texture coordinates, materials, colours, joints and an animation. The scan stands in another
+    pose and has other triangles; which of its vertices is which of the character's is known, see truth.txt.
+    """
+    try:
+        files = write_samples(folder)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    names = [str(file) for file in files]
+    say([f"Wrote {', '.join(names[:-1])} and {names[-1]}."], {"files": names}, as_json)

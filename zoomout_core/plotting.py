@@ -1,0 +1,289 @@
+"""Figures: maps by colours, confidence, values on surfaces, functional maps and error curves.
+
+Each function returns a figure of matplotlib (extra `plots`), which a notebook shows and `savefig` writes. Given
+`figure`, such as `pyplot.figure()` or a subfigure, it draws into that. `show_map` opens a window (extra `window`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import BytesIO
+
+import numpy as np
+
+try:
+    from matplotlib import colormaps
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+    from matplotlib.figure import Figure, SubFigure
+except ModuleNotFoundError as error:
+    raise ImportError(f"Figures need {error.name}, which is missing: pip install 'zoomout-core[plots]'.") from error
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.colors import BAD_TO_GOOD, confidence_colors, place_colors
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.transfer.rules import Match
+
+# Inches of a new figure: the height of a surface, and an axis-aligned panel.
+HEIGHT = 3.5
+PANEL = 5.0, 4.0
+# Space between surfaces, over the longest extent of one.
+GAP = 0.15
+# Brightness of a face seen edge-on; one that faces the viewer has 1.
+DARKEST = 0.35
+
+
+class _Figure(Figure):
+    """A figure that notebooks show without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        image = BytesIO()
+        self.savefig(image, format="png", bbox_inches="tight")
+        return image.getvalue()
+
+
+def plot_map(
+    source: ShapeLike,
+    target: ShapeLike,
+    result: Match | SurfaceMap,
+    sides: int = 2,
+    figure: Figure | SubFigure | None = None,
+) -> Figure | SubFigure:
+    """Source and target side by side, with the same colour at what corresponds.
+
+    Args:
+        source: the shape that the map lands on; each place of it has a colour of its own.
+        target: the shape that the map starts from.
+        result: the match, or only its map.
+        sides: 1 to see them from the front, 2 to see them from behind as well.
+        figure: to draw into; a new one if not given.
+
+    Raises:
+        ValueError: the map does not start from this target.
+    """
+    surfaces, colors = _corresponding(source, target, result)
+    return _row([*zip(surfaces, colors, ("source", "target"), strict=True)], sides, figure)
+
+
+def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, frames: int | None = None) -> None:
+    """Open a window with source and target beside each other, to turn by the mouse; the same colour corresponds.
+
+    Args:
+        source: the shape that the map lands on.
+        target: the shape that the map starts from; what has confidence has it as a second colouring.
+        result: the match, or only its map.
+        frames: close the window after so many frames; None to leave it to the user.
+
+    Raises:
+        ImportError: polyscope, of the extra `window`, is not installed.
+        ValueError: the map does not start from this target.
+    """
+    try:
+        import polyscope
+    except ModuleNotFoundError as error:
+        raise ImportError("Windows need polyscope, which is missing: pip install 'zoomout-core[window]'.") from error
+    (here, there), colors = _corresponding(source, target, result)
+    if not polyscope.is_initialized():
+        polyscope.init()
+    polyscope.remove_all_structures()
+    right = here.vertices[:, 0].max() + GAP * np.ptp(here.vertices[:, 0]) - there.vertices[:, 0].min()
+    beside = there.vertices + np.array([right, 0, 0])
+    for name, places, surface, color in (
+        ("source", here.vertices, here, colors[0]),
+        ("target", beside, there, colors[1]),
+    ):
+        mesh = polyscope.register_surface_mesh(name, np.nan_to_num(places), surface.triangles)
+        mesh.add_color_quantity("place on the source", np.nan_to_num(color), enabled=True)
+        if name == "target" and not isinstance(result, SurfaceMap):
+            mesh.add_scalar_quantity("confidence", result.confidence, vminmax=(0, 1))
+    polyscope.show(*(() if frames is None else (frames,)))
+
+
+def plot_confidence(
+    target: ShapeLike, result: Match, sides: int = 2, figure: Figure | SubFigure | None = None
+) -> Figure | SubFigure:
+    """The target coloured by confidence, from red for none to blue; violet is what has no partner.
+
+    Args:
+        target: the shape that was matched.
+        result: the match.
+        sides: 1 to see it from the front, 2 to see it from behind as well.
+        figure: to draw into; a new one if not given.
+
+    Raises:
+        ValueError: the match is not of this target.
+    """
+    surface = as_surface(target)
+    _check_length(result.confidence, surface, "values")
+    colors = confidence_colors(result.confidence, result.has_partner)
+    figure = _row([(surface, colors, "")], sides, figure)
+    scale = LinearSegmentedColormap.from_list("confidence", BAD_TO_GOOD)
+    figure.colorbar(ScalarMappable(Normalize(0, 1), scale), ax=figure.axes, label="confidence", shrink=0.7)
+    return figure
+
+
+def plot_values(
+    shape: ShapeLike,
+    values: Floats,
+    label: str = "",
+    limits: tuple[float, float] | None = None,
+    colors: str = "viridis",
+    sides: int = 2,
+    figure: Figure | SubFigure | None = None,
+) -> Figure | SubFigure:
+    """A shape coloured by values at its vertices, such as errors, a descriptor or an eigenfunction.
+
+    Args:
+        shape: the shape.
+        values: (n,) numbers; or (n, 3) red, green and blue, 0 to 1. What is not finite is grey.
+        label: what the numbers are, and their unit.
+        limits: the numbers at the ends of the colours; the least and the largest if not given.
+        colors: a colour map of matplotlib, by its name.
+        sides: 1 to see it from the front, 2 to see it from behind as well.
+        figure: to draw into; a new one if not given.
+
+    Raises:
+        ValueError: there is not one value for each vertex.
+    """
+    surface, values = as_surface(shape), np.asarray(values, dtype=float)
+    _check_length(values, surface, "values")
+    if values.ndim == 2:
+        return _row([(surface, values, "")], sides, figure)
+    finite = values[np.isfinite(values)]
+    scale = Normalize(*(limits or (finite.min(initial=np.inf), finite.max(initial=-np.inf)) if len(finite) else (0, 1)))
+    painted = colormaps[colors](scale(np.nan_to_num(values)))[:, :3]
+    painted[~np.isfinite(values)] = 0.6
+    figure = _row([(surface, painted, "")], sides, figure)
+    figure.colorbar(ScalarMappable(scale, colors), ax=figure.axes, label=label, shrink=0.7)
+    return figure
+
+
+def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | None = None) -> Figure | SubFigure:
+    """The matrix of a functional map: near a diagonal of ones and minus ones for shapes that are nearly isometric.
+
+    Args:
+        functional_map: (k_target, k_source).
+        figure: to draw into; a new one if not given.
+    """
+    figure = figure or _Figure(figsize=(PANEL[1] * 1.2, PANEL[1]), layout="constrained")
+    axes = figure.add_subplot()
+    most = float(np.abs(functional_map).max())
+    image = axes.imshow(functional_map, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
+    axes.set(xlabel="eigenfunctions of the source", ylabel="eigenfunctions of the target")
+    figure.colorbar(image, ax=axes)
+    return figure
+
+
+def plot_error_curves(
+    errors: Mapping[str, Floats], most: float = 0.25, figure: Figure | SubFigure | None = None
+) -> Figure | SubFigure:
+    """Cumulative error curves: which share of places is off by up to how much.
+
+    Args:
+        errors: for each line of the legend errors (c,), such as those of `geodesic_error`; NaN counts as above all.
+        most: the largest error that is shown.
+        figure: to draw into; a new one if not given.
+    """
+    figure = figure or _Figure(figsize=PANEL, layout="constrained")
+    axes = figure.add_subplot()
+    thresholds = np.linspace(0, most, 201)
+    for name, values in errors.items():
+        axes.plot(thresholds, 100 * share_below(np.asarray(values), thresholds), label=name)
+    set_error_axes(axes, most)
+    axes.legend(loc="lower right")
+    return figure
+
+
+def share_below(errors: Floats, thresholds: Floats) -> Floats:
+    """(t,) the share of errors (n,) up to each threshold (t,); NaN counts as above all."""
+    return np.searchsorted(np.sort(errors), thresholds, side="right") / len(errors)
+
+
+def set_error_axes(axes: Axes, most: float) -> None:
+    """Label axes of cumulative error curves in percent, up to the error `most`."""
+    axes.set(xlabel="geodesic error, at unit area", ylabel="% of places", xlim=(0, most), ylim=(0, 100))
+    axes.grid(alpha=0.3)
+
+
+def draw_surface(axes: Axes, surface: Surface, color: Floats, left: float = 0.0, sides: int = 1) -> float:
+    """Draw a surface from the front, and on request from behind beside it; its longest extent is one.
+
+    It is seen along the axis of its least extent; of the others the first points to the right, the second up.
+
+    Args:
+        axes: what to draw on.
+        surface: the surface.
+        color: (n, 3) red, green and blue of its vertices, 0 to 1.
+        left: where it begins.
+        sides: 1 for the front, 2 for both.
+
+    Returns:
+        Where it ends.
+    """
+    vertices = np.nan_to_num(surface.vertices)
+    used = vertices[np.unique(surface.triangles)]
+    depth = int(np.argmin(np.ptp(used, axis=0)))
+    right, up = (axis for axis in range(3) if axis != depth)
+    towards = -1.0 if depth == 1 else 1.0  # so that the picture is no mirror image
+    low, high = used.min(axis=0), used.max(axis=0)
+    points = (vertices - (low + high) / 2) / max(float((high - low).max()), 1e-300)
+    points = points[:, [right, up, depth]] * [1, 1, towards]
+    width = float(np.ptp(points[np.unique(surface.triangles), 0]))
+    for seen in (points, points * [-1, 1, -1])[:sides]:
+        draw_triangles(axes, seen, surface.triangles, color, left + width / 2)
+        left += width + GAP
+    return left - GAP
+
+
+def draw_triangles(axes: Axes, points: Floats, triangles: Integers, color: Floats, left: float) -> None:
+    """Draw triangles as they are seen, the far ones first (painter's algorithm).
+
+    Args:
+        axes: what to draw on.
+        points: (n, 3) vertices to the right, upwards and towards the viewer.
+        triangles: (m, 3) vertex numbers.
+        color: (n, 3) red, green and blue of the vertices.
+        left: how far to the right of their place.
+    """
+    order = np.argsort(points[triangles, 2].mean(axis=1))
+    shade = DARKEST + (1 - DARKEST) * np.abs(triangle_normals(points, triangles)[:, 2])
+    shaded = (color[triangles].mean(axis=1) * shade[:, None])[order]
+    corners = (points[:, :2] + [left, 0])[triangles[order]]
+    axes.add_collection(PolyCollection(list(corners), facecolors=shaded, edgecolors=shaded, linewidths=0.2))
+
+
+def _corresponding(
+    source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap
+) -> tuple[tuple[Surface, Surface], tuple[Floats, Floats]]:
+    """Two surfaces, and colours (n_s, 3) and (n_t, 3) of their vertices that are the same at what corresponds."""
+    surfaces = as_surface(source), as_surface(target)
+    found = result if isinstance(result, SurfaceMap) else result.surface_map
+    _check_length(found.triangle, surfaces[1], "images")
+    colors = place_colors(surfaces[0].vertices, surfaces[0].vertices)
+    return surfaces, (colors, found.interpolate(colors))
+
+
+def _row(drawn: list[tuple[Surface, Floats, str]], sides: int, figure: Figure | SubFigure | None) -> Figure | SubFigure:
+    """Surfaces with their colours and captions beside each other."""
+    figure = figure or _Figure(layout="constrained")
+    axes = figure.add_subplot()
+    right = -GAP
+    for surface, color, caption in drawn:
+        left = right + GAP
+        right = draw_surface(axes, surface, color, left, sides)
+        axes.text((left + right) / 2, 0.55, caption, ha="center")
+    axes.set(xlim=(-GAP / 2, right + GAP / 2), ylim=(-0.55, 0.65), aspect="equal")
+    axes.set_axis_off()
+    if isinstance(figure, _Figure):
+        figure.set_size_inches(HEIGHT * max(right + GAP, 1.2), HEIGHT * 1.2)
+    return figure
+
+
+def _check_length(values: Floats | Integers, surface: Surface, what: str) -> None:
+    if len(values) != len(surface.vertices):
+        raise ValueError(f"There are {len(values)} {what} for {len(surface.vertices)} vertices: are they of this mesh?")
