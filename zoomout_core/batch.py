@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import check_output, written_whole
 from zoomout_core.runtime.stepping import Progress, Steps
@@ -75,7 +76,7 @@ def planned(
             of another.
         OutputError: a folder does not exist or cannot be written to, or a file would take the place of an input.
     """
-    paths = [path for target in targets for path in _meshes_of(Path(target), Path(source), endings)]
+    paths = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
     place = Path(output)
     if not is_folder(output):
         check_format(place)
@@ -102,14 +103,18 @@ def planned(
     return jobs
 
 
-def _meshes_of(target: Path, source: Path, endings: Collection[str]) -> list[Path]:
-    """A target, or if it is a folder the meshes in it but the source."""
-    if not target.is_dir():
-        return [target]
-    files = sorted(path for path in target.iterdir() if path.suffix.lower() in endings)
-    found = [path for path in files if path.resolve() != source.resolve()]
+def meshes_of(given: Path, endings: Collection[str], source: Path | None = None) -> list[Path]:
+    """What a user names: a file itself, of a folder the meshes in it, but the source.
+
+    Raises:
+        MeshError: a folder holds none.
+    """
+    if not given.is_dir():
+        return [given]
+    files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
+    found = [path for path in files if source is None or path.resolve() != source.resolve()]
     if not found:
-        raise MeshError(f"The folder {target} holds no meshes to transfer to: check its name.")
+        raise MeshError(f"The folder {given} holds no {'other ' if source else ''}meshes: check its name.")
     return found
 
 
@@ -135,8 +140,7 @@ def outcomes_steps(
         except (ValueError, OSError) as error:
             outcomes.append(Outcome(job, {}, error=str(error)))
         except MemoryError:
-            sentence = "There is not enough memory for it: simplify it, or give a lower --detail."
-            outcomes.append(Outcome(job, {}, error=sentence))
+            outcomes.append(Outcome(job, {}, error=NO_MEMORY))
     return outcomes
 
 

@@ -88,8 +88,8 @@ def batch_options(endings: Sequence[str], default: str) -> Any:
     return with_options
 
 
-def mesh_options(command: Any) -> Any:
-    """The options of every command that analyses meshes."""
+def detail_options(command: Any) -> Any:
+    """How finely meshes are analysed."""
     for option in (
         click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the eigensolver."),
         click.option(
@@ -100,6 +100,15 @@ def mesh_options(command: Any) -> Any:
             help="How fine a stand-in for the mesh to match, and by how many eigenfunctions and samples; full: none, "
             "which takes many times as long.",
         ),
+    ):
+        command = option(command)
+    return command
+
+
+def mesh_options(command: Any) -> Any:
+    """The options of every command that analyses meshes."""
+    for option in (
+        detail_options,
         click.option(
             "--cache",
             default=user_cache_dir("zoomout", appauthor=False),
@@ -194,7 +203,7 @@ def start_arguments(
 
 def with_progress_bar(steps: Steps[Result]) -> Result:
     """Drain a stepped computation, showing a progress bar on the terminal."""
-    with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}") as bar:
+    with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}") as bar:
         while True:
             try:
                 progress = next(steps)

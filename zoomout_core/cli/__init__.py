@@ -2,10 +2,12 @@
 
 import click
 
+from zoomout_core.cli.collection_command import collection
 from zoomout_core.cli.demo_command import demo
 from zoomout_core.cli.evaluate_command import evaluate
 from zoomout_core.cli.info_command import info
 from zoomout_core.cli.match_command import match
+from zoomout_core.cli.sample_command import sample
 from zoomout_core.cli.symmetry_command import symmetry
 from zoomout_core.cli.transfer_command import transfer
 from zoomout_core.command_options import threads_option
@@ -18,5 +20,5 @@ def main() -> None:
     """Dense correspondence between surfaces, whatever their pose and topology."""
 
 
-for command in (match, transfer, symmetry, evaluate, info, demo):
+for command in (match, transfer, collection, symmetry, evaluate, info, sample, demo):
     main.add_command(command)

@@ -74,7 +74,7 @@ def transfer(
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
     try:
-        wanted = _checked_kinds(kinds)
+        wanted = checked_kinds(kinds)
         jobs = planned(source, targets, output, f".{ending}", MESHES, check_format, in_place)
         arguments, asset = start_arguments(**options), read_asset(source)
         steps_of = partial(_job_steps, asset, candidate, wanted, shape.replace("-", " "), arguments)
@@ -90,7 +90,12 @@ def transfer(
         say_outcomes(outcomes, output)
 
 
-def _checked_kinds(kinds: str) -> list[str]:
+def checked_kinds(kinds: str) -> list[str]:
+    """The kinds that an option names.
+
+    Raises:
+        MeshError: there are none, or others than those that can be transferred.
+    """
     chosen = [kind.strip().lower().replace("-", " ") for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in chosen if kind not in KINDS]
     if unknown or not chosen:

@@ -1,0 +1,241 @@
+"""A collection from files to maps that agree, and to a report."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from creatures import Creature, creature, true_vertex
+
+import zoomout_core as zo
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.cli import main
+from zoomout_core.collection import collection
+from zoomout_core.collection.collection import match_collection
+from zoomout_core.collection.engine import Done, InThisProcess, Task, local_engine
+from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
+from zoomout_core.collection.report import page_of, trust
+from zoomout_core.collection.tasks import Prepared, place_of_map
+from zoomout_core.matching import memory_cache
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.surface import MeshError, PointCloud
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+
+FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
+# Seeds and poses of four creatures that are one.
+POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
+
+
+def made(name: str, count: int = 700) -> Creature:
+    seed, bend = POSES[name]
+    return creature(count, seed=seed, bend=bend, asymmetry=0.3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four creatures, and a file that is none."""
+    place = tmp_path_factory.mktemp("shapes")
+    for name in POSES:
+        write_shape(made(name).surface, place / f"{name}.ply")
+    (place / "broken.off").write_text("no mesh")
+    return place
+
+
+@pytest.fixture(scope="module")
+def matched(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> zo.CollectionResult:
+    files = sorted(folder.iterdir())
+    output = tmp_path_factory.mktemp("results")
+    return match_collection(files, output, neighbours=3, options=FAST, cache=output / "cache")
+
+
+def test_every_map_is_right_and_a_broken_file_costs_itself_alone(matched: zo.CollectionResult) -> None:
+    assert set(matched.records) == {PairName(*pair) for pair in ("ab", "ac", "ad", "bc", "bd", "cd")}
+    assert list(matched.failures) == ["broken"]
+    for source, target in matched.records:
+        true = true_vertex(made(source), made(target))
+        found = matched.surface_map(source, target).vertex
+        places = made(source).surface.vertices
+        assert np.median(np.linalg.norm(places[found] - places[true], axis=1)) < 0.3
+    assert matched.agreement is not None
+    assert max(matched.agreement.after.values()) < 0.1
+
+
+def test_where_shapes_are_kept_otherwise_is_as_before(matched: zo.CollectionResult) -> None:
+    assert memory_cache._folder is None
+    assert list((matched.folder / "cache").rglob("*.npz"))
+
+
+def test_what_is_there_is_not_made_again(matched: zo.CollectionResult, folder: Path) -> None:
+    files = sorted(folder.glob("*.ply"))
+    before = {path: path.stat().st_mtime_ns for path in matched.folder.rglob("*.npz")}
+    again = match_collection(files, matched.folder, neighbours=3, options=FAST)
+    assert again.matched == 0
+    assert again.seconds_of_shapes == {}
+    assert again.records == matched.records
+    assert {path: path.stat().st_mtime_ns for path in matched.folder.rglob("*.npz")} == before
+
+
+def test_what_was_lost_or_damaged_is_made_again(matched: zo.CollectionResult, folder: Path) -> None:
+    files = sorted(folder.glob("*.ply"))
+    lost, damaged = (matched.folder / place_of_map(PairName(*pair)) for pair in ("ab", "cd"))
+    whole = np.load(lost)["barycentric"]
+    lost.unlink()
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    again = match_collection(files, matched.folder, neighbours=3, options=FAST)
+    assert again.matched == 2
+    assert np.array_equal(np.load(lost)["barycentric"], whole)
+
+
+def test_processes_give_bit_equal_results(matched: zo.CollectionResult, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with local_engine(2, retries=0) as engine:
+        other = match_collection(
+            sorted(folder.glob("*.ply")), tmp_path, pairs=[("c", "d")], options=FAST, engine=engine
+        )
+    for pair in other.records:
+        one, two = (np.load(place / place_of_map(pair)) for place in (matched.folder, tmp_path))
+        assert all(np.array_equal(one[name], two[name]) for name in one.files if name != "record")
+
+
+def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, matched: zo.CollectionResult) -> None:
+    class Elsewhere(InThisProcess):
+        def sees(self, paths: object) -> bool:
+            return False
+
+        def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+            for done in super().completed(tasks):
+                if done is not None and isinstance(done.result, Prepared):
+                    sent[done.result.name] = [name for name in done.result.content if name.startswith("cache")]
+                yield done
+
+    zo.forget_shapes()  # what is in memory is not stored again
+    sent: dict[str, list[str]] = {}
+    files = [folder / "a.ply", folder / "b.ply"]
+    found = match_collection(files, tmp_path, template=files[0], options=FAST, engine=Elsewhere())
+    assert {name: len(prepared) for name, prepared in sent.items()} == {"a": 1, "b": 1}  # each its own alone
+    assert memory_cache._folder is None
+    assert list(found.records) == [PairName("a", "b")]
+    one, two = (np.load(place / place_of_map(PairName("a", "b"))) for place in (matched.folder, tmp_path))
+    assert np.array_equal(one["barycentric"], two["barycentric"])
+
+
+@pytest.mark.parametrize("others", [True, False])
+def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
+    folder: Path, matched: zo.CollectionResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool
+) -> None:
+    wrong = PairName("b", "d")
+    for made_before in ("shapes", "maps"):
+        shutil.copytree(matched.folder / made_before, tmp_path / made_before)
+
+    def with_a_wrong_one(path: Path) -> CandidateMaps:
+        """The maps of a file; of one pair with a wrong map before the right one, or in its place."""
+        maps = load_candidate_maps(path)
+        if path != (tmp_path / place_of_map(wrong)).resolve():
+            return maps
+        shifted = [np.roll(each[0], len(each[0]) // 2) for each in (maps.forward, maps.backward)]
+        kept = 1 if others else 0
+        return CandidateMaps(
+            *(np.vstack([new, each[:kept]]) for new, each in zip(shifted, (maps.forward, maps.backward), strict=True)),
+            np.array([0.9, 0.05][: kept + 1]),
+            np.zeros(kept + 1, dtype=bool),
+        )
+
+    monkeypatch.setattr(collection, "load_candidate_maps", with_a_wrong_one)
+    files = sorted(folder.glob("*.ply"))
+    found = match_collection(files, tmp_path, pairs="all", options=FAST)
+    assert found.agreement is not None
+    assert found.agreement.changed == [wrong]
+    assert found.matched == 1
+    assert found.agreement.before[wrong] > found.agreement.after[wrong]
+    record = found.records[wrong]
+    assert (record.candidate, record.through in ("a", "c")) == ((1, False) if others else (0, True))
+    if not others:  # the map through another shape is the right one
+        true = true_vertex(made("b"), made("d"))
+        places = made("b").surface.vertices
+        images = places[found.surface_map(*wrong).vertex]
+        assert np.median(np.linalg.norm(images - places[true], axis=1)) < 0.3
+    assert match_collection(files, tmp_path, pairs="all", options=FAST).matched == 0
+
+
+def test_surfaces_and_clouds_in_memory_are_matched_too() -> None:
+    shapes = {"body": made("a").surface, "cloud": PointCloud(made("b", 900).surface.vertices)}
+    found = match_collection(shapes, template="body", options=FAST)
+    assert list(found.records) == [PairName("body", "cloud")]
+    assert len(found.surface_map("body", "cloud").vertex) == 900
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"),
+    [
+        ({}, "one of a template"),
+        ({"template": "a", "neighbours": 2}, "one of a template"),
+        ({"template": "x"}, "No shape of the collection is called x"),
+        ({"pairs": [("a", "x")]}, "No shape of the collection is called x"),
+    ],
+)
+def test_a_wrong_choice_is_refused(folder: Path, tmp_path: Path, choice: dict[str, object], said: str) -> None:
+    with pytest.raises(MeshError, match=said):
+        match_collection(sorted(folder.iterdir()), tmp_path / "out", **choice)  # type: ignore[arg-type]
+    assert not (tmp_path / "out").exists()
+
+
+def test_landmarks_are_of_one_pair(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="of one pair"):
+        match_collection(
+            sorted(folder.iterdir()), tmp_path, neighbours=2, options=MatchOptions(landmarks=([0, 1], [0, 1]))
+        )
+
+
+def test_the_page_shows_every_shape_and_escapes_names(matched: zo.CollectionResult) -> None:
+    page = page_of(matched, {"a": b"png"})
+    for name in POSES:
+        assert f"<b>{name}</b>" in page
+    assert page.count("data:image/png;base64") == 1
+    assert "broken" in page
+    assert "$" not in page
+    assert all(0 <= trust(matched, pair) <= 1 for pair in matched.records)
+
+
+def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_path: Path) -> None:
+    template = creature(700, asymmetry=0.3)
+    colors = np.clip(0.5 + 0.5 * template.directions, 0, 1)
+    write_asset(
+        Asset(template.surface, (Attribute("color 0", Domain.POINT, Kind.COLOR, colors),)), tmp_path / "hero.glb"
+    )
+    arguments = ["collection", folder / "b.ply", folder / "broken.off", "-o", tmp_path / "out", "--template"]
+    arguments += [tmp_path / "hero.glb", "--transfer", "--workers", "1", "--detail", "fast", "--json"]
+    result = CliRunner().invoke(main, list(map(str, arguments)))
+    assert result.exit_code == 3, result.stdout + result.stderr
+    said = json.loads(result.stdout)
+    assert [(pair["source"], pair["target"]) for pair in said["pairs"]] == [("hero", "b")]
+    assert list(said["failures"]) == ["broken"]
+    assert json.loads((tmp_path / "out" / "report.json").read_text()) == said
+    assert "<b>b</b>" in (tmp_path / "out" / "report.html").read_text()
+    assert read_asset(tmp_path / "out" / "meshes" / "b.glb").find("color 0") is not None
+    assert not (tmp_path / "out" / "cache").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--all-pairs", "--neighbours", "3"], "give one"),
+        (["--transfer"], "name it with --template"),
+        (["--output", __file__], "is a file: name a folder"),
+        (["--output", "/no/such/place/out"], "There is no folder"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "leave out --workers"),
+    ],
+)
+def test_the_command_refuses_what_does_not_fit_together(
+    folder: Path, tmp_path: Path, arguments: list[str], said: str
+) -> None:
+    result = CliRunner().invoke(main, ["collection", str(folder), "-o", str(tmp_path / "out"), *arguments])
+    assert result.exit_code == 1
+    assert said in result.stderr

@@ -1,0 +1,134 @@
+"""Candidates that agree: a flip is outvoted, and where no candidate is right a third shape leads to one that is."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from zoomout_core.collection.cycles import CYCLES, agreeing
+from zoomout_core.collection.pair_map import CandidateMaps, PairName
+from zoomout_core.collection.shapes import ShapeSummary
+
+SAMPLES = 30
+PLACES = np.linspace(-1, 1, SAMPLES)
+SAME, FLIPPED, SHIFTED = np.arange(SAMPLES), np.arange(SAMPLES)[::-1], np.roll(np.arange(SAMPLES), SAMPLES // 2)
+
+
+def strip() -> ShapeSummary:
+    """A strip of length two, which is its own mirror image."""
+    distances = np.abs(PLACES[:, None] - PLACES)
+    points = np.column_stack([PLACES, 0 * PLACES, 0 * PLACES])
+    return ShapeSummary("00", SAME, points, distances, np.zeros(1))
+
+
+def candidates(*maps: np.ndarray, certainty: float = 0.9) -> CandidateMaps:
+    """Candidates of a pair, of which the first has a certainty."""
+    rest = [0.05] * (len(maps) - 1)
+    backward = [np.argsort(each) for each in maps]
+    return CandidateMaps(np.array(maps), np.array(backward), np.array([certainty, *rest]), np.zeros(len(maps), bool))
+
+
+def collection(count: int) -> tuple[dict[PairName, CandidateMaps], dict[str, ShapeSummary]]:
+    """All pairs of equal strips, the right map of each first."""
+    names = [f"s{number}" for number in range(count)]
+    maps = {PairName(*pair): candidates(SAME, FLIPPED) for pair in combinations(names, 2)}
+    return maps, dict.fromkeys(names, strip())
+
+
+def test_maps_that_agree_stay_as_they_are() -> None:
+    maps, shapes = collection(5)
+    found = agreeing(maps, shapes.__getitem__)
+    assert found.changed == []
+    assert found.before == found.after == dict.fromkeys(maps, 0.0)
+    assert min(found.certainty.values()) > 0.99
+
+
+def test_a_flip_is_outvoted_though_it_is_sure_of_itself() -> None:
+    maps, shapes = collection(5)
+    wrong = PairName("s1", "s3")
+    maps[wrong] = candidates(FLIPPED, SAME, certainty=0.99)
+    found = agreeing(maps, shapes.__getitem__)
+    assert found.changed == [wrong]
+    assert found.candidate[wrong] == 1
+    assert found.before[wrong] > 0.5
+    assert max(found.after.values()) == 0
+
+
+def test_a_shape_that_is_flipped_as_such_costs_most_of_its_pairs_their_candidates_only_if_these_are_unsure() -> None:
+    # Its cycles close: nothing but the certainty of its maps tells that it is flipped.
+    maps, shapes = collection(5)
+    of_shape = [pair for pair in maps if "s2" in pair]
+    for pair in of_shape:
+        maps[pair] = candidates(FLIPPED, SAME, certainty=0.9)
+    assert agreeing(maps, shapes.__getitem__).changed == []
+    # Three of four choices are turned back together, which no single change of a pair would gain.
+    for pair in of_shape[:3]:
+        flipped = candidates(FLIPPED, SAME, certainty=0.3)
+        flipped.certainty[1] = 0.6
+        maps[pair] = flipped
+    maps[of_shape[3]] = candidates(SAME, FLIPPED, certainty=0.9)
+    assert sorted(agreeing(maps, shapes.__getitem__).changed) == sorted(of_shape[:3])
+
+
+def test_where_no_candidate_agrees_a_third_shape_leads_to_one() -> None:
+    maps, shapes = collection(5)
+    wrong = PairName("s0", "s4")
+    maps[wrong] = candidates(SHIFTED, FLIPPED)
+    found = agreeing(maps, shapes.__getitem__)
+    assert found.changed == [wrong]
+    assert found.through[wrong] in ("s1", "s2", "s3")
+    assert (found.maps[wrong].forward[found.candidate[wrong]] == SAME).all()
+    assert found.after[wrong] == 0
+
+
+def test_without_cycles_nothing_is_known() -> None:
+    maps, shapes = collection(3)
+    del maps[PairName("s0", "s1")]
+    found = agreeing(maps, shapes.__getitem__)
+    assert found.before == {}
+    assert found.changed == []
+    assert found.certainty == dict.fromkeys(maps, 0.9)
+
+
+def test_an_inside_out_candidate_needs_more_than_cycles() -> None:
+    maps, shapes = collection(3)
+    pair = PairName("s0", "s1")
+    maps[pair] = CandidateMaps(
+        np.array([FLIPPED, SAME]),
+        np.array([FLIPPED, SAME]),
+        np.array([0.9, 0.9]),
+        np.array([False, True]),
+    )
+    assert agreeing(maps, shapes.__getitem__).candidate[pair] == 0
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_many_flips_at_random_are_put_right(share: float) -> None:
+    maps, shapes = collection(8)
+    random = np.random.default_rng(1)
+    wrong = [pair for pair in maps if random.random() < share]
+    for pair in wrong:
+        maps[pair] = candidates(FLIPPED, SAME, certainty=0.9)
+    assert wrong
+    assert sorted(agreeing(maps, shapes.__getitem__).changed) == sorted(wrong)
+    assert CYCLES.weight > 0
+
+
+def test_a_candidate_that_is_hardly_likelier_is_not_taken() -> None:
+    maps, shapes = collection(3)
+    pair = PairName("s0", "s1")
+    maps[pair] = candidates(SAME, SAME, certainty=0.4)
+    maps[pair].certainty[1] = 0.5
+    assert agreeing(maps, shapes.__getitem__).changed == []
+
+
+def test_even_what_a_pair_rules_out_can_be_voted_for() -> None:
+    maps, shapes = collection(5)
+    wrong = PairName("s1", "s3")
+    maps[wrong] = candidates(FLIPPED, SAME, certainty=0.99)
+    maps[wrong].certainty[1] = 1e-12
+    found = agreeing(maps, shapes.__getitem__)
+    assert found.candidate[wrong] == 1
+    assert found.through == {}

@@ -1,0 +1,102 @@
+"""What runs tasks: each after those it needs, and none that fails takes others with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from zoomout_core.collection import engine as engine_module
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, local_engine, remote_engine
+from zoomout_core.mesh.memory import NotEnoughMemoryError
+from zoomout_core.runtime.stepping import Progress, Steps
+
+
+def steps_adding(*numbers: int) -> Steps[int]:
+    yield Progress(0.5, "adding")
+    return sum(numbers)
+
+
+def steps_failing(*_: int) -> Steps[int]:
+    yield Progress(0.5, "failing")
+    raise ValueError("It is no number.")
+
+
+def steps_failing_at_first(marks: Path, error: type[Exception] = NotEnoughMemoryError) -> Steps[int]:
+    yield Progress(0.5, "trying")
+    marks.write_text(marks.read_text() + "x" if marks.exists() else "x")
+    if len(marks.read_text()) < 2:
+        raise error("There is not enough memory.")
+    return len(marks.read_text())
+
+
+def steps_dying() -> Steps[int]:
+    yield Progress(0.5, "dying")
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def results(engine: Engine, tasks: list[Task]) -> dict[str, object]:
+    return {done.key: done.result for done in engine.completed(tasks) if done is not None}
+
+
+CHAIN = [
+    Task("one", steps_adding, (1,)),
+    Task("wrong", steps_failing, (1,)),
+    Task("three", steps_adding, (2,), ("one",)),
+    Task("after wrong", steps_adding, (2,), ("one", "wrong")),
+]
+EXPECTED = {"one": 1, "wrong": Failure("It is no number."), "three": 3, "after wrong": Failure("It is no number.")}
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Engine]:
+    pytest.importorskip("distributed")
+    with local_engine(2, retries=1) as engine:
+        yield engine
+
+
+def test_this_process_runs_tasks_after_what_they_need() -> None:
+    assert results(InThisProcess(), CHAIN) == EXPECTED
+
+
+def test_this_process_yields_between_steps() -> None:
+    assert next(InThisProcess().completed(CHAIN[:1])) is None
+
+
+@pytest.mark.parametrize("error", [MemoryError, NotEnoughMemoryError, OSError])
+@pytest.mark.parametrize(("retries", "expected"), [(0, "not enough memory"), (1, 2)])
+def test_what_may_pass_is_tried_again(tmp_path: Path, retries: int, expected: object, error: type[Exception]) -> None:
+    task = Task("a", steps_failing_at_first, (tmp_path / "marks", error))
+    (result,) = results(InThisProcess(retries), [task]).values()
+    assert result == expected or (isinstance(result, Failure) and str(expected) in result.message)
+
+
+def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
+    again = Task("again", steps_failing_at_first, (tmp_path / "marks",))
+    assert results(cluster, [*CHAIN, again]) == {**EXPECTED, "again": 2}
+    # The same keys once more are other tasks.
+    assert results(cluster, CHAIN) == EXPECTED
+
+
+def test_a_worker_that_is_killed_costs_its_task_alone(cluster: Engine) -> None:
+    found = results(cluster, [Task("dying", steps_dying, ()), *CHAIN])
+    died = found.pop("dying")
+    assert isinstance(died, Failure)
+    assert "was killed" in died.message
+    assert found == EXPECTED
+
+
+def test_dask_tells_which_files_its_workers_see(cluster: Engine, tmp_path: Path) -> None:
+    assert cluster.sees([tmp_path])
+    assert not cluster.sees([tmp_path / "missing"])
+
+
+def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(engine_module, "CONNECTING", 0.5)
+    with pytest.raises(ConnectionError, match="check the address"), remote_engine("tcp://127.0.0.1:9", retries=0):
+        pass

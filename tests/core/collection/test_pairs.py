@@ -1,0 +1,66 @@
+"""Which pairs of a collection are matched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zoomout_core.collection.pair_map import PairName
+from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_with_template, read_pairs
+from zoomout_core.mesh.surface import MeshError
+
+NAMES = ["a", "b", "c", "d"]
+
+
+def test_a_template_is_the_source_of_all_others() -> None:
+    assert pairs_with_template("b", NAMES) == [PairName("b", name) for name in ("a", "c", "d")]
+
+
+def test_all_pairs_are_taken_once() -> None:
+    found = all_pairs(NAMES)
+    assert len(found) == 6
+    assert len({frozenset(pair) for pair in found}) == 6
+
+
+def test_neighbours_are_alike_and_all_are_joined() -> None:
+    # Two groups of three, one twice as wide as the other, whose own spectra hardly differ.
+    spectra = {
+        f"{group}{number}": group * np.arange(60.0) * (1 + 0.01 * number) for group in (1, 2) for number in range(3)
+    }
+    found = pairs_of_neighbours(spectra, 1)
+    across = [pair for pair in found if pair.source[0] != pair.target[0]]
+    assert across == [PairName("12", "20")]
+    assert {name for pair in found for name in pair} == set(spectra)
+    assert len(found) == 5
+
+
+def test_neighbours_do_not_depend_on_scale_or_on_how_many_there_are() -> None:
+    assert pairs_of_neighbours({"a": np.arange(60.0)}, 4) == []
+    found = pairs_of_neighbours({name: np.arange(60.0) for name in NAMES}, 10)
+    assert sorted(found) == sorted(all_pairs(NAMES))
+
+
+def test_a_file_names_pairs_with_or_without_endings(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.txt"
+    path.write_text("a b  # a comment\n\nc.off d.ply\na b\n")
+    assert read_pairs(path, NAMES) == [PairName("a", "b"), PairName("c", "d")]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a\n", "line 1: give two names"),
+        ("a b\na x\n", "line 2: no shape of the collection is called x"),
+        ("a a.off\n", "paired with itself"),
+        ("# none\n", "holds no pairs"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "pairs.txt"
+    path.write_text(text)
+    with pytest.raises(MeshError, match=said):
+        read_pairs(path, NAMES)
+    with pytest.raises(MeshError, match="could not be read"):
+        read_pairs(tmp_path / "missing.txt", NAMES)

@@ -1,0 +1,221 @@
+"""The command `zoomout collection`: many shapes at once, on the cores of this machine or on a cluster."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zoomout_core.assets.files import MESHES, WRITERS
+from zoomout_core.assets.transfer_asset import KINDS
+from zoomout_core.batch import FAILED, PARTLY, meshes_of
+from zoomout_core.cli.report import json_option
+from zoomout_core.cli.transfer_command import checked_kinds
+from zoomout_core.collection.carry import carry_steps
+from zoomout_core.collection.collection import CollectionResult, match_collection_steps
+from zoomout_core.collection.engine import Engine, InThisProcess, local_engine, remote_engine
+from zoomout_core.collection.pairs import read_pairs
+from zoomout_core.collection.pictures import drawn_steps
+from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
+from zoomout_core.collection.shapes import items_of
+from zoomout_core.collection.tasks import MAPS, SHAPES
+from zoomout_core.command_options import detail_options, with_progress_bar
+from zoomout_core.matching.options import PARTIAL, MatchOptions
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.runtime.threads import usable_cores
+
+# How many shapes each is matched with, when nothing else says which pairs.
+NEIGHBOURS = 4
+# In the folder of the results, until all is done.
+CACHE = "cache"
+# Parts of the progress: matching, and drawing.
+MATCHED, DRAWN = 0.9, 0.95
+
+
+@click.command()
+@click.argument("shapes", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
+@click.option("--template", type=click.Path(path_type=Path), help="A file: the source of all other shapes.")
+@click.option("--all-pairs", is_flag=True, help="Match every two shapes.")
+@click.option("--pairs", type=click.Path(path_type=Path), help="A text file of pairs: a source and a target a line.")
+@click.option(
+    "--neighbours",
+    type=click.IntRange(min=1),
+    help=f"Match each shape with so many that are most alike, so that all are joined (the default, {NEIGHBOURS}).",
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one a core).")
+@click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster that runs, such as tcp://10.0.0.1:8786.")
+@click.option(
+    "--retries",
+    type=click.IntRange(min=0),
+    default=2,
+    show_default=True,
+    help="How often to try again what failed by something that may pass, such as a worker that was killed.",
+)
+@click.option(
+    "--resume/--restart", default=True, show_default=True, help="Go on from what is there, or make all of it anew."
+)
+@click.option("--agree/--no-agree", default=True, show_default=True, help="Choose candidates that agree along cycles.")
+@click.option("--pictures/--no-pictures", default=True, show_default=True, help="Draw the shapes for the report.")
+@click.option(
+    "--transfer", "carry", is_flag=True, help="With --template: carry what it has onto every mesh, into OUTPUT/meshes."
+)
+@click.option(
+    "--kinds",
+    default=",".join(kind.replace(" ", "-") for kind in KINDS[:-1]),
+    show_default=True,
+    metavar="KIND,KIND",
+    help="With --transfer: what to carry.",
+)
+@click.option(
+    "--format",
+    "ending",
+    type=click.Choice([each[1:] for each in WRITERS]),
+    default="glb",
+    show_default=True,
+    help="With --transfer: of the meshes.",
+)
+@click.option(
+    "--partial",
+    type=click.Choice(PARTIAL),
+    default="auto",
+    show_default=True,
+    help="Whether one mesh is tried as a part of the other where they are not recognised as wholes.",
+)
+@click.option(
+    "--cache",
+    type=click.Path(path_type=Path),
+    help="Folder in which prepared shapes are kept, for all workers (default: OUTPUT/cache, removed in the end).",
+)
+@json_option
+@detail_options
+def collection(
+    shapes: tuple[Path, ...],
+    output: Path,
+    template: Path | None,
+    all_pairs: bool,
+    pairs: Path | None,
+    neighbours: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    retries: int,
+    resume: bool,
+    agree: bool,
+    pictures: bool,
+    carry: bool,
+    kinds: str,
+    ending: str,
+    partial: str,
+    cache: Path | None,
+    as_json: bool,
+    detail: str,
+    seed: int,
+) -> None:
+    """Match the shapes of folders, prepare each once, and have their maps agree.
+
+    FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps are written pair by pair to
+    OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; a run that was ended goes on where it was.
+    OUTPUT/report.html shows every shape coloured through its map, and what to look at first.
+
+    Where cycles of maps do not close, another candidate of a pair is taken, so that a flip is outvoted.
+
+    The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
+    """
+    try:
+        if sum((template is not None, all_pairs, pairs is not None, neighbours is not None)) > 1:
+            raise MeshError("Of --template, --all-pairs, --pairs and --neighbours give one.")
+        if carry and template is None:
+            raise MeshError("--transfer carries the data of one shape: name it with --template.")
+        if output.is_file():
+            raise MeshError(f"{output} is a file: name a folder for the results.")
+        check_output(output / REPORT if output.is_dir() else output)
+        chosen = checked_kinds(kinds)
+        files = _files(shapes)
+        names = [item.name for item in items_of(files)]
+        choice: dict[str, Any] = {"template": template}
+        if all_pairs or pairs is not None:
+            choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
+        elif template is None:
+            choice = {"neighbours": neighbours or NEIGHBOURS}
+        wanted: dict[str, Any] = {**DETAIL[detail], "seed": seed, "partial": partial}
+        if not resume:
+            _forget(output)
+        with _engine(scheduler, workers, retries, len(files)) as engine:
+            how = {
+                **choice,
+                "options": MatchOptions(**wanted),
+                "engine": engine,
+                "cache": cache or output / CACHE,
+                "agree": agree,
+            }
+            steps = _steps(files, output, how, pictures, chosen if carry else (), ending)
+            result, received = with_progress_bar(steps)
+        if cache is None:
+            shutil.rmtree(output / CACHE, ignore_errors=True)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if as_json:
+        click.echo(json.dumps(figures_of_collection(result, received), indent=1))
+    else:
+        for line in lines_of_collection(result):
+            click.echo(line)
+        click.echo(f"Written to {output}; open {output / PAGE}.")
+    if result.failures:
+        sys.exit(PARTLY if result.records else FAILED)
+
+
+def _files(given: Sequence[Path]) -> list[Path]:
+    """Files, and what of meshes folders hold."""
+    missing = next((path for path in given if not path.exists()), None)
+    if missing is not None:
+        raise MeshError(f"There is no file or folder {missing}: check the path.")
+    return list(dict.fromkeys(path for each in given for path in meshes_of(each, MESHES)))
+
+
+def _forget(output: Path) -> None:
+    """Remove what an earlier run made, and nothing else."""
+    for made in (*output.glob(f"{MAPS}/*/*.npz"), *output.glob(f"{SHAPES}/*.npz")):
+        made.unlink()
+
+
+def _engine(scheduler: str | None, workers: int | None, retries: int, count: int) -> AbstractContextManager[Engine]:
+    """Where the work is done: a cluster that runs, or as many processes as there are cores, and shapes."""
+    if scheduler is not None:
+        if workers is not None:
+            raise MeshError("A cluster has workers of its own: leave out --workers, or --scheduler.")
+        return remote_engine(scheduler, retries)
+    if workers is None:
+        workers = min(usable_cores(), count) if find_spec("distributed") else 1
+    return local_engine(workers, retries)
+
+
+def _steps(
+    files: Sequence[Path],
+    output: Path,
+    how: dict[str, Any],
+    pictures: bool,
+    kinds: Sequence[str],
+    ending: str,
+) -> Steps[tuple[CollectionResult, dict[str, list[str]] | None]]:
+    """Match, transfer, draw, and write the report."""
+    result = yield from within(match_collection_steps(files, output, **how), 0.0, MATCHED)
+    received, drawn = None, {}
+    template = next((item.name for item in result.items.values() if item.path == how.get("template")), None)
+    # What follows reads the results as files.
+    engine = how["engine"] if how["engine"].sees([output]) else InThisProcess()
+    if kinds and template is not None:
+        received = yield from within(carry_steps(result, template, kinds, ending, engine), MATCHED, DRAWN)
+    if pictures and find_spec("matplotlib"):
+        drawn = yield from within(drawn_steps(result, template, engine), DRAWN, 1.0)
+    write_reports(result, drawn, received)
+    return result, received

@@ -1,0 +1,1 @@
+"""Many shapes at once: prepared once each, matched in pairs, and their maps brought to agree."""

@@ -1,0 +1,80 @@
+"""The matches of several targets with one source, brought to agree: those that are sure speak for the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from zoomout_core.collection.collection import COLLECTION
+from zoomout_core.collection.cycles import Agreement, agreeing
+from zoomout_core.collection.pair_map import PairName, candidate_maps_of
+from zoomout_core.collection.pairs import pairs_between
+from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, summary_of
+from zoomout_core.matching.match import MatchResult, match_steps
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.runtime.stepping import Progress, Steps, within
+
+# The source, beside the names of targets, which are not empty.
+SOURCE = ""
+STAGE = "Asking other targets"
+AGREED = "Another candidate than the likeliest was taken, since it agrees with the maps of other targets."
+THROUGH = "No candidate agreed with the maps of other targets, so the map was begun from the one through '{}'."
+
+
+def agreed_steps(results: Mapping[str, MatchResult], options: MatchOptions) -> Steps[dict[str, MatchResult]]:
+    """Matches of several targets with one source, with other candidates where these agree better with each other.
+
+    Targets whose match is unsure are matched with those that are most alike among the sure ones. Without both there is
+    nothing to ask, and no time is taken.
+
+    Args:
+        results: the matches, by the names of the targets.
+        options: of the matches between targets.
+    """
+    unsure = [name for name, result in results.items() if result.certainty < COLLECTION.unsure]
+    sure = [name for name, result in results.items() if result.certainty >= COLLECTION.unsure]
+    if not unsure or not sure:
+        return dict(results)
+    first = next(iter(results.values())).pair
+    summaries = {SOURCE: summary_of(first.source, first.source_shape, "")}
+    for name in (*unsure, *sure):
+        pair = results[name].pair
+        summaries[name] = summary_of(pair.target, pair.target_shape, "")
+    maps = {
+        PairName(SOURCE, name): candidate_maps_of(result, (summaries[SOURCE], summaries[name]))
+        for name, result in results.items()
+    }
+    spectra = {name: summaries[name].eigenvalues for name in (*unsure, *sure)}
+    between = pairs_between(unsure, sure, spectra, COLLECTION.between)
+    for number, pair_name in enumerate(between):
+        surfaces = results[pair_name.source].pair.target, results[pair_name.target].pair.target
+        start, end = (0.7 * (number + step) / len(between) for step in (0, 1))
+        asked = yield from within(match_steps(*surfaces, options), start, end)
+        maps[pair_name] = candidate_maps_of(asked, (summaries[pair_name.source], summaries[pair_name.target]))
+    return (yield from _taken_steps(results, agreeing(maps, summaries.__getitem__), summaries, options))
+
+
+def _taken_steps(
+    results: Mapping[str, MatchResult],
+    agreement: Agreement,
+    summaries: Mapping[str, ShapeSummary],
+    options: MatchOptions,
+) -> Steps[dict[str, MatchResult]]:
+    """The results, where another candidate agrees better that one."""
+    taken = dict(results)
+    changed = [pair for pair in agreement.changed if pair.source == SOURCE]
+    for number, pair in enumerate(changed):
+        result, candidate = results[pair.target], agreement.candidate[pair]
+        start, end = (0.7 + 0.3 * (number + step) / len(changed) for step in (0, 1))
+        third = agreement.through.get(pair)
+        if third is None:
+            found, note = (yield from within(result.use_steps(candidate), start, end)), AGREED
+        else:
+            images = summaries[SOURCE].samples[agreement.maps[pair].forward[candidate]]
+            given = spread_from_samples(result.pair.target, summaries[pair.target].samples, images)
+            begun = replace(options, initial="given", initial_map=given)
+            surfaces = result.pair.source, result.pair.target
+            found, note = (yield from within(match_steps(*surfaces, begun), start, end)), THROUGH.format(third)
+        taken[pair.target] = replace(found, notes=(note, *found.notes))
+    yield Progress(1.0, STAGE)
+    return taken

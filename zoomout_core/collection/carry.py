@@ -1,0 +1,52 @@
+"""What a template carries, onto every mesh of its collection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from zoomout_core.collection.collection import CollectionResult
+from zoomout_core.collection.engine import Engine, Failure, Task
+from zoomout_core.collection.pair_map import PairName
+from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_steps_of_pair
+from zoomout_core.runtime.stepping import Progress, Steps
+
+
+def carry_steps(
+    result: CollectionResult, template: str, kinds: Sequence[str], ending: str, engine: Engine
+) -> Steps[dict[str, list[str]]]:
+    """Carry what a template has onto all shapes that it is matched with, into the folder `meshes` of the results.
+
+    What fails is added to the result's failures.
+
+    Args:
+        result: the collection.
+        template: the name of the shape that has the attributes.
+        kinds: of `assets.transfer_asset.KINDS`.
+        ending: of the files, such as glb.
+        engine: that sees the folder of the results.
+
+    Returns:
+        For each mesh that was written the notes on it.
+    """
+    names = {f"carry {pair.target}": pair for pair in result.records if pair.source == template}
+    source = result.items[template].path.resolve()
+    tasks = [
+        Task(key, transfer_steps_of_pair, (source, *_paths(result, pair, ending), tuple(kinds)))
+        for key, pair in names.items()
+    ]
+    notes, ended = {}, 0
+    for done in engine.completed(tasks):
+        if done is not None:
+            ended += 1
+            name = names[done.key].target
+            if isinstance(done.result, Failure):
+                result.failures[f"transfer to {name}"] = done.result.message
+            else:
+                notes[name] = list(done.result)
+        yield Progress(ended / len(tasks), f"Transferring {ended} of {len(tasks)}")
+    return notes
+
+
+def _paths(result: CollectionResult, pair: PairName, ending: str) -> tuple[object, object, object]:
+    target = result.items[pair.target].path.resolve()
+    return target, result.folder / place_of_map(pair), result.folder / MESHES / f"{pair.target}.{ending}"

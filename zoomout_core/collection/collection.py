@@ -1,0 +1,356 @@
+"""A whole collection: every shape prepared once, pairs matched side by side, and their maps brought to agree."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+from uuid import uuid4
+
+from zoomout_core.collection.cycles import Agreement, agreeing, pairs_in_cycles
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task
+from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
+from zoomout_core.collection.pairs import all_pairs, pairs_between, pairs_of_neighbours, pairs_with_template
+from zoomout_core.collection.shapes import Item, ShapeSummary, items_of
+from zoomout_core.collection.tasks import (
+    MAPS,
+    SHAPES,
+    Beginning,
+    Matched,
+    Prepared,
+    Workplace,
+    match_steps_of_pair,
+    place_of_map,
+    place_of_shape,
+    prepare_steps,
+    write_whole,
+)
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.mesh.files import write_shape
+from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.stepping import Progress, Steps, drain
+from zoomout_core.tuning import Tuning, tuned
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class CollectionTuning(Tuning, set_by="judgement"):
+    """When other shapes are asked.
+
+    Attributes:
+        unsure: certainty of a map from the template below which shapes between are matched, too.
+        between: how many of these: those most alike among the ones that the template is surely matched with.
+    """
+
+    unsure: float = tuned(0.9, "probability", 0, 1)
+    between: int = tuned(3, "shapes", 1, 100)
+
+
+COLLECTION = CollectionTuning()
+# Shapes of which what maps are compared by is kept in memory, at a third of a megabyte each.
+KEPT = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class CollectionResult:
+    """The maps of a collection.
+
+    Attributes:
+        folder: where they are: `maps/SOURCE/TARGET.npz`, as `zoomout match` writes them.
+        items: the files, by the names of their shapes.
+        records: how each pair went.
+        failures: what failed and why, by the name of a shape or by the pair.
+        agreement: which candidates agree best; None where no three shapes are matched with each other.
+        seconds_of_shapes: that preparing took, of those that were prepared now.
+        matched: how many pairs were matched now, not found.
+        temporary: what removes the folder when the result is dropped, where none was given.
+    """
+
+    folder: Path
+    items: dict[str, Item]
+    records: dict[PairName, PairRecord]
+    failures: dict[str, str]
+    agreement: Agreement | None
+    seconds_of_shapes: dict[str, float]
+    matched: int
+    temporary: Any = None
+
+    def surface_map(self, source: str, target: str) -> SurfaceMap:
+        """The map of a pair, from its file.
+
+        Raises:
+            MeshError: the pair was not matched.
+        """
+        return SurfaceMap.load(
+            self.folder / place_of_map(PairName(source, target)), as_surface(self.items[source].path)
+        )
+
+
+def match_collection(
+    shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike],
+    folder: str | PathLike[str] | None = None,
+    *,
+    template: str | PathLike[str] | None = None,
+    pairs: Sequence[tuple[str, str]] | Literal["all"] | None = None,
+    neighbours: int | None = None,
+    options: MatchOptions | None = None,
+    engine: Engine | None = None,
+    cache: str | PathLike[str] | None = None,
+    agree: bool = True,
+) -> CollectionResult:
+    """Match the shapes of a collection, and choose among the candidates of each pair those that agree.
+
+    Of `template`, `pairs` and `neighbours` one says what is matched. Results are written to `folder` pair by pair; what
+    is there already, of the same shapes by the same options, is not made again.
+
+    Args:
+        shapes: paths of meshes or point clouds, whose names are those of the files without endings; surfaces, or what
+            else stands for a shape, named by their numbers; or shapes by names.
+        folder: of the results; made if it is missing. None for one that lives as long as what is returned.
+        template: the name, or the path, of the shape that is the source of all others. Where a map from it is unsure,
+            some shapes between are matched, too.
+        pairs: sources and targets by their names, or "all".
+        neighbours: match each shape with so many that are most alike by their spectra, so that all are joined.
+        options: of every match; no landmarks and no initial map.
+        engine: what does the work; this process if it is not given, see `collection.engine.local_engine`.
+        cache: folder in which prepared shapes are kept.
+        agree: whether candidates are chosen together.
+
+    Raises:
+        MeshError: no choice of pairs, or an unknown name.
+        ImportError: the engine needs a package that is missing.
+    """
+    return drain(
+        match_collection_steps(
+            shapes,
+            folder,
+            template=template,
+            pairs=pairs,
+            neighbours=neighbours,
+            options=options,
+            engine=engine,
+            cache=cache,
+            agree=agree,
+        )
+    )
+
+
+def match_collection_steps(
+    shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike],
+    folder: str | PathLike[str] | None = None,
+    *,
+    template: str | PathLike[str] | None = None,
+    pairs: Sequence[tuple[str, str]] | Literal["all"] | None = None,
+    neighbours: int | None = None,
+    options: MatchOptions | None = None,
+    engine: Engine | None = None,
+    cache: str | PathLike[str] | None = None,
+    agree: bool = True,
+) -> Steps[CollectionResult]:
+    """`match_collection` as a generator."""
+    if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
+        raise MeshError("Give one of a template, pairs and a number of neighbours: it says which shapes are matched.")
+    options = MatchOptions() if options is None else options
+    if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
+        raise ValueError("Landmarks, regions and initial maps are of one pair: match it by itself.")
+    temporary = tempfile.TemporaryDirectory(prefix="zoomout-") if folder is None else None
+    place = Path(temporary.name if temporary is not None else folder or "")
+    paths = _as_files(shapes, place / "given")
+    if template is not None and Path(template).is_file() and not any(_is_at(path, template) for path in paths):
+        paths.insert(0, Path(template))
+    items = {item.name: item for item in items_of(paths)}
+    if len(items) < 2:
+        raise MeshError("A collection has two shapes or more: give more.")
+    wanted: list[PairName] | None = None
+    if template is not None:
+        of_template = next((name for name, item in items.items() if _is_at(item.path, template)), str(template))
+        if of_template not in items:
+            raise MeshError(f"No shape of the collection is called {template}: name one of them, or its file.")
+        wanted = pairs_with_template(of_template, list(items))
+    elif pairs == "all":
+        wanted = all_pairs(list(items))
+    elif pairs is not None:
+        wanted = [_known_pair(pair, items) for pair in pairs]
+    run = _Run(items, place, options, InThisProcess() if engine is None else engine, cache)
+    yield from run.prepare_and_match_steps(wanted)
+    if wanted is None:
+        assert neighbours is not None
+        spectra = {name: run.prepared[name].eigenvalues for name in items if name in run.prepared}
+        yield from run.match_steps(dict.fromkeys(pairs_of_neighbours(spectra, neighbours)))
+    elif template is not None and agree:
+        yield from run.match_steps(dict.fromkeys(run.between()))
+    agreement = None
+    if agree:
+        agreement = run.agreement()
+        if agreement is not None:
+            yield from run.match_steps(run.beginnings(agreement), "Bringing maps to agree")
+    return CollectionResult(
+        run.folder, items, run.records, run.failures, agreement, run.seconds_of_shapes, run.matched, temporary
+    )
+
+
+def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Path) -> list[Path]:
+    """Shapes as files; what is none yet is written to a folder."""
+    named = shapes if isinstance(shapes, Mapping) else {str(number): shape for number, shape in enumerate(shapes)}
+    files = []
+    for name, shape in named.items():
+        if isinstance(shape, str | PathLike) and not isinstance(shapes, Mapping):
+            files.append(Path(shape))
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        files.append(folder / f"{name}.ply")
+        write_shape(as_shape(shape), files[-1])
+    return files
+
+
+def _is_at(path: Path, other: str | PathLike[str]) -> bool:
+    return path.resolve() == Path(other).resolve()
+
+
+def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
+    for name in pair:
+        if name not in items:
+            raise MeshError(f"No shape of the collection is called {name}: give the name of its file, without ending.")
+    return PairName(*pair)
+
+
+class _Run:
+    """A collection on its way.
+
+    Attributes:
+        prepared: the shapes that are ready.
+        records: of the pairs that are matched.
+        failures: what failed and why.
+    """
+
+    def __init__(
+        self,
+        items: dict[str, Item],
+        folder: Path,
+        options: MatchOptions,
+        engine: Engine,
+        cache: str | PathLike[str] | None,
+    ) -> None:
+        self.items, self.folder, self._engine = items, folder.resolve(), engine
+        self.prepared: dict[str, Prepared] = {}
+        self.records: dict[PairName, PairRecord] = {}
+        self.failures: dict[str, str] = {}
+        self.seconds_of_shapes: dict[str, float] = {}
+        self.matched = 0
+        self._summary = lru_cache(KEPT)(lambda name: ShapeSummary.load(self.folder / place_of_shape(name)))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._shared = engine.sees([self.folder, *(item.path for item in items.values() if item.path.exists())])
+        results = self.folder if self._shared else None
+        kept = None if cache is None else Path(cache).resolve()
+        self._place = Workplace(results, kept, options, uuid4().hex[:12])
+
+    def prepare_and_match_steps(self, pairs: Sequence[PairName] | None) -> Steps[None]:
+        """Prepare all shapes, and match pairs if it is known which."""
+        tasks = [self._preparing(item) for item in self.items.values()]
+        tasks += [self._matching(pair, None) for pair in pairs or ()]
+        yield from self._completed_steps(tasks, len(pairs or ()), "Matching" if pairs else "Preparing")
+
+    def match_steps(self, beginnings: Mapping[PairName, Beginning | None], stage: str = "Matching") -> Steps[None]:
+        """Match pairs of shapes that are prepared."""
+        needed = sorted({name for pair in beginnings for name in pair})
+        tasks = [self._preparing(self.items[name]) for name in needed]
+        tasks += [self._matching(pair, beginning) for pair, beginning in beginnings.items()]
+        yield from self._completed_steps(tasks, len(beginnings), stage)
+
+    def _preparing(self, item: Item) -> Task:
+        content = None
+        if not self._shared and item.path.is_file():
+            content = item.path.read_bytes()
+        return Task(f"prepare {item.name}", prepare_steps, (_absolute(item), content, self._place))
+
+    def _matching(self, pair: PairName, beginning: Beginning | None) -> Task:
+        items = _absolute(self.items[pair.source]), _absolute(self.items[pair.target])
+        after = tuple(f"prepare {name}" for name in pair)
+        return Task(f"match {pair}", match_steps_of_pair, (pair, items, beginning, self._place), after)
+
+    def _completed_steps(self, tasks: Sequence[Task], pairs: int, stage: str) -> Steps[None]:
+        """Run tasks and take in what they make."""
+        kinds: Counter[str] = Counter()
+        names = {task.key: task.arguments[0] for task in tasks}
+        failed_pairs: dict[PairName, str] = {}
+        total, ended = max(len(tasks), 1), 0
+        for done in self._engine.completed(tasks):
+            if done is not None:
+                ended += 1
+                kinds[self._taken(names[done.key], done.result, failed_pairs)] += 1
+            failed = f", {kinds['failed']} failed" if kinds["failed"] else ""
+            counted = f" {kinds['matched']} of {pairs}" if pairs else f" {ended} of {total}"
+            yield Progress(ended / total, f"{stage}{counted}{failed}")
+        for pair, message in failed_pairs.items():
+            if not any(name in self.failures for name in pair):  # else its shape is named
+                self.failures[str(pair)] = message
+
+    def _taken(self, of: Item | PairName, result: Any, failed_pairs: dict[PairName, str]) -> str:
+        """Take in what a task made, or why a pair failed; of which kind it is."""
+        if isinstance(result, Failure):
+            if isinstance(of, Item):
+                self.failures[of.name] = result.message
+            else:
+                failed_pairs[of] = result.message
+            return "failed"
+        for place, content in result.content.items():
+            if Path(place).parts[0] in (MAPS, SHAPES):
+                write_whole(self.folder / place, content)
+        if isinstance(result, Prepared):
+            self.prepared[result.name] = result
+            if result.seconds:
+                self.seconds_of_shapes[result.name] = result.seconds
+            return "prepared"
+        assert isinstance(result, Matched)
+        self.records[result.pair] = result.record
+        self.matched += result.new
+        return "matched"
+
+    def between(self) -> list[PairName]:
+        """Pairs that tell more where a map from the template is unsure: with shapes that are alike and sure."""
+        certainty = {pair.target: record.certainty for pair, record in self.records.items()}
+        unsure = [name for name in self.items if certainty.get(name, 1.0) < COLLECTION.unsure]
+        sure = [name for name in self.items if certainty.get(name, 0.0) >= COLLECTION.unsure]
+        if not unsure or not sure:
+            return []
+        spectra = {name: self.prepared[name].eigenvalues for name in (*unsure, *sure)}
+        return pairs_between(unsure, sure, spectra, COLLECTION.between)
+
+    def agreement(self) -> Agreement | None:
+        """The candidates that agree best; None where no three shapes are matched with each other."""
+        maps: dict[PairName, CandidateMaps] = {}
+        for pair in pairs_in_cycles(sorted(self.records)):  # whatever ended first
+            try:
+                maps[pair] = load_candidate_maps(self.folder / place_of_map(pair))
+            except (FileNotFoundError, ArrayFileError) as error:
+                _log.warning("The candidates of %s cannot be read: %s", pair, error)
+        found = agreeing(maps, self._summary)
+        return found if found.before else None
+
+    def beginnings(self, agreement: Agreement) -> dict[PairName, Beginning]:
+        """What the pairs are to be begun from whose map does not agree with the others."""
+        found = {}
+        for pair, record in self.records.items():
+            candidate, third = agreement.candidate.get(pair, 0), agreement.through.get(pair)
+            beginning = Beginning(candidate)
+            if third is not None:
+                source, target = map(self._summary, pair)
+                images = source.samples[agreement.maps[pair].forward[candidate]]
+                beginning = Beginning(0, third, target.samples, images)
+            if not beginning.led_to(record):
+                found[pair] = beginning
+        return found
+
+
+def _absolute(item: Item) -> Item:
+    return Item(item.name, item.path.resolve())

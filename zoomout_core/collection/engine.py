@@ -1,0 +1,308 @@
+"""What runs the tasks of a collection: this process, or Dask (Rocklin 2015) on the cores of a machine or of many."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+from uuid import uuid4
+
+from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
+from zoomout_core.runtime.stepping import Steps, drain
+
+# Seconds between two looks at what has ended.
+PATIENCE = 0.05
+# Seconds within which a scheduler must answer.
+CONNECTING = 20
+LOST = "The scheduler was lost: what is done is kept, run the same again to go on from there."
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A task that came to nothing; the message says why, in a sentence."""
+
+    message: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """A piece of work.
+
+    Attributes:
+        key: unlike that of any other.
+        function: what does it, in steps; found by its name in other processes.
+        arguments: of it.
+        after: keys of earlier tasks, the results of which are further arguments.
+    """
+
+    key: str
+    function: Callable[..., Steps[Any]]
+    arguments: tuple[Any, ...]
+    after: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Done:
+    """A task that has ended, and what it returned: a `Failure`, where it failed."""
+
+    key: str
+    result: Any
+
+
+class Engine(Protocol):
+    """What runs tasks, each after those that it needs."""
+
+    def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+        """Run tasks, and yield each when it has ended; None now and then in between.
+
+        A task that fails, or needs one that has, costs itself alone.
+        """
+        ...
+
+    def sees(self, paths: Sequence[Path]) -> bool:
+        """Whether files are there wherever tasks run."""
+        ...
+
+
+def attempt_steps(function: Callable[..., Steps[Any]], *arguments: Any) -> Steps[Any]:
+    """What a task returns; a Failure where an argument is one, or its input is at fault.
+
+    What may go better another time, such as where memory is short, is raised.
+    """
+    failed = next((each for each in arguments if isinstance(each, Failure)), None)
+    if failed is not None:
+        return failed
+    try:
+        return (yield from function(*arguments))
+    except NotEnoughMemoryError:
+        raise
+    except ValueError as error:  # another time it would be the same
+        return Failure(str(error))
+
+
+def attempt(function: Callable[..., Steps[Any]], *arguments: Any) -> Any:
+    """`attempt_steps`, all at once."""
+    return drain(attempt_steps(function, *arguments))
+
+
+class InThisProcess:
+    """One task after the other, in steps.
+
+    Args:
+        retries: how often a task is tried again that failed by something that may pass, such as a lack of memory.
+    """
+
+    def __init__(self, retries: int = 0) -> None:
+        self._retries = retries
+
+    def sees(self, paths: Sequence[Path]) -> bool:
+        return True
+
+    def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+        results: dict[str, Any] = {}
+        for task in tasks:
+            arguments = (*task.arguments, *(results[key] for key in task.after))
+            results[task.key] = yield from self._result_steps(task, arguments)
+            yield Done(task.key, results[task.key])
+
+    def _result_steps(self, task: Task, arguments: tuple[Any, ...]) -> Any:
+        """What a task returns, tried again where it may go better; yields None."""
+        for tries_left in reversed(range(self._retries + 1)):
+            steps = attempt_steps(task.function, *arguments)
+            try:
+                while True:
+                    next(steps)
+                    yield None
+            except StopIteration as finished:
+                return finished.value
+            except Exception as error:  # one task of thousands must not end the others
+                if not tries_left:
+                    return Failure(sentence_of(error))
+        raise AssertionError
+
+
+class OnDask:
+    """Tasks on the workers of a Dask cluster.
+
+    Args:
+        client: of the cluster, a `distributed.Client`.
+        retries: how often a task is tried again whose worker failed, or was lost.
+    """
+
+    def __init__(self, client: Any, retries: int = 0) -> None:
+        self._client, self._retries = client, retries
+
+    def sees(self, paths: Sequence[Path]) -> bool:
+        self._client.wait_for_workers(1, timeout=CONNECTING)
+        there = self._client.run(_all_exist, [str(path.resolve()) for path in paths])
+        return bool(there) and all(there.values())
+
+    def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+        lost: set[str] = set()
+        task_of = {task.key: task for task in tasks}
+        for done in self._ended(tasks):
+            if done is not None and isinstance(done.result, _Lost):
+                lost.add(done.key)
+            else:
+                yield done
+        # A worker that is killed takes what waits for it along, and a cluster cannot tell which task was at fault.
+        failed: dict[str, Failure] = {}
+        for task in tasks:
+            if task.key in lost:
+                yield from self._alone(task, task_of, failed)
+
+    def _ended(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+        """`completed`, with a `_Lost` for what was given up with its worker."""
+        from distributed import as_completed
+
+        run = uuid4().hex[:8]
+        futures: dict[str, Any] = {}
+        for task in tasks:
+            needed = [futures[key] for key in task.after]
+            futures[task.key] = self._client.submit(
+                attempt, task.function, *task.arguments, *needed, key=f"{task.key}-{run}", retries=self._retries
+            )
+        key_of = {future.key: key for key, future in futures.items()}
+        waiting = as_completed(list(futures.values()), loop=self._client.loop)
+        while futures:
+            ended = waiting.next_batch(block=False)
+            for future in ended:
+                key = key_of[future.key]
+                del futures[key]  # what nothing waits for is let go
+                yield Done(key, self._result_of(future))
+            if not ended:
+                if self._client.status != "running":
+                    raise ConnectionError(LOST)
+                time.sleep(PATIENCE)
+                yield None
+
+    def _alone(self, task: Task, task_of: Mapping[str, Task], failed: dict[str, Failure]) -> Iterator[Done | None]:
+        """Run a task once more when nothing else runs; what fails is added to `failed`, by its key."""
+        chain = [*_needed(task, task_of), task]
+        fault = next((failed[each.key] for each in chain if each.key in failed), None)
+        if fault is not None:
+            yield Done(task.key, fault)
+            return
+        for done in self._ended(chain):
+            if done is None:
+                yield None
+                continue
+            result = Failure(done.result.message) if isinstance(done.result, _Lost) else done.result
+            if isinstance(result, Failure):
+                failed[done.key] = result
+            if done.key == task.key:
+                yield Done(task.key, result)
+
+    def _result_of(self, future: Any) -> Any:
+        if future.status == "finished":
+            try:
+                return future.result()
+            except OSError as cut:  # of the connection: a task's own is in its status
+                raise ConnectionError(LOST) from cut
+        error = future.exception() if future.status == "error" else None
+        lost = error is None or type(error).__name__ == "KilledWorker"
+        return (_Lost if lost else Failure)(sentence_of(error))
+
+
+@dataclass(frozen=True)
+class _Lost:
+    """A task that was given up with the worker that had it, whether that was its fault or not."""
+
+    message: str
+
+
+def _needed(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
+    """What a task needs to run before it, and what that needs."""
+    found: dict[str, Task] = {}
+    for key in task.after:
+        for each in (*_needed(task_of[key], task_of), task_of[key]):
+            found[each.key] = each
+    return list(found.values())
+
+
+def _all_exist(paths: list[str]) -> bool:
+    return all(Path(path).exists() for path in paths)
+
+
+def sentence_of(error: BaseException | None) -> str:
+    """Why a task failed, for the report."""
+    kind = type(error).__name__
+    if isinstance(error, MemoryError):
+        return NO_MEMORY
+    if kind == "KilledWorker":
+        return "The process that worked on it was killed each time: it may need more memory than there is."
+    if error is None:
+        return "It was given up when its worker was lost."
+    if isinstance(error, OSError | NotEnoughMemoryError):
+        return str(error)
+    return f"It failed unexpectedly ({kind}: {' '.join(str(error).split())})."
+
+
+@contextmanager
+def local_engine(workers: int, retries: int) -> Iterator[Engine]:
+    """An engine on this machine: with one worker this process, else a Dask cluster of one process a core.
+
+    Raises:
+        ImportError: several workers were asked for, and Dask is not installed.
+    """
+    if workers == 1:
+        yield InThisProcess(retries)
+        return
+    distributed = _distributed(retries)
+    # Each process computes on a core of its own.
+    alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
+            env=alone,
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield OnDask(client, retries)
+
+
+@contextmanager
+def remote_engine(address: str, retries: int) -> Iterator[Engine]:
+    """An engine on a Dask cluster that runs, such as one of SLURM or Kubernetes.
+
+    Args:
+        address: of its scheduler, such as tcp://10.0.0.1:8786.
+        retries: of a task.
+
+    Raises:
+        ImportError: Dask is not installed.
+        ConnectionError: there is no scheduler.
+    """
+    distributed = _distributed(retries)
+    try:
+        client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConnectionError(f"No scheduler answers at {address} ({error}): check the address.") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECTING)
+        except TimeoutError as error:
+            raise ConnectionError(f"The scheduler at {address} has no workers: start some.") from error
+        yield OnDask(client, retries)
+
+
+def _distributed(retries: int) -> Any:
+    """The package, set so that a worker which dies costs a task one of its tries."""
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise ImportError(
+            "Several processes need Dask: pip install 'zoomout-core[collections]', or work with --workers 1."
+        ) from error
+    dask.config.set({"distributed.scheduler.allowed-failures": retries})
+    # What it says is about its own parts; what failed is in the report.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    return distributed

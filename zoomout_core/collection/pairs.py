@@ -1,0 +1,106 @@
+"""Which pairs of a collection are matched."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial.distance import cdist
+
+from zoomout_core.arrays import Floats
+from zoomout_core.collection.pair_map import PairName
+from zoomout_core.mesh.surface import MeshError
+
+# Eigenvalues that shapes are compared by: the constant function's is zero for all.
+COMPARED = slice(1, 40)
+# Distance between two shapes that are told apart by nothing, so that a spanning tree sees their edge.
+SMALLEST = 1e-12
+
+
+def pairs_with_template(template: str, names: Sequence[str]) -> list[PairName]:
+    """The template as the source of every other shape."""
+    return [PairName(template, name) for name in names if name != template]
+
+
+def all_pairs(names: Sequence[str]) -> list[PairName]:
+    """Every pair once, the first of the two as the source."""
+    return [PairName(*pair) for pair in combinations(names, 2)]
+
+
+def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> list[PairName]:
+    """Each shape with those most alike, and what else it takes to join all of them.
+
+    Args:
+        eigenvalues: (k,) of each shape, by its name.
+        neighbours: how many each shape is matched with, beside those that choose it.
+    """
+    names = list(eigenvalues)
+    if len(names) < 2:
+        return []
+    distances = unlikeness([eigenvalues[name] for name in names])
+    np.fill_diagonal(distances, np.inf)
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, : min(neighbours, len(names) - 1)]
+    chosen = {(min(i, int(j)), max(i, int(j))) for i in range(len(names)) for j in nearest[i]}
+    np.fill_diagonal(distances, 0.0)
+    # A tree of the least distances joins all, and most of it is among the nearest anyway.
+    tree = minimum_spanning_tree(csr_array(np.maximum(distances, SMALLEST))).tocoo()
+    chosen |= {(min(i, j), max(i, j)) for i, j in zip(tree.row.tolist(), tree.col.tolist(), strict=True)}
+    return [PairName(names[i], names[j]) for i, j in sorted(chosen)]
+
+
+def pairs_between(
+    unsure: Sequence[str], sure: Sequence[str], eigenvalues: Mapping[str, Floats], most: int
+) -> list[PairName]:
+    """Each unsure shape as the target of so many sure ones at most, those that are most alike.
+
+    Args:
+        unsure: names of shapes.
+        sure: names of others.
+        eigenvalues: (k,) of each shape, by its name.
+        most: how many of the sure ones for each.
+    """
+    distances = unlikeness([eigenvalues[name] for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
+    nearest = np.argsort(distances, axis=1, kind="stable")[:, :most]
+    return [PairName(sure[j], name) for name, row in zip(unsure, nearest.tolist(), strict=True) for j in row]
+
+
+def unlikeness(eigenvalues: Sequence[Floats]) -> Floats:
+    """(c, c) mean difference of the logarithms of the shapes' eigenvalues: they grow linearly, by Weyl's law."""
+    count = min(min(len(each) for each in eigenvalues), COMPARED.stop)
+    logarithms = np.log(np.maximum([each[COMPARED.start : count] for each in eigenvalues], SMALLEST))
+    return np.asarray(cdist(logarithms, logarithms, "cityblock") / max(count - COMPARED.start, 1))
+
+
+def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
+    """The pairs of a file: a source and a target a line, by their names or by those of their files.
+
+    Raises:
+        MeshError: the file cannot be read, a line has not two names, or a name is of no shape.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise MeshError(f"{path} could not be read as a list of pairs ({reason}): give a text file.") from error
+    known = {name: name for name in names} | {Path(name).stem: name for name in names}
+    pairs = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        if len(words) != 2:
+            raise MeshError(f"{path}, line {number}: give two names, a source and a target, not {len(words)}.")
+        for word in words:
+            if word not in known and Path(word).stem not in known:
+                raise MeshError(f"{path}, line {number}: no shape of the collection is called {word}.")
+        source, target = (known.get(word) or known[Path(word).stem] for word in words)
+        if source == target:
+            raise MeshError(f"{path}, line {number}: {source} is paired with itself.")
+        pairs.append(PairName(source, target))
+    if not pairs:
+        raise MeshError(f"{path} holds no pairs: give a source and a target a line.")
+    return list(dict.fromkeys(pairs))

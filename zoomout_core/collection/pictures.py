@@ -1,0 +1,150 @@
+"""Small pictures of the shapes of a collection, coloured through their maps: same colours correspond."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats
+from zoomout_core.collection.engine import Engine, Task
+from zoomout_core.collection.pair_map import PairName, PairRecord
+from zoomout_core.collection.tasks import place_of_map
+from zoomout_core.colors import place_colors
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.files import read_shape
+from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.stepping import Progress, Steps, drain
+
+if TYPE_CHECKING:
+    from zoomout_core.collection.collection import CollectionResult
+
+# Pixels of a picture on each side, and vertices of a surface that is drawn in it.
+PIXELS, MOST_VERTICES = 180, 6_000
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A shape as it is drawn.
+
+    Attributes:
+        png: the picture.
+        colors: (n, 3) of its vertices, 0 to 255.
+    """
+
+    png: bytes
+    colors: NDArray[np.uint8]
+
+
+def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Task]:
+    """What draws all shapes that a map joins to others: each after the one whose colours it takes.
+
+    Args:
+        result: the collection.
+        root: the shape whose places have colours of their own, such as a template; the one with most maps if not given.
+    """
+    tasks = []
+    for name, parent in colored_through(list(result.records), result.records, root):
+        path = result.items[name].path.resolve()
+        after: tuple[str, ...] = ()
+        map_file, forward, parent_path = None, True, None
+        if parent is not None:
+            pair = PairName(parent, name)
+            forward = pair in result.records
+            map_file = result.folder / place_of_map(pair if forward else PairName(name, parent))
+            parent_path, after = result.items[parent].path.resolve(), (f"picture {parent}",)
+        tasks.append(Task(f"picture {name}", picture_steps, (path, parent_path, map_file, forward), after))
+    return tasks
+
+
+def drawn_steps(result: CollectionResult, root: str | None, engine: Engine) -> Steps[dict[str, bytes]]:
+    """PNG files of all shapes that a map joins to others, by their names, see `picture_tasks`; what fails has none."""
+    tasks = picture_tasks(result, root)
+    found: dict[str, bytes] = {}
+    for done in engine.completed(tasks):
+        if done is not None and isinstance(done.result, Picture):
+            found[done.key.removeprefix("picture ")] = done.result.png
+        yield Progress(min(1.0, len(found) / len(tasks)), f"Drawing {len(found)} of {len(tasks)}")
+    return found
+
+
+def colored_through(
+    pairs: Sequence[PairName], records: Mapping[PairName, PairRecord], root: str | None
+) -> list[tuple[str, str | None]]:
+    """Each shape, and the one through whose map it is coloured: along the tree of the surest maps, from the root on."""
+    beside: dict[str, list[tuple[str, float]]] = {}
+    for pair in pairs:
+        for one, other in ((pair.source, pair.target), (pair.target, pair.source)):
+            beside.setdefault(one, []).append((other, records[pair].certainty))
+    found: list[tuple[str, str | None]] = []
+    seen: set[str] = set()
+    roots = [] if root is None or root not in beside else [root]
+    for start in roots + sorted(beside, key=lambda name: -len(beside[name])):
+        if start in seen:
+            continue
+        seen.add(start)
+        found.append((start, None))
+        ahead = [(certainty, start, other) for other, certainty in beside[start]]
+        while ahead:
+            step = max(ahead, key=lambda each: each[0])
+            ahead.remove(step)
+            _, parent, name = step
+            if name not in seen:
+                seen.add(name)
+                found.append((name, parent))
+                ahead += [(certainty, name, other) for other, certainty in beside[name] if other not in seen]
+    return found
+
+
+def picture_steps(
+    path: Path, parent_path: Path | None, map_file: Path | None, forward: bool, parent: Picture | None = None
+) -> Steps[Picture]:
+    """Draw a shape.
+
+    Args:
+        path: its file.
+        parent_path: the file of the shape whose colours it takes; None for places' own.
+        map_file: of the map between the two.
+        forward: whether that leads from this shape to the other.
+        parent: how that was drawn.
+    """
+    yield Progress(0.0, "Drawing")
+    surface = as_surface(read_shape(path))
+    if parent is None or parent_path is None or map_file is None:
+        colors = place_colors(surface.vertices, surface.vertices)
+    else:
+        other = as_surface(read_shape(parent_path))
+        if forward:
+            surface_map = SurfaceMap.load(map_file, other)
+        else:
+            surface_map = SurfaceMap.load(map_file, surface).invert(surface, other)
+        colors = surface_map.interpolate(parent.colors / 255)
+    return Picture(_drawn(surface, colors), np.rint(255 * colors.clip(0, 1)).astype(np.uint8))
+
+
+def _drawn(surface: Surface, colors: Floats) -> bytes:
+    """A PNG of a surface with colours (n, 3)."""
+    from matplotlib.figure import Figure
+
+    from zoomout_core.plotting import draw_surface
+
+    if len(surface.vertices) > MOST_VERTICES:
+        vertices, triangles, _ = drain(decimated_steps(surface.vertices, surface.triangles, MOST_VERTICES))
+        colors = colors[cKDTree(surface.vertices).query(vertices)[1]]
+        surface = Surface(vertices, triangles)
+    figure = Figure(figsize=(1, 1), dpi=PIXELS)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    width = draw_surface(axes, surface, colors)
+    axes.set(xlim=(width / 2 - 0.52, width / 2 + 0.52), ylim=(-0.52, 0.52), aspect="equal")
+    image = BytesIO()
+    figure.savefig(image, format="png", transparent=True)
+    return image.getvalue()

@@ -1,0 +1,185 @@
+"""Consistent ZoomOut: maps of a whole collection that agree along cycles (Huang, Ren, Wonka, Ovsjanikov 2020).
+
+All functional maps are read as passing through one latent space. Its basis is found from the maps of the pairs that are
+known; the maps that lead through it close every cycle, and are taken to more functions as ZoomOut takes a single one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import bsr_array
+from scipy.sparse.linalg import eigsh
+
+from zoomout_core.arrays import Floats, Integers, check_counts
+from zoomout_core.maps.functional_map import functional_map_of
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.spectral.sampling import farthest_points
+
+# Of two shapes by their numbers: source, the one that the map lands on, and target, the one that it starts from.
+PairOfShapes: TypeAlias = tuple[int, int]
+# How many farthest points of each shape the iterations run on, and at least.
+SAMPLES = 500
+# Rows of the latent problem up to which it is solved as a dense one; from about there on the sparse one is faster.
+MOST_DENSE = 2000
+# What the sparse problem is shifted by, so that it can be factorised: its smallest eigenvalues are near zero.
+SHIFT = -1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentMaps:
+    """Maps between all shapes of a collection, which agree along every cycle.
+
+    Attributes:
+        latent: for each shape (k, d) what of its functions each function of the latent space is: a canonical consistent
+            latent basis.
+        bases: as given.
+    """
+
+    latent: list[Floats]
+    bases: Sequence[SpectralBasis]
+
+    def functional_map(self, source: int, target: int) -> Floats:
+        """(k, k) the functional map of the target to the source, through the latent space."""
+        return np.asarray(self.latent[target] @ np.linalg.pinv(self.latent[source]))
+
+    def vertex_map(self, source: int, target: int) -> Integers:
+        """(n_t,) for each vertex of the target a vertex of the source."""
+        embedded = [
+            self.bases[shape].eigenvectors[:, : len(self.latent[shape])] @ self.latent[shape]
+            for shape in (target, source)
+        ]
+        return nearest(*embedded)
+
+
+def consistent_zoomout(
+    bases: Sequence[SpectralBasis],
+    maps: Mapping[PairOfShapes, Floats | Integers],
+    k_initial: int = 20,
+    k_final: int = 120,
+    step: int = 5,
+    samples: int = SAMPLES,
+) -> ConsistentMaps:
+    """Refine maps between the shapes of a collection together, so that they agree along cycles.
+
+    Args:
+        bases: of the shapes.
+        maps: for pairs (source, target) of shapes, by their numbers, which join all of them: functional maps
+            (k_t, k_s), or (n_t,) a source vertex of each target vertex.
+        k_initial: functions of each shape to begin with.
+        k_final: functions of each shape in the end.
+        step: growth in an iteration.
+        samples: farthest points of each shape that the iterations run on; at least k_final are taken.
+
+    Returns:
+        The maps between all shapes, through a latent space of k_final functions.
+
+    Raises:
+        ValueError: the pairs leave shapes apart, a number is below one, or a basis has too few functions.
+    """
+    check_counts(k_initial=k_initial, k_final=k_final, step=step, samples=samples)
+    fewest = min(len(basis.eigenvalues) for basis in bases)
+    if k_final > fewest:
+        raise ValueError(f"A basis has {fewest} eigenfunctions, too few for k_final = {k_final}: compute more of them.")
+    check_joined(len(bases), list(maps))
+    sampled = [SampledBasis.of(basis, farthest_points(basis.points, max(samples, k_final))) for basis in bases]
+    k_initial = min(k_initial, k_final, *(min(each.shape) for each in maps.values() if each.ndim == 2))
+    functional_maps: dict[PairOfShapes, Floats] = {
+        (source, target): np.asarray(given[:k_initial, :k_initial], dtype=np.float64)
+        if given.ndim == 2
+        else functional_map_of(given.astype(np.int64), bases[source], bases[target], k_initial, k_initial)
+        for (source, target), given in maps.items()
+    }
+    eigenvalues = [basis.eigenvalues for basis in bases]
+    return ConsistentMaps(latent_through(sampled, eigenvalues, functional_maps, k_final, step), bases)
+
+
+def latent_through(
+    sampled: Sequence[SampledBasis],
+    eigenvalues: Sequence[Floats],
+    functional_maps: Mapping[PairOfShapes, Floats],
+    k_final: int,
+    step: int,
+) -> list[Floats]:
+    """The latent bases (k_final, d) of all shapes, by iterations on samples; see `consistent_zoomout`.
+
+    Args:
+        sampled: the bases of the shapes at samples.
+        eigenvalues: of the shapes.
+        functional_maps: (k, k) of pairs (source, target), all of one size.
+        k_final: functions of each shape in the end.
+        step: growth in an iteration.
+    """
+    k = len(next(iter(functional_maps.values())))
+    while True:
+        latent = latent_basis(functional_maps, [values[:k] for values in eigenvalues])
+        if k == k_final:
+            return latent
+        k = min(k + step, k_final)
+        embedded = [each.rows[:, : len(basis)] @ basis for each, basis in zip(sampled, latent, strict=True)]
+        functional_maps = {
+            (source, target): sampled[target].fit(
+                sampled[source].rows[nearest(embedded[target], embedded[source]), :k], k
+            )
+            for source, target in functional_maps
+        }
+
+
+def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Sequence[Floats]) -> list[Floats]:
+    """A canonical consistent latent basis of functional maps (Huang, Achlioptas, Guibas, Ovsjanikov 2019).
+
+    It minimises the sum of ||C Y_source - Y_target||^2 over the maps, with the sum of Y^T Y over the shapes the
+    identity, and is turned so that the mean of the Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
+    those of each shape.
+
+    Args:
+        functional_maps: (k, k) of pairs (source, target).
+        eigenvalues: (k,) of each shape.
+
+    Returns:
+        For each shape (k, k), its latent functions one a column.
+    """
+    k, count = len(eigenvalues[0]), len(eigenvalues)
+    diagonal = np.zeros((count, k, k))
+    couplings = [-block for C in functional_maps.values() for block in (C.T, C)]
+    places = [place for source, target in functional_maps for place in ((source, target), (target, source))]
+    for (source, target), C in functional_maps.items():
+        diagonal[source] += C.T @ C
+        diagonal[target] += np.eye(k)
+    blocks = np.concatenate([diagonal, couplings])
+    rows, columns = np.array([*((shape, shape) for shape in range(count)), *places]).T
+    order = np.lexsort((columns, rows))
+    starts = np.searchsorted(rows[order], np.arange(count + 1))
+    matrix = bsr_array((blocks[order], columns[order], starts), shape=(count * k, count * k))
+    if count * k <= MOST_DENSE:
+        _, vectors = eigh(matrix.toarray(), subset_by_index=(0, k - 1))
+    else:
+        start = np.ones(count * k)
+        _, vectors = eigsh(matrix.tocsc(), k, sigma=SHIFT, v0=start)
+    latent = vectors.reshape(count, k, k)
+    frequencies = sum(each.T @ (values[:, None] * each) for each, values in zip(latent, eigenvalues, strict=True))
+    _, turned = eigh(frequencies)
+    # At unit scale, so that the maps through the latent space are as large as those that it was made from.
+    return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]
+
+
+def check_joined(count: int, pairs: Sequence[PairOfShapes]) -> None:
+    """Raise a ValueError unless pairs join all of so many shapes."""
+    group = list(range(count))
+
+    def root(shape: int) -> int:
+        while group[shape] != shape:
+            shape = group[shape]
+        return shape
+
+    for source, target in pairs:
+        group[root(source)] = root(target)
+    groups = len({root(shape) for shape in range(count)})
+    if groups > 1:
+        raise ValueError(f"The pairs leave the {count} shapes in {groups} groups with no map between: join these.")
