@@ -9,20 +9,32 @@
     meshlab_filter.transfer_attributes_by_zoomout(ms, sourcemesh=0, targetmesh=1)
     ms.save_current_mesh("result.obj")
 
-`filter_list()` names the filters, `print_filter_parameter_list(name)` what they take, and `apply_filter(ms, name)`
-applies these and MeshLab's own. `python -m meshlab_filter` does the same for files and `.mlx` scripts.
+`print_filter_list()` says what the filters do, `search(words)` looks among these and MeshLab's own,
+`print_filter_parameter_list(name)` says what one takes, and `apply_filter(ms, name)` applies it.
+`python -m meshlab_filter` does the same for files and `.mlx` scripts.
 """
 
-from meshlab_filter.catalogue import apply_filter, filter_list, print_filter_parameter_list
-from meshlab_filter.filters import (
-    apply_conform_by_zoomout,
-    compute_color_by_correspondence,
-    compute_correspondence_by_zoomout,
-    compute_laplacian_eigenfunctions,
-    compute_scalar_by_correspondence_error,
-    compute_symmetry_by_zoomout,
-    transfer_attributes_by_zoomout,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from meshlab_filter.catalogue import (
+        apply_filter,
+        filter_list,
+        print_filter_list,
+        print_filter_parameter_list,
+        search,
+    )
+    from meshlab_filter.filters import (
+        apply_conform_by_zoomout,
+        compute_color_by_correspondence,
+        compute_correspondence_by_zoomout,
+        compute_laplacian_eigenfunctions,
+        compute_scalar_by_correspondence_error,
+        compute_symmetry_by_zoomout,
+        transfer_attributes_by_zoomout,
+        transfer_texture_by_zoomout,
+    )
 
 __all__ = [
     "apply_conform_by_zoomout",
@@ -33,6 +45,24 @@ __all__ = [
     "compute_scalar_by_correspondence_error",
     "compute_symmetry_by_zoomout",
     "filter_list",
+    "print_filter_list",
     "print_filter_parameter_list",
+    "search",
     "transfer_attributes_by_zoomout",
+    "transfer_texture_by_zoomout",
 ]
+
+if not TYPE_CHECKING:  # so that checkers know a wrong name
+
+    def __getattr__(name: str) -> object:
+        """A public name, when it is asked for: a command line that is interrupted before has nothing to say of that."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        filters = import_module(f"{__name__}.filters")  # which the catalogue has from then on
+        home = filters if hasattr(filters, name) else import_module(f"{__name__}.catalogue")
+        value = globals()[name] = getattr(home, name)
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

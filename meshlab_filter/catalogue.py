@@ -7,19 +7,23 @@ defaults filled in, before it begins. It computes first and changes the MeshSet 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import Signature
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from meshlab_filter.parameters import LENGTH, Parameter
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Steps, drain
+from zoomout_core.runtime.stepping import Progress, Result, Steps
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
+
+# What is told of progress: the fraction done, in [0, 1], and what is being done, in words.
+Callback: TypeAlias = Callable[[float, str], object]
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class Filter:
 
 
 CATALOGUE: dict[str, Filter] = {}
+CALLBACK = "Called with the fraction done and what is being done; what it raises ends the work, and nothing changes."
 
 
 class MeshFilter(Protocol):
@@ -65,14 +70,14 @@ class MeshFilter(Protocol):
 
     row: Filter
 
-    def __call__(self, ms: MeshSet, **parameters: Any) -> dict[str, Any]: ...
+    def __call__(self, ms: MeshSet, *, callback: Callback | None = None, **parameters: Any) -> dict[str, Any]: ...
 
 
 def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., Steps[dict[str, Any]]]], MeshFilter]:
     """A decorator that enters a generator function into the catalogue, under its name.
 
     The function takes all of the parameters by keyword; the first line of its docstring says what it does. What the
-    decorator returns takes any of them, and runs to the end.
+    decorator returns takes any of them, and a callback that is told of progress, and runs to the end.
     """
 
     def entered(steps: Callable[..., Steps[dict[str, Any]]]) -> MeshFilter:
@@ -80,19 +85,21 @@ def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., Steps[dict[st
         row = Filter(steps.__name__, steps, parameters, description.partition("\n")[0])
         CATALOGUE[row.name] = row
 
-        def run(ms: MeshSet, **given: Any) -> dict[str, Any]:
-            return drain(row.run(ms, **given))
+        def run(ms: MeshSet, *, callback: Callback | None = None, **given: Any) -> dict[str, Any]:
+            return _told(row.run(ms, **given), callback)
 
         run.__name__ = run.__qualname__ = row.name
         run.__module__ = steps.__module__
         lines = [f"        {parameter.name}: {parameter.meaning}" for parameter in parameters]
+        lines.append(f"        callback: {CALLBACK}")
         run.__doc__ = "\n".join([description.rstrip(), "", "    Args:", "        ms: a `pymeshlab.MeshSet`.", *lines])
         given = [
             SignatureParameter(parameter.name, SignatureParameter.KEYWORD_ONLY, default=parameter.default)
             for parameter in parameters
         ]
         ms = SignatureParameter("ms", SignatureParameter.POSITIONAL_OR_KEYWORD)
-        run.__signature__ = Signature([ms, *given])  # type: ignore[attr-defined]
+        callback = SignatureParameter("callback", SignatureParameter.KEYWORD_ONLY, default=None)
+        run.__signature__ = Signature([ms, *given, callback])  # type: ignore[attr-defined]
         run.row = row  # type: ignore[attr-defined]
         return run  # type: ignore[return-value]
 
@@ -104,6 +111,33 @@ def filter_list() -> list[str]:
     import pymeshlab
 
     return [*CATALOGUE, *pymeshlab.filter_list()]
+
+
+def search(words: str) -> list[str]:
+    """The names of the filters in which all of some words occur; of this project's also in what is said of them.
+
+    Args:
+        words: with spaces between; a part of a word will do, and capitals do not matter.
+    """
+    wanted = re.split(r"[\s_]+", words.strip().lower())
+    return [name for name in filter_list() if all(word in _said_of(name).lower() for word in wanted)]
+
+
+def meaning(name: str) -> str:
+    """What a filter of this project does, a sentence; nothing of MeshLab's, which pymeshlab does not describe."""
+    return CATALOGUE[name].meaning if name in CATALOGUE else ""
+
+
+def _said_of(name: str) -> str:
+    """All that is known of a filter."""
+    parameters = CATALOGUE[name].parameters if name in CATALOGUE else ()
+    return " ".join([name, meaning(name), *(f"{parameter.name} {parameter.meaning}" for parameter in parameters)])
+
+
+def print_filter_list(words: str = "") -> None:
+    """Print the filters in which some words occur, a line each; without words this project's, and what they do."""
+    for name in search(words) if words else CATALOGUE:
+        print(f"{name}: {meaning(name)}" if meaning(name) else name)
 
 
 def print_filter_parameter_list(name: str) -> None:
@@ -125,12 +159,14 @@ def print_filter_parameter_list(name: str) -> None:
         print(f"\t{parameter.name} : {parameter.type.label} = {default}\n\t\t{parameter.meaning}{of}")
 
 
-def apply_filter(ms: MeshSet, name: str, /, **parameters: Any) -> dict[str, Any]:
+def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None, **parameters: Any) -> dict[str, Any]:
     """Apply a filter by its name, one of this project's or of MeshLab's.
 
     Args:
         ms: a `pymeshlab.MeshSet`.
         name: one of `filter_list()`.
+        callback: called with the fraction done, in [0, 1], and what is being done, in words; what it raises ends the
+            work. Of MeshLab's filters it is told the begin and the end.
         parameters: as `print_filter_parameter_list` says.
 
     Returns:
@@ -142,8 +178,8 @@ def apply_filter(ms: MeshSet, name: str, /, **parameters: Any) -> dict[str, Any]
     """
     _check_name(name)
     if name in CATALOGUE:
-        return drain(CATALOGUE[name].run(ms, **parameters))
-    return _apply_native(ms, name, parameters)
+        return _told(CATALOGUE[name].run(ms, **parameters), callback)
+    return _told(_native_steps(ms, name, parameters), callback)
 
 
 def check_mesh(ms: MeshSet, mesh_id: int) -> None:
@@ -170,6 +206,24 @@ def current_id(ms: MeshSet) -> int:
 def _check_name(name: str) -> None:
     if name not in filter_list():
         raise MeshError(f"There is no filter '{name}': filter_list() names them all.")
+
+
+def _told(steps: Steps[Result], callback: Callback | None) -> Result:
+    """What steps return, run to the end; a callback is told of their progress."""
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        if callback is not None:
+            callback(progress.fraction, progress.stage)
+
+
+def _native_steps(ms: MeshSet, name: str, parameters: dict[str, Any]) -> Steps[dict[str, Any]]:
+    yield Progress(0.0, name)
+    report = _apply_native(ms, name, parameters)
+    yield Progress(1.0, name)
+    return report
 
 
 def _apply_native(ms: MeshSet, name: str, parameters: dict[str, Any]) -> dict[str, Any]:

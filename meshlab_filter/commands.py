@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
+import meshlab_filter.filters  # noqa: F401, which enters them into the catalogue
 from meshlab_filter.batch import transfer_steps
+from meshlab_filter.catalogue import meaning, print_filter_list, print_filter_parameter_list, search
 from meshlab_filter.files import (
     FORMATS,
     SURFACES,
     TextureFiles,
     check_format,
-    load_mesh,
     new_mesh_set,
     save_beside,
-    texture_files,
 )
+from meshlab_filter.project import files_of, load_inputs
+from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script_steps
-from zoomout_core.batch import is_folder, planned, say_outcomes, write_report
+from meshlab_filter.watch import Watch, watch
+from zoomout_core.__main__ import INTERRUPTED
+from zoomout_core.batch import FAILED, PARTLY, is_folder, planned, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
     in_place_option,
@@ -29,14 +34,61 @@ from zoomout_core.command_options import (
     with_progress_bar,
 )
 from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.stepping import Steps
 
 
 @click.group()
+@click.version_option(package_name="zoomout-core")
 @threads_option
 def main() -> None:
     """Filters for mesh files, in every format that MeshLab reads."""
+
+
+@main.command("list")
+def list_command() -> None:
+    """List this project's filters, and what they do."""
+    print_filter_list()
+
+
+@main.command("search")
+@click.argument("words", nargs=-1, required=True)
+def search_command(words: tuple[str, ...]) -> None:
+    """List the filters in which WORDS occur, this project's and MeshLab's.
+
+    The exit code is 1 if there is none.
+    """
+    try:
+        if not search(" ".join(words)):
+            raise MeshError(f"No filter has {' and '.join(words)} in its name: try other words, or fewer.")
+        print_filter_list(" ".join(words))
+    except (ValueError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+
+
+@main.command()
+@click.argument("name", metavar="FILTER")
+def describe(name: str) -> None:
+    """Say what FILTER does, and the parameters that it takes."""
+    try:
+        if meaning(name):
+            click.echo(meaning(name))
+        print_filter_parameter_list(name)
+    except (ValueError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+
+
+@main.command()
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+def samples(folder: Path) -> None:
+    """Write sample meshes into FOLDER, a new one: those that the recipes of the guide are about."""
+    try:
+        paths = write_samples(folder)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    click.echo(f"Written to {folder}: {', '.join(str(path.relative_to(folder)) for path in paths)}")
 
 
 @main.command()
@@ -81,15 +133,15 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
     """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current in the end.
 
     The script may mix the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
-    current.
+    current. A project of MeshLab's among them, a .mlp file, stands for its meshes, placed as they are there.
     """
     try:
-        check_output(output, [script, *inputs], in_place)
+        check_output(output, [script, *(file for path in inputs for file in files_of(path))], in_place)
         read_script(script)
         ms = new_mesh_set()
         textures: TextureFiles = {}
         for path in inputs:
-            textures |= texture_files(ms.mesh(load_mesh(ms, path)), path)
+            textures |= load_inputs(ms, path)
         reports = with_progress_bar(run_script_steps(ms, script))
         if ms.mesh_number() == 0:
             raise MeshError("No mesh is left to write: keep one.")
@@ -100,3 +152,58 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
         for note in report.get("notes", ()):
             click.echo(f"Line {report['line']}, {report['name']}: {note}")
     click.echo(f"Written to {output}")
+
+
+@main.command("watch")
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option(
+    "--source",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="The mesh whose attributes every mesh that is saved in FOLDER receives.",
+)
+@click.option(
+    "--script",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A .mlx file that is run on every mesh and project that is saved, instead of a transfer.",
+)
+@click.option("--detail", type=click.Choice(list(DETAIL)), default="balanced", show_default=True)
+@click.option("--interval", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between looks.")
+@click.option("--once", is_flag=True, help="Work on what is there, and end.")
+def watch_command(
+    folder: Path, source: Path | None, script: Path | None, detail: str, interval: float, once: bool
+) -> None:
+    """Work on what is saved in FOLDER, by MeshLab or any other program, and write the results beside it.
+
+    Of a project, a .mlp file, the first mesh is the source of the others: what they receive is written to
+    NAME_zoomout.ply, and PROJECT_zoomout.mlp opens them all. Other meshes want --source or --script. Ctrl-C ends it.
+
+    With --once the exit code is 0 if all went well, 1 if nothing did, and 3 if something did.
+    """
+    outcomes: list[bool] = []
+
+    def done(path: Path, steps: Steps[list[str]]) -> None:
+        click.echo(f"{path.name} was saved.")
+        try:
+            for line in with_progress_bar(steps):
+                click.echo(f"  {line}")
+        except (ValueError, OSError, MemoryError) as error:
+            click.echo(f"{path.name}: failed. {error or NO_MEMORY}", err=True)
+            outcomes.append(False)
+        else:
+            outcomes.append(True)
+
+    try:
+        new_mesh_set()
+        if script is not None:
+            read_script(script)
+        if not once:
+            click.echo(f"Watching {folder}; Ctrl-C ends it.")
+        for _ in watch(Watch(folder, source, script, detail), done, interval, once):
+            pass
+    except KeyboardInterrupt:
+        click.echo(f"\nNo longer watching {folder}: {sum(outcomes)} files were worked on.", err=True)
+        sys.exit(INTERRUPTED)
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(str(error)) from None
+    if not all(outcomes):
+        sys.exit(PARTLY if any(outcomes) else FAILED)

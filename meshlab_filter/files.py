@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, chdir
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -87,9 +89,14 @@ def save_mesh(ms: MeshSet, output: str | Path) -> None:
         raise MeshError(f"{output} could not be written ({' '.join(str(error).split())}): write elsewhere.") from error
 
 
-def _staying() -> AbstractContextManager[None]:
+@contextmanager
+def _staying() -> Iterator[None]:
     """The process stays in its folder; where pymeshlab fails, it leaves it in the file's."""
-    return chdir(Path.cwd())
+    before = Path.cwd()
+    try:
+        yield
+    finally:
+        os.chdir(before)
 
 
 def texture_files(mesh: Mesh, path: str | Path) -> TextureFiles:

@@ -1,5 +1,6 @@
 """pymeshlab layers to and from the core's surfaces and attributes: the only place where the two meet.
 
+A layer without faces is taken for points of a surface, which is reconstructed from them: the points are its vertices.
 MeshLab stores triangles (polygons are triangles with "faux" edges between them) and texture coordinates at
 their corners, the wedges. Nothing can be set on an existing mesh but custom attributes, and what the
 constructor takes leaves out textures, selections and faux edges; so a new layer goes in by way of a PLY file in
@@ -21,7 +22,9 @@ import numpy as np
 from meshlab_filter.catalogue import check_mesh
 from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 if TYPE_CHECKING:
@@ -90,7 +93,7 @@ class Layer:
 
     Attributes:
         label: its name.
-        surface: the triangles, in the frame of all layers.
+        shape: the triangles, or the points, in the frame of all layers.
         vertices: (n, 3) positions, in the layer's own frame.
         normals: (n, 3) of the vertices.
         edges: (e, 2) vertex numbers of polylines.
@@ -103,7 +106,7 @@ class Layer:
     """
 
     label: str
-    surface: Surface
+    shape: Surface | PointCloud
     vertices: Floats
     normals: Floats
     edges: Integers
@@ -113,16 +116,29 @@ class Layer:
     custom: tuple[Attribute, ...]
     textures: Textures | None
 
+    @property
+    def surface(self) -> Surface:
+        """Its triangles, or those that are reconstructed from its points."""
+        return as_surface(self.shape)
+
+    @property
+    def faces(self) -> Integers:
+        """(m, 3) vertex numbers of its own triangles; points have none."""
+        return self.shape.triangles if isinstance(self.shape, Surface) else np.empty((0, 3), dtype=np.int64)
+
+    def can_hold(self, attribute: Attribute) -> bool:
+        """Whether there is something in the layer for an attribute: points have no faces and no corners of these."""
+        return attribute.domain is Domain.POINT or len(self.faces) > 0
+
 
 def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
     """A layer of a MeshSet, with its custom attributes of some names.
 
     Raises:
-        MeshError: there is no such layer, it is no surface, or it has no such attribute.
+        MeshError: there is no such layer, it can be neither a surface nor points of one, or it has no such attribute.
     """
-    check_mesh(ms, mesh_id)
+    shape = read_shape(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
-    surface = _surface(mesh)
     components, textures = _components(mesh), None
     coordinates = texture_coordinates(mesh)
     if coordinates is not None:
@@ -132,11 +148,11 @@ def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
         components[TEXCOORD] = Attribute(TEXCOORD, Domain.CORNER, Kind.UV, in_one_texture)
     return Layer(
         label=mesh.label(),
-        surface=surface,
+        shape=shape,
         vertices=mesh.vertex_matrix(),
         normals=mesh.vertex_normal_matrix(),
         edges=mesh.edge_matrix(),
-        faux=_faux_edges(mesh.polygonal_face_list(), mesh.face_matrix()),
+        faux=_faux_edges(mesh),
         transform=mesh.transform_matrix(),
         components=components,
         custom=tuple(attribute for name in custom for attribute in custom_attributes(mesh, name)),
@@ -152,15 +168,22 @@ def read_shape(ms: MeshSet, mesh_id: int) -> Surface | PointCloud:
     """
     check_mesh(ms, mesh_id)
     mesh = ms.mesh(mesh_id)
-    if mesh.face_number() > 0:
-        return _surface(mesh)
     with _naming(mesh):
-        return PointCloud(mesh.transformed_vertex_matrix())
+        if mesh.vertex_number() == 0:
+            raise MeshError("It is empty: load a mesh or points.")
+        places = mesh.transformed_vertex_matrix()
+        if mesh.face_number() > 0:
+            return Surface(places, mesh.face_matrix())
+        normals = turned_normals(mesh.vertex_normal_matrix(), mesh.transform_matrix())
+        cloud = PointCloud(places, normals if normals.any(axis=1).all() else None)
+        as_surface(cloud)  # it is kept, and what is wrong with the points is known
+        return cloud
 
 
-def _surface(mesh: Mesh) -> Surface:
-    with _naming(mesh):
-        return Surface(mesh.transformed_vertex_matrix(), mesh.face_matrix())
+def turned_normals(normals: Floats, transform: Floats) -> Floats:
+    """(n, 3) normals of a layer in the frame of all layers, of length one; zero where there is none."""
+    # Normals turn by the inverse's transpose; rows on the left, it is the inverse.
+    return unit_vectors(normals @ np.linalg.inv(transform[:3, :3]))
 
 
 @contextmanager
@@ -245,8 +268,11 @@ def _those_of(mesh: Mesh, name: str) -> list[Attribute]:
     return found
 
 
-def _faux_edges(polygons: list[Integers], triangles: Integers) -> Booleans:
+def _faux_edges(mesh: Mesh) -> Booleans:
     """(m, 3) the edges of triangles that no polygon has."""
+    if mesh.face_number() == 0:
+        return np.zeros((0, 3), dtype=bool)
+    polygons, triangles = mesh.polygonal_face_list(), mesh.face_matrix()
     if len(polygons) == len(triangles):
         return np.zeros(triangles.shape, dtype=bool)
     size = np.array([len(polygon) for polygon in polygons])
@@ -268,7 +294,7 @@ def check_target(layer: Layer) -> None:
     Raises:
         MeshError: MeshLab would drop some of them on reading.
     """
-    twice = (layer.surface.triangles == np.roll(layer.surface.triangles, 1, axis=1)).any(axis=1).sum()
+    twice = (layer.faces == np.roll(layer.faces, 1, axis=1)).any(axis=1).sum()
     if twice:
         raise MeshError(
             f"Layer '{layer.label}' has {twice} faces that name a vertex twice, and MeshLab makes no layer with such: "
@@ -315,7 +341,7 @@ def add_layer(ms: MeshSet, layer: Layer) -> int:
 def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:
     there = layer.components
     vertex_flags = np.zeros(len(layer.vertices), dtype=np.int64)
-    face_flags = np.zeros(len(layer.surface.triangles), dtype=np.int64)
+    face_flags = np.zeros(len(layer.faces), dtype=np.int64)
     if "vertex_selection" in there:
         vertex_flags |= SELECTED * there["vertex_selection"].values.astype(np.int64)
     if "face_selection" in there:
@@ -326,7 +352,7 @@ def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:
     vertex: list[Column] = [(axis, "double", layer.vertices[:, i]) for i, axis in enumerate("xyz")]
     vertex += [(f"n{axis}", "double", layer.normals[:, i]) for i, axis in enumerate("xyz")]
     vertex += [("flags", "int", vertex_flags), *_value_columns(there, "vertex")]
-    face: list[Column] = [("vertex_indices", "int", layer.surface.triangles)]
+    face: list[Column] = [("vertex_indices", "int", layer.faces)]
     face += [("flags", "int", face_flags), *_value_columns(there, "face")]
     if layer.textures is not None:
         coordinates, number = layer.textures.by_texture(there[TEXCOORD].values)

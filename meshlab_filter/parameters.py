@@ -74,11 +74,11 @@ def _finite(text: str) -> float:
     return float(text)
 
 
-def _absolute(text: str) -> Any:
-    """Scripts hold lengths, whatever share of the mesh's size they were entered as."""
-    from pymeshlab import PureValue
+def _length(text: str) -> Any:
+    """Scripts that MeshLab saved hold lengths; "2%" is a share of the diagonal of the mesh's bounding box."""
+    from pymeshlab import PercentageValue, PureValue
 
-    return PureValue(_finite(text))
+    return PercentageValue(_finite(text[:-1])) if text.endswith("%") else PureValue(_finite(text))
 
 
 def absolute_length(length: Any, vertices: Floats) -> float:
@@ -87,8 +87,13 @@ def absolute_length(length: Any, vertices: Floats) -> float:
 
     value = float(length.value())
     if isinstance(length, PercentageValue):
-        value *= float(np.linalg.norm(np.nanmax(vertices, axis=0) - np.nanmin(vertices, axis=0))) / 100
+        value *= diagonal(vertices) / 100
     return value
+
+
+def diagonal(vertices: Floats) -> float:
+    """The length of the diagonal of the bounding box of vertices (n, 3)."""
+    return float(np.linalg.norm(np.nanmax(vertices, axis=0) - np.nanmin(vertices, axis=0)))
 
 
 MESH = Type("int", ("RichMesh",), "the id of a mesh", _is_whole, int)
@@ -100,7 +105,7 @@ TEXT = Type("str", ("RichString",), "a text", _is_text, str)
 NAMES = Type("str or list of str", ("RichString",), "a list of names, or a text with commas between", _are_names, str)
 CHOICE = Type("str", ("RichEnum", "RichString"), "one of its choices", _is_text, str)
 LENGTH = Type(
-    "PercentageValue", ("RichAbsPerc", "RichPercentage"), "a PercentageValue or a PureValue", _is_length, _absolute
+    "PercentageValue", ("RichAbsPerc", "RichPercentage"), "a PercentageValue or a PureValue", _is_length, _length
 )
 # Arrays in Python, and the name of a file that holds them in scripts.
 DATA = Type(

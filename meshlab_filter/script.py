@@ -9,17 +9,18 @@ pymeshlab knows when it runs one: whether there is a filter of a name from the m
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
-from xml.sax import SAXParseException, parseString
-from xml.sax.handler import ContentHandler
 from xml.sax.saxutils import quoteattr
 
+import meshlab_filter.filters  # noqa: F401, which enters them into the catalogue
 from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh, filter_list
-from meshlab_filter.parameters import OTHER_RICH, RICH_TYPES, Parameter
+from meshlab_filter.parameters import LENGTH, OTHER_RICH, RICH_TYPES, Parameter, absolute_length, diagonal
+from meshlab_filter.xml_elements import Element, read_elements
+from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.stepping import Progress, Steps, within
 
@@ -30,23 +31,6 @@ if TYPE_CHECKING:
 UNKNOWN = "Something really bad happened"
 # The names of filters in Python; those in the menus are words with capitals and spaces.
 SNAKE_CASE = re.compile("[a-z0-9]+(_[a-z0-9]+)+")
-
-
-@dataclass(frozen=True, eq=False)
-class Element:
-    """An XML element of a script: a filter, or a parameter.
-
-    Attributes:
-        tag: its name.
-        line: where it begins, from 1.
-        attributes: by name.
-        inside: the elements in it.
-    """
-
-    tag: str
-    line: int
-    attributes: dict[str, str]
-    inside: list[Element] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +60,7 @@ def read_script(path: str | Path) -> list[Call]:
         MeshError: it is no script, or a filter of this project or a value is wrong; the message names the line.
         OSError: the file cannot be read.
     """
-    reader = _Reader()
-    try:
-        parseString(Path(path).read_bytes(), reader)
-    except SAXParseException as error:
-        raise MeshError(f"Line {error.getLineNumber()} of {path} is no XML: {error.getMessage()}.") from None
-    root = reader.root
-    if root.tag != "FilterScript":
-        raise MeshError(
-            f"Line {root.line} of {path} begins a {root.tag}, where a FilterScript should: give a .mlx file."
-        )
+    root = read_elements(path, "FilterScript", ".mlx")
     return [_call(path, element) for element in root.inside]
 
 
@@ -108,31 +83,6 @@ def run_script_steps(ms: MeshSet, path: str | Path) -> Steps[list[dict[str, Any]
             raise _placed(path, call.element, error) from error
         reports.append({"name": call.name, "line": call.element.line, **report})
     return reports
-
-
-class _Reader(ContentHandler):
-    """Builds the tree of elements, with their lines."""
-
-    root: Element
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._open: list[Element] = []
-        self._locator: Any = None
-
-    def setDocumentLocator(self, locator: Any) -> None:  # noqa: N802  the name that the parser calls
-        self._locator = locator
-
-    def startElement(self, name: str, attrs: Any) -> None:  # noqa: N802
-        element = Element(name, self._locator.getLineNumber(), dict(attrs.items()))
-        if self._open:
-            self._open[-1].inside.append(element)
-        else:
-            self.root = element
-        self._open.append(element)
-
-    def endElement(self, name: str) -> None:  # noqa: N802
-        self._open.pop()
 
 
 def _at_line(path: str | Path, element: Element, function: Any, *arguments: Any) -> Any:
@@ -216,7 +166,7 @@ def _native_steps(ms: MeshSet, call: Call) -> Steps[dict[str, Any]]:
         return apply_filter(ms, call.name, **call.values)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "filter.mlx"
-        path.write_text(_script_of(call.element), encoding="utf-8")
+        path.write_text(_script_of(call, ms.current_mesh().vertex_matrix()), encoding="utf-8")
         ms.load_filter_script(str(path))
     try:
         ms.apply_filter_script()
@@ -232,14 +182,21 @@ def _native_steps(ms: MeshSet, call: Call) -> Steps[dict[str, Any]]:
     return {}
 
 
-def _script_of(element: Element) -> str:
-    """A script of one filter, as it stands in a longer one."""
-    lines = ["<!DOCTYPE FilterScript>", "<FilterScript>", f"<filter {_attributes(element)}>"]
-    lines += [f"<Param {_attributes(child)}/>" for child in element.inside]
+def _script_of(call: Call, vertices: Floats) -> str:
+    """A script of one filter, as it stands in a longer one; lengths in percent are those of a mesh (n, 3)."""
+    lines = ["<!DOCTYPE FilterScript>", "<FilterScript>", f"<filter {_attributes(call.element.attributes)}>"]
+    for child in call.element.inside:
+        attributes = child.attributes
+        if attributes["type"] in LENGTH.rich:
+            # Without both bounds, which scripts that are written by hand leave out, MeshLab reads another value.
+            length = absolute_length(call.values[attributes["name"]], vertices)
+            bounds = {"min": "0", "max": repr(max(length, diagonal(vertices)))}
+            attributes = {**bounds, **attributes, "value": repr(length)}
+        lines.append(f"<Param {_attributes(attributes)}/>")
     return "\n".join([*lines, "</filter>", "</FilterScript>"])
 
 
-def _attributes(element: Element) -> str:
+def _attributes(attributes: dict[str, str]) -> str:
     # Control characters, such as the line breaks in tooltips, are stored as numeric references.
-    pairs = (f"{name}={quoteattr(value)}" for name, value in element.attributes.items())
+    pairs = (f"{name}={quoteattr(value)}" for name, value in attributes.items())
     return re.sub(r"[\n\r\t]", lambda found: f"&#{ord(found[0])};", " ".join(pairs))

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Bytes, Floats, Integers
 from zoomout_core.mesh.files import ply_columns
 
 if TYPE_CHECKING:
@@ -82,6 +82,29 @@ def texture_numbers(mesh: Mesh) -> tuple[list[str], Integers]:
     names = re.findall(r"^comment TextureFile (.*?)\r?$", header, re.MULTILINE)
     number = ply_columns(content)["face"].get("texnumber", np.zeros(mesh.face_number()))
     return names, np.asarray(number, dtype=np.int64)
+
+
+def pixels(images: Sequence[Image]) -> list[Bytes]:
+    """Images as arrays (height, width, channels), from the top row to the bottom one, of as many channels all."""
+    import PIL.Image
+
+    opened = []
+    for image in images:
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "image.png"
+            image.save(str(path))
+            with PIL.Image.open(path) as read:
+                read.load()
+                opened.append(read)
+    see_through = any(image.has_transparency_data for image in opened)
+    return [np.asarray(image.convert("RGBA" if see_through else "RGB")) for image in opened]
+
+
+def image_of(values: Bytes) -> Any:
+    """An image of an array (height, width, channels), to be saved as those of pymeshlab are."""
+    import PIL.Image
+
+    return PIL.Image.fromarray(values)
 
 
 def save_images(textures: Textures, folder: Path) -> list[str]:

@@ -5,6 +5,7 @@ This module is what that process runs, too: `python trial.py PATH MEMORY GLTF`; 
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,9 @@ SECONDS, SECONDS_PER_MEGABYTE = 30.0, 2.0
 # Bytes of memory beyond what the library takes, and for each byte of a file.
 MEMORY, MEMORY_PER_BYTE = 1 << 30, 150
 
+# Files that were read without a fault, by path, size and time of change: what has stayed as it was is not tried again.
+_SOUND: set[tuple[str, int, int, bool]] = set()
+
 
 def fault_of_file(path: str | Path, gltf: bool) -> str:
     """Why pymeshlab cannot read a mesh file, in words, or nothing.
@@ -22,7 +26,17 @@ def fault_of_file(path: str | Path, gltf: bool) -> str:
         path: of the file.
         gltf: whether it is to be read in a single layer.
     """
-    size = Path(path).stat().st_size
+    found = Path(path).stat()
+    file = os.path.abspath(path), found.st_size, found.st_mtime_ns, gltf
+    if file in _SOUND:
+        return ""
+    fault = _fault(path, found.st_size, gltf)
+    if not fault:
+        _SOUND.add(file)
+    return fault
+
+
+def _fault(path: str | Path, size: int, gltf: bool) -> str:
     if Path(path).suffix.lower() == ".stl" and size < _stated_size(Path(path)):
         return "it states more triangles than it has"
     command = [sys.executable, __file__, str(path), str(MEMORY + MEMORY_PER_BYTE * size), "gltf" if gltf else ""]

@@ -8,6 +8,7 @@ from meshlab_filter.filters.correspondence import (
 )
 from meshlab_filter.filters.spectrum import compute_laplacian_eigenfunctions
 from meshlab_filter.filters.symmetry import compute_symmetry_by_zoomout
+from meshlab_filter.filters.texture import transfer_texture_by_zoomout
 from meshlab_filter.filters.transfer import transfer_attributes_by_zoomout
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "compute_scalar_by_correspondence_error",
     "compute_symmetry_by_zoomout",
     "transfer_attributes_by_zoomout",
+    "transfer_texture_by_zoomout",
 ]

@@ -50,7 +50,7 @@ MATCHING = (
 def match_steps(source: Layer, target: Layer, candidate: int, **matching: Any) -> Steps[zo.MatchResult]:
     """The correspondence of two layers, by the parameters MATCHING."""
     arguments = _arguments(**matching)
-    result = yield from within(zo.match_steps(source.surface, target.surface, **arguments), 0.0, 0.85)
+    result = yield from within(zo.match_steps(source.shape, target.shape, **arguments), 0.0, 0.85)
     if candidate:
         result = yield from within(result.use_steps(candidate), 0.85, 1.0)
     return result

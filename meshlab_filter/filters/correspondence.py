@@ -189,6 +189,7 @@ def apply_conform_by_zoomout(
         label=f"{target.label}_conformed",
         vertices=vertices,
         normals=vertex_normals(vertices, target.surface.triangles),
+        shape=target.surface.with_vertices(vertices) if len(target.faces) else zo.PointCloud(vertices),
         transform=np.eye(4),
     )
     return {**report, "mesh_id": add_layer(ms, new)}
@@ -201,5 +202,5 @@ def _there_and_back_steps(
     # The inverse is evidence, not the start: it distinguishes the sides, and the inverse map is computed independently.
     inverse = found.surface_map.invert(source.surface, target.surface)
     sizes: dict[str, Any] = {**DETAIL[detail]}
-    back = yield from zo.match_steps(target.surface, source.surface, initial_map=inverse, seed=seed, **sizes)
+    back = yield from zo.match_steps(target.shape, source.shape, initial_map=inverse, seed=seed, **sizes)
     return cycle_error(found.surface_map, back.surface_map, target.surface.vertices), list(back.notes)

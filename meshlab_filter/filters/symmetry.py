@@ -55,7 +55,7 @@ def compute_symmetry_by_zoomout(
     layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
     check_names(mesh, [*attribute_names(name), f"{name}_side"])
     sizes: dict[str, Any] = {**DETAIL[detail]}
-    found = yield from zo.detect_symmetry_steps(layer.surface, left=DIRECTIONS[left], seed=seed, **sizes)
+    found = yield from zo.detect_symmetry_steps(layer.shape, left=DIRECTIONS[left], seed=seed, **sizes)
     if not found:
         raise zo.MeshError(f"No symmetry was found of layer '{layer.label}': it may have none.")
     if candidate >= len(found):

@@ -11,10 +11,17 @@ import numpy as np
 import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, stored_or_new_steps
-from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
+from meshlab_filter.mesh_data import (
+    TEXCOORD,
+    Layer,
+    add_layer,
+    check_target,
+    custom_names,
+    read_layer,
+    turned_normals,
+)
 from meshlab_filter.parameters import NAMES, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence
-from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.stepping import Progress, Steps, within
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
@@ -36,7 +43,9 @@ ALL = "*"
     Parameter("qualitytransfer", SWITCH, True, 'Scalars ("quality") of vertices and faces.'),
     Parameter("normaltransfer", SWITCH, False, "Normals of vertices, turned as the surface turns."),
     Parameter("selectiontransfer", SWITCH, False, "Selections of vertices and faces."),
-    Parameter("customattributes", NAMES, (), "Names of custom attributes, in a script with commas between; *: all."),
+    Parameter(
+        "customattributes", NAMES, (), "Names of custom attributes, in a script with commas between; '*' for all."
+    ),
     STORED_OR_NEW,
     *MATCHING,
 )
@@ -84,6 +93,8 @@ def transfer_attributes_by_zoomout(
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     missing = [] if TEXCOORD in source.components or not texcoordtransfer else [TEXCOORD]
     source = replace(source, components={name: a for name, a in source.components.items() if wanted[name]})
+    if selectiontransfer:  # where nothing is selected, nothing is to be
+        source = replace(source, components=_selections(source) | source.components)
     if normaltransfer:
         source = replace(source, components={**source.components, NORMAL: _normals(source)})
     if not source.components and not source.custom:
@@ -92,6 +103,7 @@ def transfer_attributes_by_zoomout(
             "check which mesh is the source, or ask for others."
         )
     check_target(target)
+    source, homeless = _held_by(target, source)
 
     finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
     found, report = yield from within(finding, 0.0, 0.8)
@@ -99,12 +111,30 @@ def transfer_attributes_by_zoomout(
     new = _merged(target, source, received)
     notes = [note for attribute in received for note in attribute.notes]
     notes += [f"Layer '{source.label}' has no {name}." for name in missing]
+    notes += [f"Layer '{target.label}' has no faces, and so takes no {name}." for name in homeless]
     return {
         **report,
         "mesh_id": add_layer(ms, new),
         "transferred": [attribute.name for attribute in received],
         "notes": [*report["notes"], *notes, *_notes(target, new)],
     }
+
+
+def _held_by(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
+    """The source with what a target has a place for, and the names of what it has none for.
+
+    Raises:
+        MeshError: there is a place for none.
+    """
+    components = {name: a for name, a in source.components.items() if target.can_hold(a)}
+    custom = tuple(a for a in source.custom if target.can_hold(a))
+    homeless = [a.name for a in (*source.components.values(), *source.custom) if not target.can_hold(a)]
+    if not components and not custom:
+        raise zo.MeshError(
+            f"Layer '{target.label}' has no faces to take {' and '.join(homeless)} of '{source.label}': "
+            "give a target with faces, or ask for what vertices have."
+        )
+    return replace(source, components=components, custom=custom), homeless
 
 
 def _custom_wanted(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | None) -> list[str]:
@@ -128,9 +158,20 @@ def _transfer_steps(source: Layer, target: Layer, found: zo.MatchResult | Corres
 
 def _normals(layer: Layer) -> Attribute:
     """Its vertices' normals, in the frame of all layers."""
-    # Normals turn by the inverse's transpose; rows on the left, it is the inverse.
-    values = layer.normals @ np.linalg.inv(layer.transform[:3, :3])
-    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, unit_vectors(values))
+    return Attribute(NORMAL, Domain.POINT, Kind.NORMAL, turned_normals(layer.normals, layer.transform))
+
+
+def _selections(layer: Layer) -> dict[str, Attribute]:
+    """Those of a layer where nothing is selected, of its vertices and its faces."""
+    counts = {
+        "vertex_selection": (Domain.POINT, len(layer.vertices)),
+        "face_selection": (Domain.FACE, len(layer.faces)),
+    }
+    return {
+        name: Attribute(name, domain, Kind.BOOLEAN, np.zeros(count, dtype=bool))
+        for name, (domain, count) in counts.items()
+        if count
+    }
 
 
 def _merged(target: Layer, source: Layer, received: list[Attribute]) -> Layer:

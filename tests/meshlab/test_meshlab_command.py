@@ -13,7 +13,11 @@ from click.testing import CliRunner
 from creature import SOURCE_POSE, TARGET_POSE, chart_of, creature, rest_of, write_textured_obj
 from PIL import Image
 
+import zoomout_core
+from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
+
+pytestmark = pytest.mark.usefixtures("remembered_matches")
 
 SIZE = 14.2**0.5
 
@@ -190,7 +194,7 @@ def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
         (["scans"], "a.ply", "one file for 3 targets"),
         (["scans/first.ply", "again/first.obj"], "out", "would both become"),
         (["scans/first.ply"], "scans", "might take its place"),
-        (["again"], "out", "holds no meshes"),
+        (["again"], "out", "holds no other meshes"),
     ],
 )
 def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, targets, output, sentence):
@@ -204,8 +208,30 @@ def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, 
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_filters_are_listed_searched_and_described():
+    listed = CliRunner().invoke(main, ["list"])
+    assert [line.partition(":")[0] for line in listed.output.splitlines()] == list(CATALOGUE)
+    found = CliRunner().invoke(main, ["search", "Holes", "close"])
+    assert found.output == "meshing_close_holes\n"
+    none = CliRunner().invoke(main, ["search", "nothing-like-it"])
+    assert none.exit_code == 1
+    assert none.output == "Error: No filter has nothing-like-it in its name: try other words, or fewer.\n"
+    described = CliRunner().invoke(main, ["describe", "compute_laplacian_eigenfunctions"])
+    assert described.output.startswith(CATALOGUE["compute_laplacian_eigenfunctions"].meaning)
+    assert "functions : int = 20" in described.output
+    assert CliRunner().invoke(main, ["describe", "nothing"]).exit_code == 1
+
+
+def test_samples_are_written_into_a_new_folder_alone(tmp_path):
+    (tmp_path / "character.obj").write_text("mine")
+    ran = CliRunner().invoke(main, ["samples", str(tmp_path)])
+    assert ran.exit_code == 1
+    assert ran.output == f"Error: {tmp_path} is not empty: give a new folder.\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["character.obj"]
+
+
 def test_it_runs_as_a_module():
     ran = subprocess.run(
-        [sys.executable, "-m", "meshlab_filter", "transfer", "--help"], check=True, capture_output=True, text=True
+        [sys.executable, "-m", "meshlab_filter", "--version"], check=True, capture_output=True, text=True
     )
-    assert "python -m meshlab_filter transfer" in ran.stdout
+    assert ran.stdout == f"python -m meshlab_filter, version {zoomout_core.__version__}\n"

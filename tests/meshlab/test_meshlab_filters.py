@@ -9,8 +9,8 @@ from creature import SOURCE_POSE, TARGET_POSE, creature
 from mesh_set_state import everything
 
 import meshlab_filter
-from meshlab_filter import apply_filter, filter_list, print_filter_parameter_list
-from meshlab_filter.catalogue import CATALOGUE
+from meshlab_filter import apply_filter, filter_list, print_filter_list, print_filter_parameter_list, search
+from meshlab_filter.catalogue import CATALOGUE, meaning
 from meshlab_filter.mesh_data import custom_names
 
 SIZE = 14.2**0.5
@@ -66,8 +66,44 @@ def test_every_filter_is_listed_and_is_a_function_of_the_package():
     for name, row in CATALOGUE.items():
         function = getattr(meshlab_filter, name)
         assert function.row is row
-        assert list(inspect.signature(function).parameters) == ["ms", *(p.name for p in row.parameters)]
+        assert list(inspect.signature(function).parameters) == ["ms", *(p.name for p in row.parameters), "callback"]
         assert all(f"{p.name}: {p.meaning}" in function.__doc__ for p in row.parameters)
+
+
+def test_filters_are_found_by_words_in_any_order_and_of_this_project_also_by_what_they_take(capsys):
+    found = search("TEXTURE transfer")
+    assert "transfer_attributes_by_zoomout" in found  # a parameter names textures
+    assert "transfer_texture_to_color_per_vertex" in found
+    assert search("close holes") == ["meshing_close_holes"]
+    assert search("nothing_like_it") == []
+    print_filter_list("symmetry pose")
+    assert capsys.readouterr().out == f"compute_symmetry_by_zoomout: {meaning('compute_symmetry_by_zoomout')}\n"
+    print_filter_list()
+    assert [line.partition(":")[0] for line in capsys.readouterr().out.splitlines()] == list(CATALOGUE)
+
+
+def test_a_callback_is_told_of_progress_and_may_end_the_work(pair):
+    told = []
+    meshlab_filter.compute_correspondence_by_zoomout(
+        pair, detail="fast", callback=lambda fraction, stage: told.append((fraction, stage))
+    )
+    fractions = [fraction for fraction, _ in told]
+    assert len(fractions) > 10
+    assert fractions == sorted(fractions)
+    assert all(stage for _, stage in told)
+    told.clear()
+    apply_filter(pair, "create_sphere", callback=lambda *progress: told.append(progress))
+    assert told == [(0.0, "create_sphere"), (1.0, "create_sphere")]
+    before = everything(pair)
+
+    def stop(fraction, _stage):
+        if fraction > 0.5:
+            raise KeyboardInterrupt
+
+    for give_up in (apply_filter, lambda ms, name, **options: getattr(meshlab_filter, name)(ms, **options)):
+        with pytest.raises(KeyboardInterrupt):
+            give_up(pair, "apply_conform_by_zoomout", detail="fast", callback=stop)
+    assert everything(pair) == before
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

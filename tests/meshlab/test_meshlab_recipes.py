@@ -1,50 +1,55 @@
 """The recipes of docs/meshlab.md, run as they stand there, and the figures beside them."""
 
 import re
+import shutil
+from contextlib import chdir
 from pathlib import Path
 
-import creatures
 import numpy as np
 import pymeshlab
 import pytest
-from creature import SOURCE_POSE, TARGET_POSE, Creature, creature, rest_of, write_textured_obj
+from click.testing import CliRunner
+from creature import rest_of
 from PIL import Image
+from scipy.ndimage import map_coordinates
 
-from meshlab_filter import transfer_attributes_by_zoomout
-from meshlab_filter.script import read_script
+from meshlab_filter import samples, transfer_attributes_by_zoomout
+from meshlab_filter.commands import main
+from meshlab_filter.project import read_project
+
+pytestmark = pytest.mark.usefixtures("remembered_matches")
 
 SIZE = 14.2**0.5
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "meshlab.md").read_text(encoding="utf-8")
 RECIPES = dict(re.findall(r"^### (.*?)$.*?```python\n(.*?)```", DOCUMENT, re.MULTILINE | re.DOTALL))
 
 
-def scanned(made):
-    """A mesh with noise of a tenth of an edge, and a hole on its back."""
-    noise = np.random.default_rng(0).normal(scale=0.01, size=made.vertices.shape)
-    at = made.rest[made.faces].mean(axis=1)
-    keep = np.linalg.norm(at - [0.1, 0, 0.42], axis=1) > 0.2
-    used, faces = np.unique(made.faces[keep], return_inverse=True)
-    return Creature(made.rest[used], (made.vertices + noise)[used], faces.reshape(-1, 3))
-
-
 @pytest.fixture(scope="module")
 def source():
-    return creature(0.08, SOURCE_POSE)
+    return samples.character()
 
 
 @pytest.fixture(scope="module")
 def target():
-    return scanned(creature(0.1, TARGET_POSE))
+    return samples.retopology()
+
+
+@pytest.fixture(scope="module")
+def sample_files(tmp_path_factory):
+    """The samples, made as the document says."""
+    folder = tmp_path_factory.mktemp("work")
+    (line,) = re.findall(r"^python -m meshlab_filter (samples .*)$", DOCUMENT, re.MULTILINE)
+    with chdir(folder):
+        ran = CliRunner().invoke(main, line.split())
+    assert ran.exit_code == 0, ran.output
+    (made,) = folder.iterdir()
+    return made
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch, source, target):
-    """Where the recipes find their files."""
-    write_textured_obj(tmp_path, source)
-    (tmp_path / "creature.obj").rename(tmp_path / "character.obj")
-    ms = pymeshlab.MeshSet()
-    ms.add_mesh(target.mesh())
-    ms.save_current_mesh(str(tmp_path / "retopology.ply"))
+def folder(sample_files, tmp_path, monkeypatch):
+    """A copy of the samples, where the recipes find their files."""
+    shutil.copytree(sample_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -87,10 +92,11 @@ def gradient(pixels=256):
 
 
 def test_bake_the_texture_anew(folder, target):
-    for name in ("front.bmp", "back.png"):
+    for name in ("front.png", "back.png"):
         gradient().save(folder / name)
     names = run("Bake the texture anew")
     assert place_error(names["ms"].mesh(1).vertex_color_matrix(), target.rest).mean() < 10
+    assert (folder / "coloured.ply").is_file()
     ms = pymeshlab.MeshSet()
     ms.load_new_mesh(str(folder / "baked.obj"))
     baked = ms.current_mesh()
@@ -105,10 +111,63 @@ def test_bake_the_texture_anew(folder, target):
     assert np.mean(error > 50) < 0.01
 
 
+BACKGROUND = 255  # of blue, which is zero where an island is
+
+
+def paint_backgrounds(folder, source):
+    """Textures that say where they are, and leave no doubt where no island is."""
+    upper, texture = samples.chart_of(source.rest[source.faces].mean(axis=1))
+    uv = samples.coordinates(source.rest[source.faces.ravel()], np.repeat(upper, 3)).reshape(-1, 3, 2)
+    for number, name in enumerate(samples.TEXTURES):
+        island = np.zeros((512, 512), dtype=bool)
+        for corners in uv[texture == number] * 512:
+            low, high = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int) + 1
+            x, y = np.mgrid[low[0] : high[0], low[1] : high[1]].reshape(2, -1)
+            homogeneous = np.vstack([corners.T, np.ones(3)])
+            weights = np.linalg.lstsq(homogeneous, np.stack([x + 0.5, y + 0.5, np.ones(len(x))]), rcond=None)[0]
+            inside = (weights > -1e-6).all(axis=0)
+            island[511 - y[inside], x[inside]] = True
+        shown = np.where(island[..., None], gradient(512), np.array([0, 0, BACKGROUND], dtype=np.uint8))
+        Image.fromarray(shown).save(folder / name)
+
+
+def share_of_background(image, uv, faces):
+    """How many of 50 random places on each face (m, 3, 2) show some of the background, read between texels."""
+    image = np.asarray(image.convert("RGB"), dtype=float)[::-1, :, 2]
+    weights = np.random.default_rng(0).dirichlet([1, 1, 1], (faces, 50))
+    places = np.einsum("fqc,fcx->fqx", weights, uv).reshape(-1, 2) * image.shape[::-1] - 0.5
+    return np.mean(map_coordinates(image, places[:, ::-1].T, order=1) > 10)
+
+
+def test_a_baked_texture_shows_nothing_from_beyond_islands(folder, source, target):
+    """MeshLab's does, wherever a face lies across a seam; the figure is that of the document."""
+    paint_backgrounds(folder, source)
+    ms = run("Bake the texture anew")["ms"]
+    uv = ms.mesh(1).wedge_tex_coord_matrix().reshape(-1, 3, 2)
+    assert share_of_background(Image.open("baked.png"), uv, len(target.faces)) == 0
+    unbaked = pymeshlab.MeshSet()
+    unbaked.load_new_mesh("character.obj")
+    unbaked.add_mesh(ms.mesh(1))
+    textured = transfer_attributes_by_zoomout(unbaked)["mesh_id"]
+    unbaked.apply_filter(
+        "transfer_attributes_to_texture_per_vertex",
+        sourcemesh=textured,
+        targetmesh=1,
+        attributeenum="Texture Color",
+        textname="theirs.png",
+        textw=1024,
+        texth=1024,
+    )
+    unbaked.set_current_mesh(1)
+    unbaked.save_current_mesh("theirs.obj")
+    assert share_of_background(Image.open("theirs.png"), uv, len(target.faces)) > 0.03
+
+
 def test_propagate_a_selection(folder, source, target):
     ms = run("Propagate a selection")["ms"]
     nearest = np.argmin(np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2), axis=1)
-    wanted = (source.vertices[:, 0] > 0.9)[nearest]
+    x = source.vertices[:, 0]
+    wanted = (x > x.min() + 0.8 * np.ptp(x))[nearest]
     assert wanted.any()
     assert np.mean(ms.current_mesh().vertex_selection_array() == wanted) > 0.98
 
@@ -122,20 +181,18 @@ def test_map_quality(folder, target):
     np.testing.assert_allclose(ms.current_mesh().vertex_scalar_array(), names["error"]["error"], atol=1e-6)
 
 
-def test_remesh_a_posed_shape_symmetrically(tmp_path, monkeypatch):
-    made = creatures.creature(3000, seed=1, bend=0.9)
-    scan = made.surface
-    monkeypatch.chdir(tmp_path)
-    ms = pymeshlab.MeshSet()
-    ms.add_mesh(pymeshlab.Mesh(scan.vertices, scan.triangles))
-    ms.save_current_mesh("scan.ply")
+def test_remesh_a_posed_shape_symmetrically(folder):
+    scan = samples.scan()
     names = run("Remesh a posed shape symmetrically")
     measures = names["ms"].apply_filter("get_topological_measures")
     assert measures["is_mesh_two_manifold"]
     assert measures["boundary_edges"] == 0
     assert measures["genus"] == 0
     assert measures["connected_components_number"] == 1
-    size = np.sqrt(scan.area)
+    names["ms"].set_current_mesh(0)
+    measured = names["ms"].apply_filter("get_geometric_measures")
+    names["ms"].set_current_mesh(names["ms"].mesh_number() - 1)
+    size = np.sqrt(measured["surface_area"])
     symmetric = names["ms"].current_mesh_id()
     for one, other in ((0, symmetric), (symmetric, 0)):
         names["ms"].set_current_mesh(one)
@@ -143,30 +200,51 @@ def test_remesh_a_posed_shape_symmetrically(tmp_path, monkeypatch):
             "get_hausdorff_distance", sampledmesh=one, targetmesh=other, maxdist=pymeshlab.PercentageValue(50)
         )
         assert 1000 * distance["mean"] / size < 1.5
-    # The truth is known at vertices of the scan, which are 18 apart.
+    # The truth is known at vertices of the scan, which are 27 apart.
     nearest = np.linalg.norm(names["here"][:, None] - scan.vertices, axis=2).argmin(axis=1)
-    mirrored = scan.vertices[creatures.mirrored_vertex(made, made)[nearest]]
+    opposite = np.linalg.norm(scan.rest[:, None] - scan.rest * [1, -1, 1], axis=2).argmin(axis=1)
+    mirrored = scan.vertices[opposite[nearest]]
     off = 1000 * np.linalg.norm(names["there"] - mirrored, axis=1) / size
     assert np.median(off) < 36
     assert np.mean(off > 100) < 0.05
 
 
+def test_measure_a_correspondence_against_the_truth(folder):
+    error = run("Measure a correspondence against the truth")["error"]
+    assert error["zoomout"].mean() < 15
+    assert error["closest point"].mean() > 2 * error["zoomout"].mean()
+
+
 @pytest.mark.parametrize("rebuilt", ["iso", "qes", "mc", "dense"])
-def test_measure_a_correspondence_against_the_truth(benchmark_data, monkeypatch, rebuilt):
+def test_faust_measured_by_the_recipe(benchmark_data, monkeypatch, rebuilt):
     """The figures are those of the document's table."""
     monkeypatch.chdir(benchmark_data / "faust_discretisation")
     title = "Measure a correspondence against the truth"
-    monkeypatch.setitem(RECIPES, title, RECIPES[title].replace("iso_081", f"{rebuilt}_081"))
+    recipe = RECIPES[title].replace("character.obj", "iso_080.ply").replace("retopology.ply", f"{rebuilt}_081.ply")
+    monkeypatch.setitem(RECIPES, title, recipe)
     error = run(title)["error"]
     assert error["zoomout"].mean() < 15
     assert error["closest point"].mean() > 4 * error["zoomout"].mean()
     assert np.mean(error["closest point"] > 50) > 20 * np.mean(error["zoomout"] > 50)
 
 
-def test_the_script_of_the_document_can_be_read(tmp_path):
+def test_every_command_of_the_document_runs(folder, target):
     (xml,) = re.findall(r"```xml\n(.*?)```", DOCUMENT, re.DOTALL)
-    (tmp_path / "script.mlx").write_text(xml)
-    assert [call.element.line for call in read_script(tmp_path / "script.mlx")] == [3, 8, 11]
+    (folder / "script.mlx").write_text(xml)
+    blocks = re.findall(r"^```\n(python -m meshlab_filter .*?)```", DOCUMENT, re.MULTILINE | re.DOTALL)
+    commands = [line.removeprefix("python -m meshlab_filter ") for block in blocks for line in block.splitlines()]
+    assert len(commands) == 9
+    for command in commands:
+        once = ["--once"] if command.startswith("watch") else []
+        ran = CliRunner().invoke(main, [*command.split(), *once])
+        assert ran.exit_code == 0, ran.output
+        assert ran.stdout
+    written = {path.name for path in (folder / "textured").iterdir()}
+    assert written == {"first.ply", "second.ply", "another.ply", "front.png", "back.png", "report.json"}
+    assert [mesh.label for mesh in read_project("project_zoomout.mlp")][2:] == ["retopology_zoomout"]
+    checked = pymeshlab.MeshSet()
+    checked.load_new_mesh("checked.ply")
+    assert 0.8 < checked.current_mesh().vertex_number() / len(target.vertices) < 1
 
 
 def test_transfer_is_several_times_as_exact_as_by_the_closest_point(folder, source, target):

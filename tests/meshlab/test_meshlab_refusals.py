@@ -3,7 +3,7 @@
 import numpy as np
 import pymeshlab
 import pytest
-from creature import SOURCE_POSE, TARGET_POSE, creature
+from creature import SOURCE_POSE, TARGET_POSE, creature, write_textured_obj
 from mesh_set_state import everything
 
 import meshlab_filter
@@ -100,9 +100,14 @@ def test_a_value_of_another_type_is_refused_and_the_parameter_named(pair, name, 
 @pytest.mark.parametrize("side", ["sourcemesh", "targetmesh"])
 @pytest.mark.parametrize(
     ("mesh_id", "sentence"),
-    [(7, "no mesh 7 among the 5"), (-1, "no mesh -1"), (2, "'points'.* no faces"), (3, "'empty'")],
+    [
+        (7, "no mesh 7 among the 5"),
+        (-1, "no mesh -1"),
+        (2, "'points': .*3 points is too small"),
+        (3, "'empty': It is empty"),
+    ],
 )
-def test_wrong_ids_point_clouds_and_empty_meshes_are_refused(odd, name, side, mesh_id, sentence):
+def test_wrong_ids_three_points_and_empty_meshes_are_refused(odd, name, side, mesh_id, sentence):
     assert isinstance(check_refusal(odd, sentence, name, **{side: mesh_id}), MeshError)
 
 
@@ -114,9 +119,19 @@ def test_filters_of_the_current_mesh_want_one_that_is_large_enough(odd, name):
         check_refusal(odd, sentence, name)
 
 
-def test_the_symmetry_of_points_is_refused(odd):
-    odd.add_mesh(pymeshlab.Mesh(np.random.default_rng(0).random((50, 3))), "cloud")
-    check_refusal(odd, "'cloud'.* no faces", "compute_symmetry_by_zoomout")
+@pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in BY_STORED])
+def test_points_that_no_surface_passes_through_are_refused(pair, name):
+    """On a line."""
+    pair.add_mesh(pymeshlab.Mesh(np.outer(np.arange(50.0), [1, 2, 3])), "line")
+    check_refusal(pair, "'line'.*line", name, **({"targetmesh": 2} if name in BY_PAIR else {}))
+
+
+def test_what_only_faces_have_finds_no_place_on_points(pair, shapes):
+    source, target = shapes
+    pair.add_mesh(source.mesh(f_scalar_array=np.arange(len(source.faces), dtype=float)), "by face")
+    pair.add_mesh(pymeshlab.Mesh(target.vertices), "points")
+    sentence = "'points' has no faces to take face_scalar of 'by face'"
+    check_refusal(pair, sentence, "transfer_attributes_by_zoomout", sourcemesh=2, targetmesh=3)
 
 
 @pytest.mark.parametrize("name", BY_STORED)
@@ -133,8 +148,10 @@ def test_a_target_that_has_a_hidden_fault_is_refused_before_the_work(pair, shape
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, name, monkeypatch):
+def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, shapes, name, tmp_path, monkeypatch):
     """Whatever the core is asked to do, it gives up."""
+    if name == "transfer_texture_by_zoomout":
+        pair = textured(tmp_path, *shapes)
     if name in BY_STORED:
         meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast")
 
@@ -145,6 +162,31 @@ def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, name, monkeypa
         monkeypatch.setattr(zo, function, give_up)
     monkeypatch.setattr("zoomout_core.maps.surface_map.SurfaceMap.interpolate", give_up)
     check_refusal(pair, "The core gives up", name)
+
+
+def textured(folder, source, target):
+    """A source with two textures as mesh 0, and as mesh 1 a target with texture coordinates."""
+    write_textured_obj(folder, source)
+    ms = pymeshlab.MeshSet()
+    ms.load_new_mesh(str(folder / "creature.obj"))
+    uv = target.rest[target.faces.ravel(), :2] / 5 + 0.5
+    ms.add_mesh(target.mesh(w_tex_coords_matrix=uv), "target")
+    return ms
+
+
+def test_what_cannot_be_baked_is_said_before_the_work(shapes, tmp_path):
+    source, target = shapes
+    ms = textured(tmp_path, source, target)
+    ms.add_mesh(source.mesh(), "bare")
+    ms.add_mesh(ms.mesh(0), "without images")  # pymeshlab does not copy them
+    ms.load_new_mesh(str(tmp_path / "creature.obj"))
+    name = "transfer_texture_by_zoomout"
+    check_refusal(ms, "'bare' has no texture to bake", name, sourcemesh=2)
+    check_refusal(ms, "'bare' has no texture coordinates to bake for", name, targetmesh=2)
+    check_refusal(ms, "no image of front.bmp and back.png", name, sourcemesh=3)
+    check_refusal(ms, "has 2 textures, and one image is baked", name, targetmesh=4)
+    check_refusal(ms, "'textw' is 0: give a whole number from 1", name, textw=0)
+    check_refusal(ms, "'texth' is 1000000000: give", name, texth=10**9)
 
 
 def test_texture_coordinates_that_are_missing_are_named(pair):

@@ -94,6 +94,25 @@ def test_a_script_as_the_desktop_program_writes_it_runs_unchanged(meshes, tmp_pa
     assert mesh.vertex_color_matrix()[:, 0].min() == 1
 
 
+def test_lengths_in_percent_are_those_of_the_mesh(meshes, tmp_path):
+    """For filters by names of the menus and of Python, and for those of this project."""
+    made = loaded(meshes[1:])
+    made.apply_filter("meshing_surface_subdivision_midpoint", iterations=1, threshold=pymeshlab.PercentageValue(3))
+    for name, iterations, threshold in (
+        ("Subdivision Surfaces: Midpoint", "Iterations", "Threshold"),
+        ("meshing_surface_subdivision_midpoint", "iterations", "threshold"),
+    ):
+        lines = param(iterations, "RichInt", 1) + param(threshold, "RichAbsPerc", "3%")
+        path = script(tmp_path, f'<filter name="{name}">\n{lines}</filter>')
+        ms = loaded(meshes[1:])
+        drain(run_script_steps(ms, path))
+        assert ms.current_mesh().vertex_number() == made.current_mesh().vertex_number()
+    own = '<filter name="compute_scalar_by_correspondence_error">\n' + param("selectabove", "RichAbsPerc", "2%")
+    (call,) = read_script(script(tmp_path, own + "</filter>"))
+    assert isinstance(call.values["selectabove"], pymeshlab.PercentageValue)
+    assert call.values["selectabove"].value() == 2
+
+
 MIXED = (
     '<filter name="compute_correspondence_by_zoomout">\n'
     + param("sourcemesh", "RichMesh", 0)

@@ -17,6 +17,8 @@ from mesh_set_state import everything
 
 from meshlab_filter import compute_correspondence_by_zoomout, transfer_attributes_by_zoomout
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 # Errors in units of the square root of the area, as papers quote them.
 SIZE = 14.2**0.5
 # A vertex that is further off has another place's data.
@@ -152,6 +154,20 @@ SWITCHES = {
 }
 
 
+def test_where_nothing_is_selected_on_the_source_nothing_is_on_the_target(coarse_source, coarse_target):
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(coarse_source.mesh(), "source")
+    ms.add_mesh(coarse_target.mesh(), "target")
+    ms.apply_filter("set_selection_all")
+    report = transfer_attributes_by_zoomout(
+        ms, selectiontransfer=True, texcoordtransfer=False, initial="proximity", detail="fast"
+    )
+    assert set(report["transferred"]) == SWITCHES["selectiontransfer"]
+    new = ms.mesh(report["mesh_id"])
+    assert new.selected_vertex_number() == new.selected_face_number() == 0
+    assert ms.mesh(1).selected_vertex_number() == len(coarse_target.vertices)
+
+
 @pytest.fixture(scope="module")
 def rich(tmp_path_factory, coarse_source, coarse_target):
     """Mesh 0 has all that a switch is about, and mesh 1 a correspondence."""
@@ -197,7 +213,7 @@ def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
         ({"landmarks": ([0, 1], [0, 10**6]), "initial": "landmarks"}, "target"),
         ({"initial": "proximity", "candidate": 3}, "candidate 3"),
         ({"targetmesh": 2}, "too few"),
-        ({"targetmesh": 3}, "no faces"),
+        ({"targetmesh": 3}, "too small"),
     ],
 )
 def test_a_failure_is_one_sentence_and_leaves_the_mesh_set_as_it_is(coarse_source, coarse_target, arguments, sentence):

@@ -1,0 +1,118 @@
+"""The source's texture in the target's own atlas."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import zoomout_core as zo
+from meshlab_filter.catalogue import mesh_filter
+from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, stored_or_new_steps
+from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
+from meshlab_filter.parameters import COUNT, TEXT, Parameter
+from meshlab_filter.textures import Textures, image_of, pixels
+from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.transfer import Attribute, Domain, Kind, map_target
+from zoomout_core.transfer.uv.bake import Picture, bake_steps
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+# Texels of an image, each way, at most: 1 GB of texels.
+MOST_TEXELS = 1 << 14
+
+
+@mesh_filter(
+    SOURCE,
+    TARGET,
+    Parameter("textname", TEXT, "baked.png", "The name of the image that is made, a PNG file."),
+    Parameter("textw", COUNT, 1024, "Its width, in texels."),
+    Parameter("texth", COUNT, 1024, "Its height, in texels."),
+    STORED_OR_NEW,
+    *MATCHING,
+)
+def transfer_texture_by_zoomout(
+    ms: MeshSet,
+    *,
+    sourcemesh: int,
+    targetmesh: int,
+    textname: str,
+    textw: int,
+    texth: int,
+    correspondence: str,
+    **matching: Any,
+) -> Steps[dict[str, Any]]:
+    """Bake the source's textures into an image for the target's own texture coordinates, without a seam in sight.
+
+    The result is a new layer, and the current one: a copy of the target with the image as its texture. Each texel is
+    read where its place lies on the source, between texels of the same island alone; gutters take the nearest texel.
+
+    Returns:
+        `mesh_id` of the new layer; `confidence`, an array for each vertex; `candidates` and `certainty`, unless the
+        correspondence was stored; `notes`, sentences for the user.
+
+    Raises:
+        MeshError: a mesh is missing or cannot be used, the source has no texture, or the target no coordinates for one.
+        ValueError: arguments that do not fit together.
+    """
+    for name, count in (("textw", textw), ("texth", texth)):
+        if not 1 <= count <= MOST_TEXELS:
+            raise ValueError(f"'{name}' is {count}: give a whole number from 1 to {MOST_TEXELS}.")
+    source = read_layer(ms, sourcemesh)
+    target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
+    uv, picture = _picture(source)
+    atlas = _atlas(target)
+    check_target(target)
+    finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
+    found, report = yield from within(finding, 0.0, 0.7)
+    mapped = map_target(found, source.surface, target.surface)
+    baked = yield from within(bake_steps(mapped, uv, picture, atlas, textw, texth), 0.7, 1.0)
+    name = f"{Path(textname).stem or 'baked'}.png"
+    number = np.zeros(len(target.faces), dtype=np.int64)
+    new = replace(
+        target,
+        label=f"{target.label}_baked",
+        components={**target.components, TEXCOORD: Attribute(TEXCOORD, Domain.CORNER, Kind.UV, atlas)},
+        textures=Textures.of([name], {name: image_of(baked.image)}, atlas, number),
+    )
+    outside = int(baked.outside.sum())
+    notes = [*report["notes"]]
+    if outside:
+        notes.append(f"{outside} faces of layer '{target.label}' lie outside of the unit square, and were not baked.")
+    return {**report, "mesh_id": add_layer(ms, new), "notes": notes}
+
+
+def _picture(source: Layer) -> tuple[Any, Picture]:
+    """The texture coordinates (3 m, 2) of a source, and the images that they refer to."""
+    textures = source.textures
+    if textures is None or not textures.names:
+        raise zo.MeshError(f"Layer '{source.label}' has no texture to bake: check which mesh is the source.")
+    uv, number = textures.by_texture(source.components[TEXCOORD].values)
+    used = [textures.names[each] for each in textures.numbers if each >= 0]
+    absent = [name for name in used if name not in textures.images]
+    if absent:
+        raise zo.MeshError(
+            f"The MeshSet has no image of {' and '.join(absent)}: load the mesh from its file, "
+            "for pymeshlab does not copy images from one MeshSet to another."
+        )
+    if len(used) < len(textures.numbers):
+        raise zo.MeshError(f"Layer '{source.label}' has faces without a texture: give these one, or remove them.")
+    return uv, Picture(pixels([textures.images[name] for name in used]), np.searchsorted(textures.numbers, number))
+
+
+def _atlas(target: Layer) -> Any:
+    """The texture coordinates (3 m, 2) that a target has of its own."""
+    if target.textures is None:
+        raise zo.MeshError(
+            f"Layer '{target.label}' has no texture coordinates to bake for: make some, for example with the filter "
+            "compute_texcoord_parametrization_triangle_trivial_per_wedge."
+        )
+    if len(target.textures.numbers) > 1:
+        raise zo.MeshError(
+            f"Layer '{target.label}' has {len(target.textures.numbers)} textures, and one image is baked: lay its "
+            "texture coordinates out in one."
+        )
+    return target.textures.by_texture(target.components[TEXCOORD].values)[0]

@@ -1,0 +1,152 @@
+"""MeshLab's projects (`.mlp`): the meshes of a document, by their files, and where each is placed.
+
+A project holds no mesh itself, so that what was changed in the program and not saved to a mesh file is not in it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from meshlab_filter.files import TextureFiles, load_mesh, texture_files
+from meshlab_filter.xml_elements import Element, read_elements
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import written_whole
+
+if TYPE_CHECKING:
+    from pymeshlab import MeshSet
+
+PROJECT = ".mlp"
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectMesh:
+    """A mesh of a project.
+
+    Attributes:
+        label: its name.
+        path: of its file.
+        transform: (4, 4) to the frame of all meshes.
+        visible: whether it is shown.
+    """
+
+    label: str
+    path: Path
+    transform: Floats
+    visible: bool = True
+
+
+def is_project(path: str | Path) -> bool:
+    """Whether a file is a project, by its ending."""
+    return Path(path).suffix.lower() == PROJECT
+
+
+def read_project(path: str | Path) -> list[ProjectMesh]:
+    """The meshes of a project, in order.
+
+    Raises:
+        MeshError: it is no project, has no mesh, or one that is in no file; the message names the line.
+        OSError: the file cannot be read.
+    """
+    root = read_elements(path, "MeshLabProject", PROJECT)
+    meshes = [mesh for group in root.find("MeshGroup") for mesh in group.find("MLMesh")]
+    if not meshes:
+        raise MeshError(f"The project {path} has no mesh: save one that has.")
+    return [_project_mesh(Path(path), mesh) for mesh in meshes]
+
+
+def load_inputs(ms: MeshSet, path: str | Path) -> TextureFiles:
+    """Add the mesh of a file to a MeshSet, or the meshes of a project; the last is current.
+
+    Returns:
+        The textures that came with them.
+
+    Raises:
+        MeshError: a file cannot be read, or holds several meshes.
+        OSError: the project cannot be read.
+    """
+    if not is_project(path):
+        return texture_files(ms.mesh(load_mesh(ms, path)), path)
+    textures: TextureFiles = {}
+    for one in read_project(path):
+        mesh = ms.mesh(load_mesh(ms, one.path))
+        mesh.set_label(one.label)
+        if not np.array_equal(one.transform, np.eye(4)):
+            ms.apply_filter("set_matrix", transformmatrix=one.transform, freeze=False)
+        textures |= texture_files(mesh, one.path)
+    return textures
+
+
+def files_of(path: str | Path) -> list[Path]:
+    """The files that an input is read from: itself, and those of a project's meshes.
+
+    Raises:
+        MeshError: it is no project.
+        OSError: the project cannot be read.
+    """
+    return [Path(path), *((one.path for one in read_project(path)) if is_project(path) else ())]
+
+
+def write_project(path: Path, meshes: Sequence[ProjectMesh]) -> None:
+    """Write a project of meshes.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    lines = ["<!DOCTYPE MeshLabDocument>", "<MeshLabProject>", " <MeshGroup>"]
+    for mesh in meshes:
+        name, label = (quoteattr(text) for text in (_relative(mesh.path, path.parent), mesh.label))
+        lines += [
+            f'  <MLMesh filename={name} label={label} idInFile="-1" visible="{int(mesh.visible)}">',
+            "   <MLMatrix44>",
+            *(" ".join(f"{value:.17g}" for value in row) for row in mesh.transform),
+            "</MLMatrix44>",
+            "  </MLMesh>",
+        ]
+    with written_whole(path) as part:
+        part.write_text(
+            "\n".join([*lines, " </MeshGroup>", " <RasterGroup/>", "</MeshLabProject>", ""]), encoding="utf-8"
+        )
+
+
+def _project_mesh(path: Path, element: Element) -> ProjectMesh:
+    name = element.attributes.get("filename", "").replace("\\", "/")
+    label = element.attributes.get("label") or name
+    if not name:
+        raise MeshError(
+            f"Line {element.line} of {path}: the mesh '{label}' is in no file; save it as one, and the project again."
+        )
+    words = " ".join(matrix.text for matrix in element.find("MLMatrix44")).split() or np.eye(4).ravel()
+    try:
+        transform = np.array(words, dtype=np.float64).reshape(4, 4)
+        if not np.isfinite(transform).all() or not np.linalg.det(transform[:3, :3]):
+            raise ValueError
+    except ValueError:
+        raise MeshError(
+            f"Line {element.line} of {path}: the mesh '{label}' has a matrix that places nothing; correct it."
+        ) from None
+    return ProjectMesh(label, _found(path.parent, name), transform, element.attributes.get("visible") != "0")
+
+
+def _found(folder: Path, name: str) -> Path:
+    """The file of a mesh; beside the project where it is not where the project says.
+
+    Saved to another folder than it was opened from, a project of MeshLab 2022 has the paths from there.
+    """
+    there, beside = folder / name, folder / Path(name).name
+    return beside if beside.is_file() and not there.is_file() else there
+
+
+def _relative(file: Path, folder: Path) -> str:
+    """How a file is called in a project in a folder."""
+    try:
+        return os.path.relpath(file, folder).replace(os.sep, "/")
+    except ValueError:  # on another drive
+        return str(file)

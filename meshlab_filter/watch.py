@@ -1,0 +1,191 @@
+"""A folder that is watched: what a program such as MeshLab saves there is worked on, and results come back beside it.
+
+A file counts once it has stayed as it is from one look to the next, with all that it names; so none is read while it is
+being written. What is there already, with results that are newer, is left alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import sleep
+from typing import TypeAlias
+
+from meshlab_filter.batch import transfer_steps
+from meshlab_filter.files import SURFACES, new_mesh_set, save_beside
+from meshlab_filter.project import (
+    PROJECT,
+    ProjectMesh,
+    files_of,
+    is_project,
+    load_inputs,
+    read_project,
+    write_project,
+)
+from meshlab_filter.script import run_script_steps
+from zoomout_core.batch import Job
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.outputs import PART, is_same_file
+from zoomout_core.runtime.stepping import Steps
+
+# The names of results end so, before the file's ending; such files are passed over.
+RESULT = "_zoomout"
+
+# Sizes and times of change of files; nothing where one is missing.
+State: TypeAlias = "tuple[tuple[int, int], ...] | None"
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What is done in a folder.
+
+    Attributes:
+        folder: that is looked at.
+        source: whose attributes every mesh that is saved receives; None: only projects are worked on, of which the
+            first mesh is the source of the others.
+        script: that is run on every mesh and project instead.
+        detail: as of the filters.
+    """
+
+    folder: Path
+    source: Path | None = None
+    script: Path | None = None
+    detail: str = "balanced"
+
+    def inputs(self) -> list[Path]:
+        """The files in the folder that something is to be done with, by name."""
+        files = [path for path in sorted(self.folder.iterdir()) if not _is_result(path) and not PART.search(path.name)]
+        projects = [path for path in files if is_project(path)]
+        if self.source is None and self.script is None:
+            return projects
+        known = [self.source, *(file for path in projects for file in _named(path))]
+        return projects + [
+            path
+            for path in files
+            if path.suffix.lower() in SURFACES and not any(is_same_file(path, one) for one in known if one is not None)
+        ]
+
+    def outputs(self, path: Path) -> list[Path]:
+        """The files that an input becomes."""
+        if not is_project(path) or self.script is not None:
+            return [_result(path, path.stem, ".ply")]
+        targets = [mesh.path for mesh in read_project(path)[1:]]
+        return [*(_result(path, target.stem, ".ply") for target in targets), _result(path, path.stem, PROJECT)]
+
+    def steps(self, path: Path) -> Steps[list[str]]:
+        """Work on an input; returns what is to be said of it.
+
+        Raises:
+            MeshError: it cannot be done.
+            OSError: a file cannot be read or written.
+        """
+        if self.script is not None:
+            return _script_steps(self.script, path, *self.outputs(path))
+        if is_project(path):
+            return self._project_steps(path)
+        assert self.source is not None  # a mesh alone is no input otherwise
+        return _transfer_steps(self.source, [Job(path, *self.outputs(path))], self.detail)
+
+    def _project_steps(self, path: Path) -> Steps[list[str]]:
+        """From the first mesh of a project to the others, and a project of them all with the results."""
+        source, *targets = read_project(path)
+        *outputs, project = self.outputs(path)
+        if not targets:
+            raise MeshError(f"The project {path.name} has one mesh: save one with a source, and then its targets.")
+        if len({output.name.casefold() for output in outputs}) < len(outputs):
+            raise MeshError(f"Two targets of the project {path.name} have one name: rename one of them.")
+        jobs = [Job(target.path, output) for target, output in zip(targets, outputs, strict=True)]
+        lines = yield from _transfer_steps(source.path, jobs, self.detail)
+        shown = [source]
+        for target, output in zip(targets, outputs, strict=True):
+            made = output.exists()  # it lies where its target does, which would hide it
+            shown.append(replace(target, visible=target.visible and not made))
+            shown += [ProjectMesh(output.stem, output, target.transform)] if made else []
+        write_project(project, shown)
+        return lines
+
+
+def watch(
+    work: Watch, done: Callable[[Path, Steps[list[str]]], None], interval: float, once: bool = False
+) -> Iterator[None]:
+    """Look at a folder again and again, and have what was saved there worked on; yields after each look.
+
+    Args:
+        work: what is done.
+        done: does the work on an input, and says how it went.
+        interval: seconds from one look to the next.
+        once: whether to end as soon as there is nothing left to do.
+    """
+    last: dict[Path, State] = {}
+    finished: dict[Path, State] = {}
+    while True:
+        waiting = False
+        for path in work.inputs():
+            state = _state(work, path)
+            if state is None or finished.get(path) == state or _is_newer(work, path):
+                continue
+            waiting = True
+            if last.get(path) == state:
+                done(path, work.steps(path))
+                finished[path] = state  # as it was before: what is saved meanwhile is work again
+            last[path] = state
+        yield
+        if once and not waiting:
+            return
+        sleep(interval)
+
+
+def _transfer_steps(source: Path, jobs: list[Job], detail: str) -> Steps[list[str]]:
+    outcomes = yield from transfer_steps(str(source), jobs, detail=detail)
+    failed = [one for one in outcomes if one.error]
+    if len(failed) == len(outcomes):
+        raise MeshError(" ".join(one.error for one in failed))
+    lines = [f"{one.job.target.name}: failed. {one.error}" for one in failed]
+    return lines + [f"{one.job.output.name}: {line}" for one in outcomes if not one.error for line in one.lines]
+
+
+def _script_steps(script: Path, path: Path, output: Path) -> Steps[list[str]]:
+    ms = new_mesh_set()
+    textures = load_inputs(ms, path)
+    reports = yield from run_script_steps(ms, script)
+    if ms.mesh_number() == 0:
+        raise MeshError("No mesh is left to write: keep one.")
+    save_beside(ms, output, textures, {})
+    return [f"{output.name}: {note}" for report in reports for note in report.get("notes", ())]
+
+
+def _result(path: Path, stem: str, ending: str) -> Path:
+    return path.with_name(f"{stem}{RESULT}{ending}")
+
+
+def _is_result(path: Path) -> bool:
+    return path.stem.endswith(RESULT)
+
+
+def _named(project: Path) -> list[Path]:
+    """The meshes of a project; none while it cannot be read."""
+    try:
+        return files_of(project)[1:]
+    except (ValueError, OSError):
+        return []
+
+
+def _state(work: Watch, path: Path) -> State:
+    """How an input is, with all that it names and is worked on by."""
+    try:
+        files = [path, *_named(path), *(each for each in (work.source, work.script) if each is not None)]
+        return tuple((found.st_size, found.st_mtime_ns) for found in map(os.stat, files))
+    except OSError:  # it is being replaced
+        return None
+
+
+def _is_newer(work: Watch, path: Path) -> bool:
+    """Whether the results of an input are there, and newer than what they were made of."""
+    try:
+        made = [output.stat().st_mtime_ns for output in work.outputs(path)]
+    except (ValueError, OSError):
+        return False
+    state = _state(work, path)
+    return state is not None and min(made) >= max(changed for _, changed in state)

@@ -1,0 +1,77 @@
+"""XML files of MeshLab, scripts and projects, as trees of elements with their lines.
+
+Entities are refused, so that no file grows beyond its own size, and no other file is read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers.expat import ErrorString, ExpatError, ParserCreate
+
+from zoomout_core.mesh.surface import MeshError
+
+
+@dataclass(eq=False)
+class Element:
+    """An XML element.
+
+    Attributes:
+        tag: its name.
+        line: where it begins, from 1.
+        attributes: by name.
+        inside: the elements in it.
+        text: the text in it, without that of the elements.
+    """
+
+    tag: str
+    line: int
+    attributes: dict[str, str]
+    inside: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def find(self, tag: str) -> list[Element]:
+        """The elements of a name that are in it."""
+        return [each for each in self.inside if each.tag == tag]
+
+
+def read_elements(path: str | Path, root: str, ending: str) -> Element:
+    """The tree of an XML file.
+
+    Args:
+        path: of the file.
+        root: the name that its outermost element must have.
+        ending: of such files, in words for the user.
+
+    Raises:
+        MeshError: it is no XML, declares entities, or has another root; the message names the line.
+        OSError: the file cannot be read.
+    """
+    parser, opened, outermost = ParserCreate(), list[Element](), list[Element]()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, parser.CurrentLineNumber, attributes)
+        (opened[-1].inside if opened else outermost).append(element)
+        opened.append(element)
+
+    def refuse(name: str, *_: object) -> None:
+        raise MeshError(f"Line {parser.CurrentLineNumber} of {path} declares the entity {name}: remove it.")
+
+    def text(characters: str) -> None:
+        opened[-1].text += characters
+
+    parser.buffer_text = True
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: opened.pop()
+    parser.CharacterDataHandler = text
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(Path(path).read_bytes(), True)
+    except ExpatError as error:
+        raise MeshError(f"Line {error.lineno} of {path} is no XML: {ErrorString(error.code)}.") from None
+    (found,) = outermost
+    if found.tag != root:
+        raise MeshError(
+            f"Line {found.line} of {path} begins a {found.tag}, where a {root} should: give a {ending} file."
+        )
+    return found
