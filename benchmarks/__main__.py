@@ -9,6 +9,8 @@ from typing import Any
 import click
 
 from benchmarks import clutter as clutter_table
+from benchmarks import collection as collection_tables
+from benchmarks import collection_engine as collection_engine_tables
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
 from benchmarks import downsampled as downsampled_table
@@ -57,6 +59,22 @@ def figure_option(command: Any) -> Any:
     """The option of a table that has a figure."""
     file = click.Path(dir_okay=False, path_type=Path)
     return click.option("--figure", type=file, help="Draw the figure to this image file.")(command)
+
+
+@main.command()
+@common_options
+@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Processes to match in.")
+def collection(data: Path, pairs: int | None, json_file: Path | None, workers: int) -> None:
+    """How many maps are right by themselves and once cycles were closed; --pairs: shapes of each class."""
+    report(collection_tables.run(data, pairs, workers), data, json_file)
+
+
+@main.command()
+@common_options
+@click.option("--planned", type=click.IntRange(min=10), default=10_000, show_default=True, help="Shapes of the plan.")
+def collection_engine(data: Path, pairs: int | None, json_file: Path | None, planned: int) -> None:
+    """What the engine of collections costs beside a plain loop; --pairs: how many shapes."""
+    report(collection_engine_tables.run(data, pairs, planned), data, json_file)
 
 
 @main.command()
@@ -152,6 +170,20 @@ def session(json_file: Path | None) -> None:
     from benchmarks import session as session_table  # it starts Blender
 
     report(session_table.run(), None, json_file)
+
+
+@main.command()
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
+@click.option("--page", type=click.Path(dir_okay=False, path_type=Path), help="Write the page to this Markdown file.")
+@click.option("--pairs", type=click.IntRange(min=1), help="Use this many files, and this many meshes.")
+def robustness(json_file: Path | None, page: Path | None, pairs: int | None) -> None:
+    """What this project, pyFMaps, Data Transfer and MeshLab do with malformed files and hard meshes."""
+    from benchmarks import robustness as robustness_table
+
+    tables = robustness_table.run(pairs)
+    if page is not None:
+        robustness_table.write_page(tables, page)
+    report(tables, None, json_file)
 
 
 @main.command()

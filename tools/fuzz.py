@@ -25,6 +25,7 @@ import numpy as np
 import trimesh
 from tqdm import tqdm
 
+from meshlab_filter.project import read_project
 from meshlab_filter.script import read_script
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
@@ -80,6 +81,18 @@ def readers() -> dict[str, Reader]:
  </filter>
 </FilterScript>
 """
+    project = """<!DOCTYPE MeshLabDocument>
+<MeshLabProject>
+ <MeshGroup>
+  <MLMesh filename="a.ply" label="a" idInFile="-1" visible="1">
+   <MLMatrix44>
+1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1
+</MLMatrix44>
+  </MLMesh>
+ </MeshGroup>
+ <RasterGroup/>
+</MeshLabProject>
+"""
     landmarks = b"# pairs\n0 1\n2 3\n", b"0 0 0 1 1 1\n0 1 0 1 0 1\n"
     return {
         "off": Reader(".off", read_shape, (text.encode(),)),
@@ -94,6 +107,7 @@ def readers() -> dict[str, Reader]:
         "map": Reader(".npz", lambda path: SurfaceMap.load(path, surface), (saved["map.npz"],)),
         "vertices of a map": Reader(".npz", lambda path: read_vertex_map(str(path)), (saved["map.npz"],)),
         "script": Reader(".mlx", read_script, (script.encode(),)),
+        "project": Reader(".mlp", read_project, (project.encode(),)),
         "landmarks": Reader(".txt", lambda path: read_landmarks(str(path)), landmarks),
     }
 

@@ -1,0 +1,150 @@
+"""What tools do with malformed files and hard meshes: each case in a child process, with limits of time and memory."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import trimesh
+
+from benchmarks.robustness.cases import Mesh, clean, hard_meshes, malformed_files
+from benchmarks.tables import Record, Tables, as_markdown
+
+TOOLS = ("zoomout_core", "pyFMaps", "Data Transfer", "MeshLab")
+# What each tool has a reader for, of the endings that there are.
+READS = {
+    "zoomout_core": (".obj", ".off", ".ply", ".stl"),
+    "pyFMaps": (".obj", ".off"),
+    "Data Transfer": (".obj", ".ply", ".stl"),
+    "MeshLab": (".obj", ".off", ".ply", ".stl"),
+}
+# Seconds, and bytes of address space, that a case may take.
+SECONDS, MEMORY = 60, 8 << 30
+# Cases that run at once.
+AT_ONCE = 2
+# A transfer is right where the median of how far positions are off is less than this, over the square root of the area.
+RIGHT = 0.03
+SENTENCE, CRASH, HANG, TRACEBACK = "sentence", "crash", "hang", "traceback"
+RIGHT_ONE, DOUBTED, SILENT, NO_READER = "right", "said so", "silently wrong", "-"
+VERDICTS = RIGHT_ONE, SENTENCE, DOUBTED, TRACEBACK, CRASH, HANG, SILENT, NO_READER
+
+
+def run(pairs: int | None) -> Tables:
+    """Two tables: the files, and the meshes; a row for each with the verdict of each tool; and the sums of both."""
+    files = dict(list(malformed_files().items())[:pairs])
+    hard = dict(list(hard_meshes().items())[:pairs])
+    with TemporaryDirectory() as folder, ThreadPoolExecutor(AT_ONCE) as pool:
+        cases = [("file", name, partial(_read, name, content, Path(folder))) for name, content in files.items()]
+        cases += [
+            ("mesh", name, partial(_used, harden, Path(folder), str(n)))
+            for n, (name, harden) in enumerate(hard.items())
+        ]
+        verdicts = [[pool.submit(verdict, tool) for tool in TOOLS] for _, _, verdict in cases]
+        rows = [
+            {sort: name, **{tool: one.result() for tool, one in zip(TOOLS, each, strict=True)}}
+            for (sort, name, _), each in zip(cases, verdicts, strict=True)
+        ]
+    return {
+        "files": [row for row in rows if "file" in row],
+        "meshes": [row for row in rows if "mesh" in row],
+        "sums": [_sums(tool, rows) for tool in TOOLS],
+    }
+
+
+def _sums(tool: str, rows: list[Record]) -> Record:
+    verdicts = Counter(row[tool] for row in rows)
+    return {"tool": tool} | {name: verdicts[name] for name in VERDICTS}
+
+
+def _read(name: str, content: bytes, folder: Path, tool: str) -> str:
+    """What a tool does with a malformed file: to refuse it is right, and so is to find nothing in it."""
+    if Path(name).suffix not in READS[tool]:
+        return NO_READER
+    path = folder / tool / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+    answer = _answer(tool, path)
+    if isinstance(answer, str):
+        return answer
+    return SILENT if answer.get("read") else SENTENCE if "said" in answer else DOUBTED
+
+
+def _used(harden: Callable[[Mesh], Mesh], folder: Path, number: str, tool: str) -> str:
+    """What a tool does with a mesh that was made hard to use."""
+    source, target = clean()
+    place = folder / f"{number} {tool}"
+    place.mkdir()
+    paths = place / "source.obj", place / "target.obj"
+    hard = harden(target)
+    for path, mesh in zip(paths, (source, hard), strict=True):
+        _write(path, mesh)
+    return _verdict(_answer(tool, paths[1], paths[0]), hard, source)
+
+
+def _write(path: Path, mesh: Mesh) -> None:
+    """As OBJ, in full precision, whatever the mesh is."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh[0]]
+    path.write_text("\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh[1]), ""]))
+
+
+def _verdict(answer: Record | str, mesh: Mesh, source: Mesh) -> str:
+    """Whether what was carried onto the vertices that faces use is right, or the tool said that it may not be."""
+    if isinstance(answer, str):
+        return answer
+    if "said" in answer:
+        return SENTENCE
+    carried = np.array(answer.get("carried", []), dtype=float)
+    doubts = DOUBTED if answer.get("doubts") else SILENT
+    vertices, faces = mesh
+    used = np.unique(faces) if len(faces) else np.arange(len(vertices))
+    if len(carried) == len(vertices):
+        carried = carried[used]
+    if len(carried) != len(used):  # readers may leave out what no face uses
+        return doubts
+    off = np.linalg.norm(carried - vertices[used], axis=1)
+    scale = np.sqrt(trimesh.Trimesh(*source, process=False).area)
+    return RIGHT_ONE if np.nanmedian(off) < RIGHT * scale else doubts
+
+
+def _answer(tool: str, *paths: Path) -> Record | str:
+    """What a tool says of a case, or how its process ended."""
+    command = [sys.executable, "-m", "benchmarks.robustness.worker", tool, *map(str, paths)]
+    try:
+        ran = subprocess.run(command, capture_output=True, timeout=SECONDS, preexec_fn=_limit, check=False)
+    except subprocess.TimeoutExpired:
+        return HANG
+    if ran.returncode < 0:
+        return CRASH
+    if ran.returncode:
+        return TRACEBACK
+    answer: Record = json.loads(ran.stdout.decode(errors="replace").splitlines()[-1])
+    return answer
+
+
+def _limit() -> None:
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+def write_page(tables: Tables, path: Path) -> None:
+    """Write the tables into a page, between what is said of them there; a new one where there is none."""
+    text = path.read_text(encoding="utf-8") if path.exists() else "".join(_place(name) for name in tables)
+    for name, rows in tables.items():
+        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+        before, _, rest = text.partition(begin)
+        _, _, after = rest.partition(end)
+        text = f"{before}{begin}\n{as_markdown(rows)}\n\n{end}{after}"
+    path.write_text(text, encoding="utf-8")
+
+
+def _place(name: str) -> str:
+    return f"<!-- {name} -->\n<!-- end of {name} -->\n\n"
