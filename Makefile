@@ -10,7 +10,7 @@ FITS := import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))
 # Files of tests run side by side, one at a time on each core; the last -n counts, such as in ARGS="-n 0 --pdb".
 PYTEST := OPENBLAS_NUM_THREADS=$${OPENBLAS_NUM_THREADS:-1} $(BIN)/python -m pytest -n auto --dist loadfile
 
-.PHONY: help setup test test-core test-all test-blender-versions mutants fuzz extension page demo demo-oldest lint format benchmarks clean
+.PHONY: help setup test test-core test-all test-blender-versions mutants fuzz extension docs release page demo demo-oldest lint format benchmarks clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-23s%s\n", $$1, $$2 }' Makefile
@@ -40,6 +40,14 @@ mutants: setup  ## see which changes of the code the nearest tests notice: make 
 
 extension: setup  ## build the Blender extension into dist, a zip for each platform (ARGS: some of them)
 	$(BIN)/python tools/extension.py $(ARGS)
+
+docs: ROOMS := docs
+docs: setup  ## build the documentation into build/docs/html; warnings are errors
+	$(BIN)/python tools/documentation.py $(ARGS)
+
+release: ROOMS := release
+release: setup  ## build and check the wheel, the source and the zips, in dist (PROJECT_URL: the public address)
+	PROJECT_URL="$(PROJECT_URL)" $(BIN)/python tools/release.py $(ARGS)
 
 page: setup  ## make the animation and the pictures of the extension's page, into dist/page
 	$(BIN)/python tools/extension_page.py $(ARGS)

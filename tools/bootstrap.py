@@ -7,7 +7,8 @@ exist for these two only). It uses the standard library alone and does, each onl
 2. create `.venv`, also in place of one that cannot be used;
 3. install the project into it, editable and with the extra `dev`, and see that both hosts load.
 
-With the argument `core` it leaves the hosts out, and installs the extra `core-tests` alone.
+With the argument `core` it leaves the hosts out, and installs the extra `core-tests` alone; with `docs` it installs
+what makes the documentation as well, and with `release` what builds and checks packages.
 
 A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a set-up that was killed half-way is recognised and made anew.
@@ -29,6 +30,14 @@ ENVIRONMENT = ROOT / ".venv"
 ENVIRONMENT_PYTHON = ENVIRONMENT / "bin" / "python"
 STAMP = ENVIRONMENT / "setup-stamp"
 UNFINISHED = "unfinished"
+
+# By argument: the extras, and what they add. An environment for one that stands later serves for those before it.
+EXTRAS = {
+    "core": ("core-tests", "25 MB to download, 200 MB on disk"),
+    "all": ("dev", "650 MB to download, 375 MB of them for Blender, and 1.6 GB on disk"),
+    "docs": ("dev,docs", "40 MB to download after the others"),
+    "release": ("dev,docs,release", "5 MB to download after the others"),
+}
 
 # What the wheels load from the system, and the Debian and Ubuntu packages that hold it. Blender opens
 # libEGL only when it renders, and aborts the process when it is missing.
@@ -54,19 +63,18 @@ SYSTEM_LIBRARIES = {
 
 
 def main() -> None:
-    core = sys.argv[1:] == ["core"]
+    wanted = (sys.argv[1:] or ["all"])[0]
     keep = environment_is_usable()
-    provide_system_packages(needs_venv=not keep, hosts=not core)
-    if keep and stamp() in (finished_stamp("dev"), *([finished_stamp("core-tests")] if core else [])):
+    provide_system_packages(needs_venv=not keep, hosts=wanted != "core")
+    enough = list(EXTRAS)[list(EXTRAS).index(wanted) :]
+    if keep and stamp() in [finished_stamp(EXTRAS[each][0]) for each in enough]:
         return
     if not keep:
         create_environment()
-    if core:
-        install_project("core-tests", "25 MB to download, 200 MB on disk")
-    else:
-        install_project("dev", "650 MB to download, 375 MB of them for Blender, and 1.6 GB on disk")
+    install_project(*EXTRAS[wanted])
+    if wanted != "core":
         check_hosts()
-    STAMP.write_text(finished_stamp("core-tests" if core else "dev"))
+    STAMP.write_text(finished_stamp(EXTRAS[wanted][0]))
     say("done")
 
 

@@ -1,0 +1,131 @@
+"""What the documentation says can be followed: links lead somewhere, code runs, commands and names are there."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+import pytest
+from guide import ROOT
+
+import zoomout_core as zo
+
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
+# `make docs` runs the other pages that have code, too.
+TUTORIALS = sorted(DOCS.glob("tutorial_*.md"))
+CELL = re.compile(r"(?ms)^```\{code-cell\} ipython3\n(.*?)^```$")
+NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def without_code(text: str) -> str:
+    return re.sub(r"(?ms)^(```|:::).*?^\1$|`[^`\n]*`", "", text)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link to a page may name after #."""
+    headings = re.findall(r"(?m)^#+ (.*)$", re.sub(r"(?ms)^```.*?^```$", "", text_of(page)))
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def code_of(page: Path) -> Iterator[str]:
+    """The blocks of Python of a page, without the shell's lines in them."""
+    for block in re.findall(r"(?ms)^```(?:python|\{code-cell\} ipython3)\n(.*?)^```$", text_of(page)):
+        yield re.sub(r"(?m)^(!.*|:tags:.*|# .*, (after|new).*)$", "", block)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_and_pictures_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(text_of(page))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        place, _, anchor = target.partition("#")
+        there = (page.parent / place) if place else page
+        assert there.exists(), target
+        assert not anchor or anchor in anchors(there), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_names_of_the_package_are_there(page: Path) -> None:
+    used = set(re.findall(r"\bzo\.([a-z_A-Z]\w*)(?:\.([a-z]\w*))?", text_of(page)))
+    for name, inner in used:
+        if name == "plotting" and find_spec("matplotlib") is None:
+            continue
+        assert hasattr(zo, name), f"zo.{name}"
+        if name in ("plotting", "samples") and inner:
+            assert hasattr(getattr(zo, name), inner), f"zo.{name}.{inner}"
+    for module in set(re.findall(r"`(zoomout_core(?:\.\w+)+)", text_of(page))):
+        parent, _, name = module.rpartition(".")
+        try:
+            importlib.import_module(module)
+        except ModuleNotFoundError:
+            assert hasattr(importlib.import_module(parent), name), module
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_code_is_python(page: Path) -> None:
+    for code in code_of(page):
+        if not code.lstrip("\n").startswith(" "):  # a line of a table, to be put between others
+            ast.parse(code)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_commands_have_the_options_that_are_named(page: Path) -> None:
+    from zoomout_core.cli import main
+
+    for line in re.findall(r"(?m)^(?:    |!|`)zoomout ([^`\n#]*)", text_of(page)):
+        name, *words = shlex.split(line.split("2>")[0])
+        if name.startswith("-"):
+            continue
+        command = main.commands[name]
+        known = {option for each in command.params if isinstance(each, click.Option) for option in each.opts}
+        assert {word for word in words if word.startswith("-")} <= known, line
+
+
+def test_all_public_names_stand_in_the_reference() -> None:
+    told = set(re.findall(r"\.\. auto\w+:: (\w+)", text_of(DOCS / "api" / "core.md")))
+    assert told == set(zo.__all__)
+
+
+def test_every_page_is_reached() -> None:
+    listed = set(re.findall(r"(?m)^([\w/]+\*?)$", text_of(DOCS / "index.md")))
+    pages = {page.relative_to(DOCS).with_suffix("").as_posix() for page in DOCS.rglob("*.md")}
+    assert {page for page in pages if page not in listed and f"{page}*" not in listed} == {"index", "extension_page"}
+
+
+def test_the_table_of_pyfmaps_is_whole() -> None:
+    pytest.importorskip("pyFM")
+    from pyFM.functional import FunctionalMapping
+    from pyFM.mesh.trimesh import TriMesh
+
+    told = set(re.findall(r"\w+", text_of(DOCS / "coming_from.md")))
+    offered = {name for each in (TriMesh, FunctionalMapping) for name in vars(each) if not name.startswith("_")}
+    assert offered <= told
+
+
+@pytest.mark.parametrize("page", TUTORIALS, ids=[page.stem for page in TUTORIALS])
+def test_tutorials_run(page: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    code = "\n".join(re.sub(r"(?m)^:tags:.*$", "", cell) for cell in CELL.findall(text_of(page)))
+    code = re.sub(r"(?m)^!(.*)$", lambda line: f"_exit_code = _shell({line[1]!r})", code)
+    start = "import subprocess\ndisplay = print\ndef _shell(line): return subprocess.run(line, shell=True).returncode\n"
+    command = f'zoomout() {{ "{sys.executable}" -m zoomout_core "$@"; }}\n'
+    start = start.replace("subprocess.run(line,", f"subprocess.run({command!r} + line,")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "ZOOMOUT_CACHE": "off"}
+    done = subprocess.run(
+        [sys.executable, "-c", start + code], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,180 @@
+"""Build what is released, and check each file where nothing else is installed.
+
+`make release` leaves the wheel, the source distribution and the extension's zips in `dist`, all of the last commit.
+`make release PROJECT_URL=https://…` gives the project's public address, which nothing else knows: the README's links
+and pictures, relative here, then lead there, as a package index asks for, and the metadata have it, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import venv
+from pathlib import Path
+from zipfile import ZipFile
+
+ROOT = Path(__file__).resolve().parent.parent
+DIST = ROOT / "dist"
+BUILD = ROOT / "build" / "release"
+
+# Where an address has a file of some version to be read, and as it is.
+FILE, RAW = "{url}/blob/v{version}/{path}", "{url}/raw/v{version}/{path}"
+# An inline link, or a picture if it begins with an exclamation mark.
+LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
+# What the wheel may put at top level.
+PACKAGES = {"zoomout_core", "meshlab_filter"}
+
+
+def main() -> None:
+    """Build and check, with the arguments of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--without-extension", action="store_true", help="neither build nor check the zips")
+    parser.add_argument("--tests", default="tests/core", help="what of the tests runs from the source distribution")
+    arguments = parser.parse_args()
+    url = os.environ.get("PROJECT_URL", "").rstrip("/")
+    shutil.rmtree(BUILD, ignore_errors=True)
+    tree, version = exported(url)
+    for old in (*DIST.glob("zoomout_core-*"), *([] if arguments.without_extension else DIST.glob("*.zip"))):
+        old.unlink()
+    run(sys.executable, "-m", "build", "--outdir", str(DIST), str(tree))
+    wheel, source = DIST / f"zoomout_core-{version}-py3-none-any.whl", DIST / f"zoomout_core-{version}.tar.gz"
+    run(sys.executable, "-m", "twine", "check", "--strict", str(wheel), str(source))
+    check_readme(wheel, url)
+    check_bare(wheel)
+    check_commands(wheel)
+    check_source(source, arguments.tests)
+    if not arguments.without_extension:
+        run(sys.executable, "tools/extension.py")
+        run(sys.executable, "tools/blender_versions.py", "--ends")
+    print("release:", *(path.name for path in sorted(DIST.iterdir()) if path.is_file()))
+
+
+def exported(url: str) -> tuple[Path, str]:
+    """The last commit's tree, in a folder of its own, with the project's address in it; and the version."""
+    if run("git", "status", "--porcelain", "--untracked-files=no").strip():
+        print("release: what is not committed is left out")
+    tree = BUILD / "tree"
+    tree.mkdir(parents=True)
+    archive = BUILD / "tree.tar"
+    run("git", "archive", "--output", str(archive), "HEAD")
+    with tarfile.open(archive) as packed:
+        packed.extractall(tree, filter="data")
+    settings, readme = tree / "pyproject.toml", tree / "README.md"
+    version: str = tomllib.loads(settings.read_text(encoding="utf-8"))["project"]["version"]
+    if url:
+        settings.write_text(with_addresses(settings.read_text(encoding="utf-8"), url), encoding="utf-8")
+        readme.write_text(with_absolute_links(readme.read_text(encoding="utf-8"), url, version), encoding="utf-8")
+    return tree, version
+
+
+def with_addresses(settings: str, url: str) -> str:
+    """The text of pyproject.toml, with addresses for the metadata."""
+    pages = {
+        "Homepage": url,
+        "Documentation": f"{url}/tree/HEAD/docs",
+        "Changelog": f"{url}/blob/HEAD/CHANGELOG.md",
+        "Issues": f"{url}/issues",
+    }
+    lines = "".join(f'{name} = "{page}"\n' for name, page in pages.items())
+    return settings.replace("[project.scripts]\n", f"[project.urls]\n{lines}\n[project.scripts]\n", 1)
+
+
+def with_absolute_links(text: str, url: str, version: str) -> str:
+    """A text in Markdown whose links and pictures lead to the project's address."""
+
+    def absolute(link: re.Match[str]) -> str:
+        mark, label, target = link.groups()
+        if is_absolute(target):
+            return link[0]
+        place = (RAW if mark else FILE).format(url=url, version=version, path=target)
+        return f"{mark}[{label}]({place})"
+
+    return LINK.sub(absolute, text)
+
+
+def is_absolute(target: str) -> bool:
+    """Whether a link leads somewhere from wherever its page is."""
+    return re.match(r"[a-z]+:|#", target) is not None
+
+
+def check_readme(wheel: Path, url: str) -> None:
+    """Check that the README's links lead somewhere on a package index; without an address, say that they do not."""
+    with ZipFile(wheel) as packed:
+        (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA"))
+        readme = packed.read(name).decode().partition("\n\n")[2]  # below the headers
+    relative = [target for _, _, target in LINK.findall(readme) if not is_absolute(target)]
+    if relative and url:
+        sys.exit(f"The README's links to {', '.join(relative)} are relative: a package index cannot follow them.")
+    if relative:
+        print(
+            f"release: {len(relative)} links and pictures of the README are relative and lead nowhere on a package "
+            "index: give PROJECT_URL=https://…, the project's address."
+        )
+
+
+def check_bare(wheel: Path) -> None:
+    """Check the wheel without extras: it imports, and each command ends in one sentence that names its extra."""
+    python = fresh("bare", str(wheel))
+    run(str(python), "-c", "import zoomout_core as zo; zo.match, zo.Surface, zo.transfer")
+    for module, extra in (("zoomout_core", "cli"), ("meshlab_filter", "meshlab")):
+        done = subprocess.run([python, "-m", module, "--help"], capture_output=True, text=True, check=False, cwd=BUILD)
+        if done.returncode != 1 or not re.fullmatch(rf"[^\n]* pip install 'zoomout-core\[{extra}\]'\.\n", done.stderr):
+            sys.exit(f"python -m {module} without its extra says: {done.stderr}")
+    (installed,) = python.parents[1].glob("lib/python3*/site-packages/zoomout_core-*.dist-info/RECORD")
+    top = {line.split(",")[0].split("/")[0] for line in installed.read_text(encoding="utf-8").splitlines()}
+    odd = {name for name in top if name != ".." and not name.endswith(".dist-info")} - PACKAGES
+    if odd:
+        sys.exit(f"The wheel puts {', '.join(sorted(odd))} at top level.")
+
+
+def check_commands(wheel: Path) -> None:
+    """Check the wheel with the extra `cli`: from samples to a map, and to a file."""
+    python = fresh("cli", f"{wheel}[cli]")
+    zoomout = [str(python.parent / "zoomout")]
+    folder = BUILD / "try"
+    source, target = str(folder / "character.glb"), str(folder / "scan.ply")
+    run(*zoomout, "sample", str(folder))
+    run(*zoomout, "match", source, target, "-o", str(folder / "map.npz"), "--cache", "off")
+    run(*zoomout, "transfer", source, target, "-o", str(folder / "scan.glb"), "--cache", "off")
+    if "Wave" not in run(*zoomout, "info", str(folder / "scan.glb")):
+        sys.exit("The animation did not come along.")
+
+
+def check_source(source: Path, tests: str) -> None:
+    """Check the source distribution: its own tests run from it."""
+    with tarfile.open(source) as packed:
+        packed.extractall(BUILD, filter="data")
+    tree = BUILD / source.name.removesuffix(".tar.gz")
+    python = fresh("source", f"{tree}[core-tests]")
+    # What is installed is tested, by tests that stand beside the tree.
+    run(str(python), "-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", *tests.split(), folder=tree)
+
+
+def fresh(name: str, wanted: str) -> Path:
+    """The Python of a new environment in which one thing, with what it needs, is installed."""
+    place = BUILD / name
+    venv.create(place, symlinks=True, with_pip=True)
+    python = place / "bin" / "python"
+    run(str(python), "-m", "pip", "install", "--quiet", "--prefer-binary", wanted)
+    return python
+
+
+def run(*command: str, folder: Path = ROOT) -> str:
+    """What a command prints; ends the program if it fails."""
+    print("release:", *(word.replace(f"{ROOT}/", "") for word in command), flush=True)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
+    done = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"{done.stdout}\nThis failed, so there is nothing to release: {' '.join(command)}")
+    return done.stdout
+
+
+if __name__ == "__main__":
+    main()
