@@ -19,7 +19,8 @@ import zoomout_core as zo
 from zoomout_core.runtime.interrupts import interrupts_heard
 from zoomout_core.runtime.outputs import check_output, written_whole
 
-from . import arguments, pairs, symmetry
+from ..scene.files import check_writable_format, save_scene
+from . import arguments, files, pairs, symmetry
 from .arguments import NAME
 
 # What the process ends with: argparse's 2 is for a command line that cannot be understood.
@@ -30,7 +31,11 @@ RUN = {
     "wrap": pairs.wrap,
     "dress": pairs.dress,
     "symmetry": symmetry.run,
+    "carry": files.carry,
+    "surface": files.surface,
 }
+# Commands that do something with objects, rather than from a source to targets.
+OF_OBJECTS = ("symmetry", "surface")
 
 _handle: Any = None
 
@@ -76,14 +81,14 @@ def _run(command_line: Sequence[str]) -> int:
     except (ValueError, OSError) as error:  # nothing was done, and what cannot be written to is left alone
         print(f"zoomout: {error}", file=sys.stderr)
         return FAILED
-    command, done = options.command, "objects" if options.command == "symmetry" else "targets"
+    command, done = options.command, "objects" if options.command in OF_OBJECTS else "targets"
     report: dict[str, Any] = {"command": command, **({} if done == "objects" else {"source": options.source}), done: {}}
     try:
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
         if options.save and _is_complete(command, len(failed), len(report[done])):
-            with written_whole(options.save) as part:
-                bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True)
+            if command != "surface":  # which wrote it
+                save_scene(options.save)
             report["saved"] = options.save
     except (ValueError, OSError, RuntimeError) as error:  # the last are Blender's own, as of a disk that is full
         report["error"] = str(error)
@@ -109,9 +114,14 @@ def _check_paths(options: argparse.Namespace) -> None:
     given = [path for path in (options.save, options.report) if path]
     if len({Path(path).resolve() for path in given}) < len(given):
         raise zo.MeshError(f"--save and --report both name {options.save}: give them files of their own.")
-    inputs = [bpy.data.filepath, getattr(options, "map_file", ""), *bpy.utils.blend_paths(absolute=True)]
+    named = (getattr(options, name, "") for name in ("map_file", "map", "file"))
+    inputs = [bpy.data.filepath, *named, *bpy.utils.blend_paths(absolute=True)]
+    if options.command == "carry":
+        inputs += [options.source, options.target]
     for path in given:
         check_output(path, filter(None, inputs), options.in_place)
+    if options.save and options.command != "surface":
+        check_writable_format(options.save)
 
 
 def _is_complete(command: str, failed: int, entries: int) -> bool:

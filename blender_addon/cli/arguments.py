@@ -80,12 +80,56 @@ def _parser() -> argparse.ArgumentParser:
     _add_options(dress, MatchOptions)
     _add_options(dress, DressOptions)
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and what is done along it"))
+    _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
+    _add_surface(commands.add_parser("surface", help="write what is shown in a file as one surface"))
     for name, command in commands.choices.items():
         when = "if all was done" if name == "symmetry" else "when at least one target is done"
-        command.add_argument("--save", metavar="OUT.blend", help=f"save the file there {when}")
+        if name != "surface":
+            command.add_argument(
+                "--save",
+                metavar="OUT.blend",
+                help=f"save the file there {when}, or export it to .fbx, .glb, .gltf, .obj or .ply",
+            )
         command.add_argument("--report", metavar="REPORT.json", help="write what was done")
         command.add_argument("--in-place", action="store_true", help="these may take the place of a file that is read")
     return parser
+
+
+def _add_carry(parser: argparse.ArgumentParser) -> None:
+    """Add options of a transfer between files."""
+    parser.description = (
+        "Transfer what the visible meshes of the file SOURCE have to those of the file TARGET. Each file is matched as "
+        "one body, unless a map is given. Files are .blend, or what Blender imports: .fbx, .glb, .gltf, .obj, .ply, "
+        ".stl. What the targets do not use is left behind."
+    )
+    parser.add_argument("source", metavar="SOURCE", help="file that has the data")
+    parser.add_argument("target", metavar="TARGET", help="file that receives it")
+    parser.add_argument(
+        "--map", default="", metavar="MAP.npz", help="map that `zoomout match` made of what `surface` wrote of both"
+    )
+    parser.add_argument(
+        "--detail", choices=tuple(DETAIL), default="balanced", help="of the match, where no map is given"
+    )
+    parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
+    for group in (BlendOptions, BindChoice, BindOptions):
+        _add_options(parser, group)
+
+
+def _add_surface(parser: argparse.ArgumentParser) -> None:
+    """Add options of reading a file."""
+    parser.description = (
+        "Write the visible meshes of a file, joined, in world space and in triangles, as a PLY file, which "
+        "`zoomout match` reads."
+    )
+    parser.add_argument("file", metavar="FILE", help="file, as of `carry`")
+    parser.add_argument(
+        "--role",
+        choices=("source", "target"),
+        default="target",
+        help="as what the file takes part in a transfer: a source is read as its modifiers leave it, of a target the "
+        "mesh itself, where armatures and shape keys move it (default: target)",
+    )
+    parser.add_argument("--save", required=True, metavar="OUT.ply", help="write the surface there")
 
 
 def _add_objects(parser: argparse.ArgumentParser) -> None:

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from typing import Any, TypeAlias
 
 import numpy as np
 from bpy.types import Collection, Context, Depsgraph, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.triangles import vertex_areas
+from zoomout_core.runtime.array_files import read_arrays
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
 from zoomout_core.runtime.threads import for_each
 
@@ -84,6 +87,44 @@ class Parts:
         return [fingerprint.name for fingerprint in self.fingerprints]
 
 
+@dataclass(frozen=True, eq=False)
+class KnownMatch:
+    """A match of the joined surfaces of two collections that was made before; see `zoomout_core.MatchResult`."""
+
+    surface_map: zo.SurfaceMap
+    confidence: Floats
+    has_partner: Booleans
+    source_has_partner: Booleans
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], source: zo.Surface, target: zo.Surface) -> KnownMatch:
+        """The match in a file, as `zoomout match` and `zoomout collection` write it.
+
+        Raises:
+            MeshError: it holds no map, or one of other surfaces.
+        """
+        surface_map, vertex = zo.SurfaceMap.load(path, source), read_vertex_map(path)
+        sizes = {name: len(target.vertices) for name in ("confidence", "has_partner")}
+        sizes["source_has_partner"] = len(source.vertices)
+        values = {"confidence": np.ones(len(target.vertices))} | {
+            name: np.ones(count, dtype=bool) for name, count in sizes.items() if name != "confidence"
+        }
+        values |= read_arrays(path, tuple(sizes))
+        fits = len(vertex) == len(target.vertices) and np.array_equal(vertex, surface_map.vertex)
+        if not fits or any(values[name].shape != (count,) for name, count in sizes.items()):
+            raise zo.MeshError(
+                f"{path} is a map of {len(vertex)} vertices between other surfaces than these, of which the target has "
+                f"{len(target.vertices)}: match these files, read as `surface` reads them."
+            )
+        return cls(
+            surface_map,
+            np.nan_to_num(values["confidence"].astype(np.float64)).clip(0, 1),
+            values["has_partner"].astype(bool),
+            values["source_has_partner"].astype(bool),
+        )
+
+
 def match_collections(
     context: Context, source: Collection, target: Collection, **options: Any
 ) -> dict[str, tuple[str, StoredMatch]]:
@@ -120,9 +161,29 @@ def prepare_collections_steps(
     targets = yield from _read_steps(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
+    return (yield from prepare_parts_steps(context, sources, targets, None, detail, **options))
+
+
+def prepare_parts_steps(
+    context: Context, sources: Parts, targets: Parts, known: KnownMatch | None, detail: str = "balanced", **options: Any
+) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
+    """`prepare_collections_steps` of objects that are read already.
+
+    Args:
+        context: Blender's.
+        sources: that have the data.
+        targets: that receive it.
+        known: the match of the joined surfaces, if there is one.
+        detail: of the match that is made if not.
+        options: of that.
+    """
     namesakes = paired_by_name(sources.names, targets.names)
-    arguments = DETAIL[detail] | {"regions": _regions(sources, targets, namesakes)} | options
-    result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
+    result: zo.MatchResult | KnownMatch
+    if known is not None:
+        result = known
+    else:
+        arguments = DETAIL[detail] | {"regions": _regions(sources, targets, namesakes)} | options
+        result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
     pairing = for_each(
         lambda i: _match_of_target(result, sources, targets, i, namesakes), range(len(targets.fingerprints))
     )
@@ -218,7 +279,7 @@ class _TargetMap:
 
 
 def _match_of_target(
-    result: zo.MatchResult, sources: Parts, targets: Parts, number: int, namesakes: Pairs
+    result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int, namesakes: Pairs
 ) -> tuple[ObjectPair, StoredMatch]:
     """One of the targets with the sources that it lies on, and the match with these."""
     own = _moved_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
@@ -262,7 +323,7 @@ def _match_of_target(
     )
 
 
-def _target_map(result: zo.MatchResult, sources: Parts, targets: Parts, number: int) -> _TargetMap:
+def _target_map(result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int) -> _TargetMap:
     """The map of one of the targets to the joined source."""
     own = slice(*targets.first_vertex[number : number + 2])
     whole, surface = result.surface_map, targets.surfaces[number]

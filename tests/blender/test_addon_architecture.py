@@ -26,7 +26,7 @@ ROOMS = (
     "cli",
 )
 # What starts the add-on, or uses it as a script does: none of the rooms imports these.
-OUTSIDE = ("__init__", "api", "watch", "demo")
+OUTSIDE = ("__init__", "__main__", "api", "watch", "demo")
 
 
 def room(path: Path) -> str:

@@ -1,0 +1,206 @@
+"""Files as scenes: opened or imported, joined by the meshes of another one, and written again."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import addon_utils
+import bpy
+from bpy.types import ID, Context, Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.outputs import written_together, written_whole
+
+from .. import mesh_data
+
+BLEND = ".blend"
+# Which of Blender's own add-ons reads and writes a format.
+ADDONS = {".glb": "io_scene_gltf2", ".gltf": "io_scene_gltf2", ".fbx": "io_scene_fbx"}
+
+
+def _import_fbx(filepath: str) -> None:
+    # From 5.0 on Blender's menus offer the one that is compiled; before it was an experiment, or missing.
+    compiled = bpy.app.version >= (5, 0)
+    (bpy.ops.wm.fbx_import if compiled else bpy.ops.import_scene.fbx)(filepath=filepath)
+
+
+IMPORTERS: dict[str, Callable[..., Any]] = {
+    ".fbx": _import_fbx,
+    ".glb": lambda filepath: bpy.ops.import_scene.gltf(filepath=filepath),
+    ".gltf": lambda filepath: bpy.ops.import_scene.gltf(filepath=filepath),
+    ".obj": lambda filepath: bpy.ops.wm.obj_import(filepath=filepath),
+    ".ply": lambda filepath: bpy.ops.wm.ply_import(filepath=filepath),
+    ".stl": lambda filepath: bpy.ops.wm.stl_import(filepath=filepath),
+}
+# Modifiers but those of armatures are left out: applied, they would cost a mesh its shape keys.
+EXPORTERS: dict[str, Callable[..., Any]] = {
+    ".fbx": lambda filepath: bpy.ops.export_scene.fbx(
+        filepath=filepath, path_mode="COPY", embed_textures=True, use_mesh_modifiers=False
+    ),
+    ".glb": lambda filepath: bpy.ops.export_scene.gltf(filepath=filepath, export_format="GLB"),
+    ".gltf": lambda filepath: bpy.ops.export_scene.gltf(filepath=filepath, export_format="GLTF_SEPARATE"),
+    ".obj": lambda filepath: bpy.ops.wm.obj_export(filepath=filepath, path_mode="COPY", apply_modifiers=False),
+    ".ply": lambda filepath: bpy.ops.wm.ply_export(filepath=filepath, apply_modifiers=False),
+}
+READABLE, WRITABLE = (BLEND, *IMPORTERS), (BLEND, *EXPORTERS)
+
+
+def open_scene(context: Context, path: str | Path) -> None:
+    """Open a file in place of the one that is open, or import it into an empty scene; scripts in it are not run.
+
+    Raises:
+        MeshError: there is none, it is of no format that is known here, or it cannot be read.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if not path.is_file():
+        raise zo.MeshError(f"There is no file {path}: check the path.")
+    if ending not in READABLE:
+        raise zo.MeshError(f"{path} is of no format that can be opened: give it as {', '.join(READABLE)}.")
+    try:
+        if ending == BLEND:
+            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
+        else:
+            bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+            _enable(ending)
+            IMPORTERS[ending](filepath=str(path.resolve()))
+    except RuntimeError as error:
+        raise zo.MeshError(
+            f"{path} could not be opened by Blender ({_reason(error)}): is it complete, and is its ending right?"
+        ) from error
+    active = context.view_layer.objects.active
+    if active is not None and active.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    context.view_layer.update()
+
+
+def shown_meshes(context: Context) -> list[str]:
+    """Names of the mesh objects with faces that are shown in the scene, sorted; of those that share a mesh, the first.
+
+    A file that is imported twice may have its objects in another order, but calls them alike.
+    """
+    first: dict[Any, str] = {}
+    for obj in sorted(context.view_layer.objects, key=lambda each: each.name):
+        if obj.type == "MESH" and obj.data.polygons and obj.visible_get():
+            first.setdefault(obj.data, obj.name)
+    return list(first.values())
+
+
+@contextmanager
+def kept_as_blend(path: str | Path) -> Iterator[Path]:
+    """The file of the scene that was opened from a path, as a .blend: where it is none, one that goes with the context.
+
+    Raises:
+        RuntimeError: it could not be written.
+    """
+    if Path(path).suffix.lower() == BLEND:
+        yield Path(path)
+        return
+    with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
+        kept = Path(folder) / f"scene{BLEND}"
+        bpy.ops.wm.save_as_mainfile(filepath=str(kept), copy=True)
+        yield kept
+
+
+class Brought:
+    """Mesh objects of another file, in the scene for a while, with what they need.
+
+    Args:
+        context: Blender's.
+        library: a .blend file.
+        names: of its objects.
+
+    Attributes:
+        names: that they have here.
+    """
+
+    def __init__(self, context: Context, library: Path, names: Sequence[str]) -> None:
+        before = {each.session_uid for each in _all_data()}
+        with bpy.data.libraries.load(str(library), link=False) as (_, wanted):
+            wanted.objects = list(names)
+        meshes = wanted.objects
+        self.names = [obj.name for obj in meshes]
+        self._uids = {each.session_uid for each in _all_data()} - before
+        for obj in dict.fromkeys([*meshes, *(each for mesh in meshes for each in _posing(mesh))]):
+            context.scene.collection.objects.link(obj)
+        context.view_layer.update()
+
+    def remove(self, context: Context, users: Sequence[str]) -> None:
+        """Remove the objects again, and what came with them, but for what others have come to use.
+
+        Args:
+            context: Blender's.
+            users: names of objects of the scene, which keep the armatures that they were bound to.
+        """
+        for name in self.names:
+            bpy.data.objects.remove(bpy.data.objects[name])
+        posing = {each.session_uid for name in users for each in _posing(bpy.data.objects[name])}
+        for obj in list(context.scene.collection.objects):
+            if obj.session_uid in self._uids - posing:
+                context.scene.collection.objects.unlink(obj)
+        for each in _all_data():
+            if each.session_uid in self._uids:
+                each.use_fake_user = False
+        # Data without users would not be saved, whoever's it is.
+        bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
+        for library in [each for each in bpy.data.libraries if not each.users_id]:
+            bpy.data.libraries.remove(library)
+        context.view_layer.update()
+
+
+def save_scene(path: str | Path) -> None:
+    """Write the scene that is open to a file, by whose ending it is saved or exported: whole, or not at all.
+
+    Raises:
+        MeshError: no such file can be written.
+        OutputError: it could not be written; what was there before is there still.
+    """
+    check_writable_format(path)
+    ending = Path(path).suffix.lower()
+    if ending == BLEND:
+        with written_whole(path) as part:
+            bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True)
+        return
+    _enable(ending)
+    with written_together(path) as part:
+        EXPORTERS[ending](filepath=str(part))
+
+
+def check_writable_format(path: str | Path) -> None:
+    """Raise a MeshError if no file of this ending can be written."""
+    if Path(path).suffix.lower() not in WRITABLE:
+        raise zo.MeshError(f"{path} is of no format that can be written: give it the ending {', '.join(WRITABLE)}.")
+
+
+def _enable(ending: str) -> None:
+    """Turn on the add-on of Blender that a format needs, for this session."""
+    if ending in ADDONS:
+        addon_utils.enable(ADDONS[ending])
+
+
+def _posing(obj: Object) -> list[Object]:
+    """What poses an object, and what these and the object itself hang from."""
+    found: dict[Object, None] = {}
+    ahead = [*mesh_data.armatures_of(obj), obj.parent]
+    while ahead:
+        other = ahead.pop()
+        if other is not None and other not in found:
+            found[other] = None
+            ahead.append(other.parent)
+    return list(found)
+
+
+def _all_data() -> Iterator[ID]:
+    """All data-blocks of the file."""
+    for each in bpy.data.bl_rna.properties:
+        if each.type == "COLLECTION":
+            yield from getattr(bpy.data, each.identifier)
+
+
+def _reason(error: RuntimeError) -> str:
+    """What one of Blender's operators says, as a part of a sentence."""
+    return " ".join(str(error).split()).removeprefix("Error: ").rstrip(".")

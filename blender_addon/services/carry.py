@@ -1,0 +1,131 @@
+"""From one file to another: the data of all that is shown in the one, onto all that is shown in the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import bpy
+from bpy.types import Context, Depsgraph, Object
+
+import zoomout_core as zo
+from zoomout_core.runtime.outputs import check_output, is_same_file
+from zoomout_core.runtime.stepping import Steps, drain
+
+from .. import mesh_data
+from ..adapters import Binding, Settings
+from ..scene.files import Brought, kept_as_blend, open_scene, shown_meshes
+from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
+from ..storage import stored_candidates, stored_match
+from .collection_match import KnownMatch, Parts, prepare_parts_steps
+from .targets import Outcome, Write, each_target_steps
+from .transfer import prepare_transfer_steps
+
+# How the objects of a file are read: as those that have data, by what their modifiers leave, or as those that receive
+# it, by their own meshes.
+ROLES: Mapping[str, Callable[[Object, Depsgraph], zo.Surface]] = {
+    "source": mesh_data.read_source_surface,
+    "target": mesh_data.read_target_surface,
+}
+
+
+def read_file(context: Context, path: str, role: str) -> dict[str, zo.Surface]:
+    """Open a file, and read the meshes that are shown in it, in world space.
+
+    Args:
+        context: Blender's.
+        path: of a file that Blender opens or imports.
+        role: of `ROLES`.
+
+    Returns:
+        Surfaces by the names of the objects; joined in this order they are what a map of the file is of.
+
+    Raises:
+        MeshError: it cannot be opened, or shows no mesh.
+    """
+    open_scene(context, path)
+    names = shown_meshes(context)
+    if not names:
+        raise zo.MeshError(f"{path} shows no mesh with faces: make one visible, or convert what is there to a mesh.")
+    return {name: ROLES[role](find_mesh(context, name), context.evaluated_depsgraph_get()) for name in names}
+
+
+def carry(
+    context: Context,
+    source: str,
+    target: str,
+    output: str,
+    data: Collection[str],
+    settings: Settings,
+    binding: Binding | None,
+    map_file: str,
+    detail: str,
+    in_place: bool = False,
+) -> Outcome[dict[str, Any]]:
+    """Transfer what the meshes of one file have to those of another, which is open afterwards.
+
+    What came from the source's file is removed again, but for what the targets use now, such as materials and the
+    armature that they are bound to.
+
+    Args:
+        context: Blender's.
+        source: the file that has the data.
+        target: the file that receives it.
+        output: the file that will be written, which must be none that the target's file names; or nothing.
+        data: which kinds of data.
+        settings: how they are transferred.
+        binding: how targets are bound to the armatures of their sources, where these have one; None for not at all.
+        map_file: of the match; empty to match them now.
+        detail: of that match, one of `DETAIL`.
+        in_place: whether the output may be a file that is read.
+
+    Returns:
+        Reports by the names of the targets, see `stored_report`.
+
+    Raises:
+        MeshError: a file cannot be used, or the map is of others.
+        OutputError: the output is one of the files that are read.
+    """
+    if is_same_file(source, target):
+        raise zo.MeshError(f"{source} is both source and target: give two files.")
+    surfaces = read_file(context, source, "source")
+    with kept_as_blend(source) as library:
+        own = read_file(context, target, "target")
+        if output:
+            check_output(output, [source, target, *bpy.utils.blend_paths(absolute=True)], in_place)
+        brought = Brought(context, library, list(surfaces))
+    sources = Parts.of([fingerprint_source(context, name) for name in brought.names], list(surfaces.values()))
+    targets = Parts.of([fingerprint_target(context, name) for name in own], list(own.values()))
+    known = KnownMatch.load(map_file, sources.joined, targets.joined) if map_file else None
+    matches = drain(prepare_parts_steps(context, sources, targets, known, detail))()
+
+    def work(name: str) -> Steps[Write[dict[str, Any]]]:
+        return _prepare_steps(context, matches[name][0], name, data, settings, binding)
+
+    outcome = drain(each_target_steps(list(own), work))
+    for name in own:  # a match with objects that are in another file
+        stored_match.remove(bpy.data.objects[name].data)
+        stored_candidates.remove(bpy.data.objects[name].data)
+    brought.remove(context, list(own))
+    return outcome
+
+
+def _prepare_steps(
+    context: Context, source: str, target: str, data: Collection[str], settings: Settings, binding: Binding | None
+) -> Steps[Write[dict[str, Any]]]:
+    """A transfer that binds where it can, and says where it cannot."""
+    unbound = ""
+    if binding is not None:
+        try:
+            return (yield from prepare_transfer_steps(context, source, target, data, settings, binding))
+        except zo.MeshError as error:
+            unbound = f"'{target}' was not bound to a rig: {error}"
+    write = yield from prepare_transfer_steps(context, source, target, data, settings)
+    if not unbound:
+        return write
+
+    def write_and_say() -> dict[str, Any]:
+        report = write()
+        return report | {"notes": [*report["notes"], unbound]}
+
+    return write_and_say
