@@ -88,6 +88,9 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
     except ModuleNotFoundError as error:
         raise ImportError("Windows need polyscope, which is missing: pip install 'zoomout-core[window]'.") from error
     (here, there), colors = _corresponding(source, target, result)
+    # Nothing is left in the folder from which this is called: no .polyscope.ini, no imgui.ini.
+    polyscope.set_use_prefs_file(False)
+    polyscope.set_user_callback(lambda: setattr(polyscope.imgui.GetIO(), "IniFilename", ""))
     if not polyscope.is_initialized():
         polyscope.init()
     polyscope.remove_all_structures()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -107,7 +108,8 @@ def test_it_draws_into_a_figure_and_notebooks_show_a_new_one() -> None:
     assert zo.plotting.plot_functional_map(np.eye(2))._repr_png_().startswith(b"\x89PNG")
 
 
-def test_a_window_shows_both_beside_each_other() -> None:
+def test_a_window_shows_both_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     polyscope = pytest.importorskip("polyscope")
     polyscope.init("openGL_mock")
     zo.plotting.show_map(SHEET, SHEET, Found(TURNED, np.ones(24), np.ones(24, dtype=bool)), frames=2)
@@ -115,6 +117,7 @@ def test_a_window_shows_both_beside_each_other() -> None:
     assert (source.n_vertices(), target.n_faces()) == (24, len(SHEET.triangles))
     low, high = polyscope.get_bounding_box()
     assert high[0] - low[0] == pytest.approx(3 * (2 + zo.plotting.GAP))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
