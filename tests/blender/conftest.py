@@ -16,6 +16,11 @@ import zoomout_core as zo
 from blender_addon.storage import stored_symmetry
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _each_match_once(remembered_matches):
+    """Matches are the core's, and tested there."""
+
+
 @pytest.fixture(autouse=True)
 def empty_scene():
     """An empty factory scene, with the add-on."""
