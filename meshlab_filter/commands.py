@@ -23,7 +23,6 @@ from meshlab_filter.project import files_of, load_inputs
 from meshlab_filter.samples import write_samples
 from meshlab_filter.script import read_script, run_script_steps
 from meshlab_filter.watch import Watch, watch
-from zoomout_core.__main__ import INTERRUPTED
 from zoomout_core.batch import FAILED, PARTLY, is_folder, planned, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
@@ -36,6 +35,7 @@ from zoomout_core.command_options import (
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.interrupts import INTERRUPTED
 from zoomout_core.runtime.outputs import check_output
 from zoomout_core.runtime.stepping import Steps
 

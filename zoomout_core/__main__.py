@@ -6,10 +6,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
-from zoomout_core.runtime.interrupts import interrupts_heard
-
-# The exit code of what the user has interrupted: 128 and the signal's number, as shells have it.
-INTERRUPTED = 130
+from zoomout_core.runtime.interrupts import INTERRUPTED, interrupts_heard
 
 
 def run(commands: str, name: str, extra: str) -> None:

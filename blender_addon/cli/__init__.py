@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 
 import zoomout_core as zo
-from zoomout_core.runtime.interrupts import interrupts_heard
+from zoomout_core.runtime.interrupts import INTERRUPTED, interrupts_heard
 from zoomout_core.runtime.outputs import check_output, written_whole
 
 from ..scene.files import check_writable_format, save_scene
@@ -24,7 +24,7 @@ from . import arguments, files, pairs, symmetry
 from .arguments import NAME
 
 # What the process ends with: argparse's 2 is for a command line that cannot be understood.
-DONE, FAILED, INTERRUPTED = 0, 1, 130
+DONE, FAILED = 0, 1
 RUN = {
     "match": pairs.match,
     "transfer": pairs.transfer,

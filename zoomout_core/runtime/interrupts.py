@@ -10,8 +10,12 @@ from contextlib import contextmanager
 from threading import Timer
 from types import FrameType
 
+# The exit code of what the user has interrupted: 128 and the signal's number, as shells have it.
+INTERRUPTED = 130
 # Seconds after which an interrupt is tried again.
 SOON = 0.01
+# Exit codes of what has ended well all the same, or has said so itself.
+ENDINGS = (None, 0, INTERRUPTED)
 
 
 @contextmanager
@@ -42,8 +46,8 @@ def interrupts_heard() -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        succeeded = isinstance(error, SystemExit) and not error.code
-        if arrived and not succeeded and not isinstance(error, KeyboardInterrupt):
+        said = isinstance(error, KeyboardInterrupt) or (isinstance(error, SystemExit) and error.code in ENDINGS)
+        if arrived and not said:
             raise KeyboardInterrupt from error
         raise
     finally:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from zoomout_core.runtime.interrupts import interrupts_heard
+from zoomout_core.runtime.interrupts import INTERRUPTED, interrupts_heard
 
 
 class Thing:
@@ -63,10 +63,11 @@ def test_it_stays_one_where_it_is_turned_into_a_failure(made_of_it: BaseExceptio
 
 
 @pytest.mark.usefixtures("hearing")
-def test_what_is_done_all_the_same_is_done() -> None:
+@pytest.mark.parametrize("code", [0, INTERRUPTED])
+def test_what_is_done_all_the_same_or_was_said_stays_so(code: int) -> None:
     with pytest.raises(SystemExit) as ended, interrupts_heard():
-        interrupted_and_ending_with(SystemExit(0))
-    assert ended.value.code == 0
+        interrupted_and_ending_with(SystemExit(code))
+    assert ended.value.code == code
 
 
 @pytest.mark.usefixtures("hearing")
