@@ -10,6 +10,7 @@ from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.assets.read_gltf import read_gltf
 from zoomout_core.assets.write_gltf import write_gltf
+from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.files import existing, read_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
@@ -20,7 +21,7 @@ READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply}
 
 # The endings of files that hold meshes; what else lies in a folder is passed over.
-MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS)
+MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS, *OF_BLENDER)
 
 
 @memory_in_words

@@ -26,11 +26,14 @@ from zoomout_core.collection.pictures import drawn_steps
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
+from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
 from zoomout_core.command_options import detail_options, with_progress_bar
 from zoomout_core.matching.options import PARTIAL, MatchOptions
 from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.outputs import check_output, is_same_file
 from zoomout_core.runtime.stepping import Steps, within
 from zoomout_core.runtime.threads import usable_cores
 
@@ -80,11 +83,10 @@ MATCHED, DRAWN = 0.9, 0.95
 @click.option(
     "--format",
     "ending",
-    type=click.Choice([each[1:] for each in WRITERS]),
-    default="glb",
-    show_default=True,
-    help="With --transfer: of the meshes.",
+    type=click.Choice([each[1:] for each in (*WRITERS, *OF_BLENDER)]),
+    help="With --transfer: of the meshes (default: that of a template in .blend or .fbx, else glb).",
 )
+@click.option("--blender", metavar="PROGRAM", help=f"Blender's, for .blend and .fbx (default: {PROGRAM}, or blender).")
 @click.option(
     "--partial",
     type=click.Choice(PARTIAL),
@@ -114,7 +116,8 @@ def collection(
     pictures: bool,
     carry: bool,
     kinds: str,
-    ending: str,
+    ending: str | None,
+    blender: str | None,
     partial: str,
     cache: Path | None,
     as_json: bool,
@@ -142,6 +145,8 @@ def collection(
         chosen = checked_kinds(kinds)
         files = _files(shapes)
         names = [item.name for item in items_of(files)]
+        ending = ending or _usual_ending(template)
+        carries = carry and _carried_by_blender(files, template, ending, blender)
         choice: dict[str, Any] = {"template": template}
         if all_pairs or pairs is not None:
             choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
@@ -157,6 +162,8 @@ def collection(
                 "engine": engine,
                 "cache": cache or output / CACHE,
                 "agree": agree,
+                "carries": carries,
+                "blender": blender,
             }
             steps = _steps(files, output, how, pictures, chosen if carry else (), ending)
             result, received = with_progress_bar(steps)
@@ -184,8 +191,32 @@ def _files(given: Sequence[Path]) -> list[Path]:
 
 def _forget(output: Path) -> None:
     """Remove what an earlier run made, and nothing else."""
-    for made in (*output.glob(f"{MAPS}/*/*.npz"), *output.glob(f"{SHAPES}/*.npz")):
+    places = f"{MAPS}/*/*.npz", f"{SHAPES}/*.npz", f"{SURFACES}/*.ply", f"{CARRIED}/*.json"
+    for made in (path for place in places for path in output.glob(place)):
         made.unlink()
+
+
+def _usual_ending(template: Path | None) -> str:
+    """Of results, where no other is asked for."""
+    return template.suffix[1:].lower() if template is not None and is_of_blender(template) else "glb"
+
+
+def _carried_by_blender(files: Sequence[Path], template: Path | None, ending: str, program: str | None) -> bool:
+    """Whether Blender is to carry the data of a template.
+
+    Raises:
+        MeshError: it would have to, and is not there.
+    """
+    has_to = f".{ending}" in OF_BLENDER or (template is not None and is_of_blender(template))
+    if not has_to and not any(map(is_of_blender, files)):
+        return False
+    try:
+        blender_command(program)
+    except MeshError:
+        if has_to or program is not None:
+            raise
+        return False  # each of these files fails, and the others do not need it
+    return True
 
 
 def _engine(scheduler: str | None, workers: int | None, retries: int, count: int) -> AbstractContextManager[Engine]:
@@ -210,11 +241,14 @@ def _steps(
     """Match, transfer, draw, and write the report."""
     result = yield from within(match_collection_steps(files, output, **how), 0.0, MATCHED)
     received, drawn = None, {}
-    template = next((item.name for item in result.items.values() if item.path == how.get("template")), None)
+    named = how.get("template")
+    template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
     # What follows reads the results as files.
     engine = how["engine"] if how["engine"].sees([output]) else InThisProcess()
     if kinds and template is not None:
-        received = yield from within(carry_steps(result, template, kinds, ending, engine), MATCHED, DRAWN)
+        received = yield from within(
+            carry_steps(result, template, kinds, ending, engine, how["blender"]), MATCHED, DRAWN
+        )
     if pictures and find_spec("matplotlib"):
         drawn = yield from within(drawn_steps(result, template, engine), DRAWN, 1.0)
     write_reports(result, drawn, received)

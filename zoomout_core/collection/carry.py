@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.engine import Engine, Failure, Task
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_steps_of_pair
+from zoomout_core.collection.through_blender import CARRIED, carry_steps_of_pair
 from zoomout_core.runtime.stepping import Progress, Steps
 
 
 def carry_steps(
-    result: CollectionResult, template: str, kinds: Sequence[str], ending: str, engine: Engine
+    result: CollectionResult,
+    template: str,
+    kinds: Sequence[str],
+    ending: str,
+    engine: Engine,
+    blender: str | None = None,
 ) -> Steps[dict[str, list[str]]]:
     """Carry what a template has onto all shapes that it is matched with, into the folder `meshes` of the results.
 
@@ -24,16 +31,21 @@ def carry_steps(
         kinds: of `assets.transfer_asset.KINDS`.
         ending: of the files, such as glb.
         engine: that sees the folder of the results.
+        blender: the program that does it where the shapes were read by it, see `mesh.blender_files.blender_command`.
 
     Returns:
         For each mesh that was written the notes on it.
     """
     names = {f"carry {pair.target}": pair for pair in result.records if pair.source == template}
-    source = result.items[template].path.resolve()
-    tasks = [
-        Task(key, transfer_steps_of_pair, (source, *_paths(result, pair, ending), tuple(kinds)))
-        for key, pair in names.items()
-    ]
+    source = result.items[template]
+    tasks = []
+    for key, pair in names.items():
+        paths = (source.file.resolve(), *_paths(result, pair, ending), tuple(kinds))
+        if source.original is None:
+            tasks.append(Task(key, transfer_steps_of_pair, paths))
+        else:
+            record = result.folder / CARRIED / f"{pair.target}.json"
+            tasks.append(Task(key, carry_steps_of_pair, (*paths, record, blender)))
     notes, ended = {}, 0
     for done in engine.completed(tasks):
         if done is not None:
@@ -47,6 +59,6 @@ def carry_steps(
     return notes
 
 
-def _paths(result: CollectionResult, pair: PairName, ending: str) -> tuple[object, object, object]:
-    target = result.items[pair.target].path.resolve()
+def _paths(result: CollectionResult, pair: PairName, ending: str) -> tuple[Path, Path, Path]:
+    target = result.items[pair.target].file.resolve()
     return target, result.folder / place_of_map(pair), result.folder / MESHES / f"{pair.target}.{ending}"

@@ -6,7 +6,7 @@ import logging
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -31,6 +31,7 @@ from zoomout_core.collection.tasks import (
     prepare_steps,
     write_whole,
 )
+from zoomout_core.collection.through_blender import read_items_steps
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.mesh.files import write_shape
@@ -107,6 +108,8 @@ def match_collection(
     engine: Engine | None = None,
     cache: str | PathLike[str] | None = None,
     agree: bool = True,
+    carries: bool = False,
+    blender: str | None = None,
 ) -> CollectionResult:
     """Match the shapes of a collection, and choose among the candidates of each pair those that agree.
 
@@ -125,6 +128,9 @@ def match_collection(
         engine: what does the work; this process if it is not given, see `collection.engine.local_engine`.
         cache: folder in which prepared shapes are kept.
         agree: whether candidates are chosen together.
+        carries: whether all shapes are read by Blender, which then can carry data from one to the other; .blend and
+            .fbx are in any case.
+        blender: the program, see `mesh.blender_files.blender_command`.
 
     Raises:
         MeshError: no choice of pairs, or an unknown name.
@@ -141,6 +147,8 @@ def match_collection(
             engine=engine,
             cache=cache,
             agree=agree,
+            carries=carries,
+            blender=blender,
         )
     )
 
@@ -156,6 +164,8 @@ def match_collection_steps(
     engine: Engine | None = None,
     cache: str | PathLike[str] | None = None,
     agree: bool = True,
+    carries: bool = False,
+    blender: str | None = None,
 ) -> Steps[CollectionResult]:
     """`match_collection` as a generator."""
     if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
@@ -172,6 +182,7 @@ def match_collection_steps(
     if len(items) < 2:
         raise MeshError("A collection has two shapes or more: give more.")
     wanted: list[PairName] | None = None
+    of_template = None
     if template is not None:
         of_template = next((name for name, item in items.items() if _is_at(item.path, template)), str(template))
         if of_template not in items:
@@ -181,7 +192,12 @@ def match_collection_steps(
         wanted = all_pairs(list(items))
     elif pairs is not None:
         wanted = [_known_pair(pair, items) for pair in pairs]
-    run = _Run(items, place, options, InThisProcess() if engine is None else engine, cache)
+    engine = InThisProcess() if engine is None else engine
+    read = yield from read_items_steps(items, place, of_template, carries, blender, engine)
+    if wanted is not None:
+        wanted = [pair for pair in wanted if not read.failures.keys() & set(pair)]
+    run = _Run(read.items, place, options, engine, cache)
+    run.failures |= read.failures
     yield from run.prepare_and_match_steps(wanted)
     if wanted is None:
         assert neighbours is not None
@@ -195,7 +211,14 @@ def match_collection_steps(
         if agreement is not None:
             yield from run.match_steps(run.beginnings(agreement), "Bringing maps to agree")
     return CollectionResult(
-        run.folder, items, run.records, run.failures, agreement, run.seconds_of_shapes, run.matched, temporary
+        run.folder,
+        items | read.items,
+        run.records,
+        run.failures,
+        agreement,
+        run.seconds_of_shapes,
+        run.matched,
+        temporary,
     )
 
 
@@ -353,4 +376,4 @@ class _Run:
 
 
 def _absolute(item: Item) -> Item:
-    return Item(item.name, item.path.resolve())
+    return replace(item, path=item.path.resolve())

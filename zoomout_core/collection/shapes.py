@@ -34,11 +34,18 @@ class Item:
 
     Attributes:
         name: of the shape, unlike that of any other.
-        path: of the file.
+        path: of the file that its surface is read from.
+        original: the file that Blender read that surface from, and carries data from or onto; None for `path` itself.
     """
 
     name: str
     path: Path
+    original: Path | None = None
+
+    @property
+    def file(self) -> Path:
+        """The file of this shape that there was before."""
+        return self.path if self.original is None else self.original
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,16 +12,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
+from zoomout_core.mesh.blender_files import surface_steps
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.runtime.outputs import written_whole
+from zoomout_core.runtime.stepping import drain
 
 # What trimesh reads with packages of the extra `formats`.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
@@ -33,7 +37,8 @@ def read_surface(path: str | PathLike[str]) -> Surface:
     """Read a mesh file; several objects in one file follow one another in a single surface.
 
     Args:
-        path: an OFF, PLY, OBJ, STL, glTF or GLB file, or another format that trimesh knows.
+        path: an OFF, PLY, OBJ, STL, glTF or GLB file, or another format that trimesh knows; .blend and .fbx are read
+            by Blender, see `blender_files`.
 
     Raises:
         MeshError: the file is missing, cannot be read, holds no faces, or holds faces that cannot be used.
@@ -116,7 +121,8 @@ def read_polygons(path: str | PathLike[str]) -> Polygons:
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
     path = existing(path)
-    readers = dict.fromkeys(MORE_READERS, _read_with_extra) | {".off": _read_off, ".ply": _read_ply, ".obj": _read_obj}
+    readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
+    readers |= {".off": _read_off, ".ply": _read_ply, ".obj": _read_obj}
     try:
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path)
     except (MeshError, ImportError):
@@ -338,6 +344,14 @@ def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
 
 
 # --- everything else ----------------------------------------------------------------------------------------
+
+
+def _read_with_blender(path: Path) -> Polygons:
+    """The triangles of all meshes that are shown in a file, without what modifiers add to them."""
+    with TemporaryDirectory(prefix="zoomout-") as folder:
+        surface = Path(folder) / "surface.ply"
+        drain(surface_steps(path, surface))
+        return _read_ply(surface)
 
 
 def _read_with_extra(path: Path) -> Polygons:

@@ -1,0 +1,215 @@
+"""What a collection asks of Blender, by a program that stands in for it: what is there is not asked for again."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from creatures import creature
+
+from zoomout_core.assets.files import read_asset
+from zoomout_core.cli import main
+from zoomout_core.mesh import blender_files
+from zoomout_core.mesh.blender_files import blender_command
+from zoomout_core.mesh.files import read_surface, write_shape
+from zoomout_core.mesh.surface import MeshError
+
+# Files of this Blender are PLY files with another ending. Like Blender, it says what it likes on the way.
+STAND_IN = """#!{python}
+import json, shutil, sys
+from pathlib import Path
+
+arguments = sys.argv[sys.argv.index("zoomout") + 1:]
+value_of = dict(zip(arguments, arguments[1:]))
+with (Path(__file__).parent / "calls.txt").open("a") as calls:
+    calls.write(json.dumps(arguments) + chr(10))
+print("Read something")
+command, file = arguments[:2]
+report = {{"targets": {{}}}}
+if "silent" in file:
+    sys.exit(11)
+if "broken" in file:
+    report = {{"error": "It is broken."}}
+elif command == "surface":
+    shutil.copy(file, value_of["--save"])
+else:
+    assert Path(value_of["--map"]).is_file()
+    if "naked" in arguments[2]:
+        report["targets"] = {{"Body": {{"error": "It is naked."}}}}
+    else:
+        Path(value_of["--save"]).write_text("carried")
+        report["targets"] = {{"Body": {{"notes": ["All is well."]}}, "Eye": {{"error": "It has none."}}}}
+Path(value_of["--report"]).write_text(json.dumps(report))
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    place = tmp_path / "program" / "blender"
+    place.parent.mkdir()
+    place.write_text(STAND_IN.format(python=sys.executable))
+    place.chmod(0o755)
+    return place
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A template, targets of several formats, and one that is broken."""
+    place = tmp_path / "shapes"
+    place.mkdir()
+    for number, name in enumerate(("hero.blend", "scan.fbx", "other.ply", "last.off", "naked.blend")):
+        made = creature(300, seed=1, bend=0.1 * number, asymmetry=0.3).surface
+        write_shape(made, place / "made.ply")
+        text = (place / "made.ply").read_text()
+        if name.endswith(".off"):
+            rows = text.split("end_header\n")[1]
+            text = f"OFF\n{len(made.vertices)} {len(made.triangles)} 0\n{rows}"
+        (place / name).write_text(text)
+    (place / "made.ply").unlink()
+    (place / "broken.blend").write_text("no mesh")
+    return place
+
+
+def calls(program: Path) -> list[list[str]]:
+    place = program.parent / "calls.txt"
+    lines = place.read_text().splitlines() if place.exists() else []
+    place.unlink(missing_ok=True)
+    return [json.loads(line) for line in lines]
+
+
+def run(folder: Path, output: Path, *more: object) -> tuple[int, str]:
+    line = [
+        "collection",
+        folder,
+        "-o",
+        output,
+        "--detail",
+        "fast",
+        "--workers",
+        1,
+        "--no-pictures",
+        "--no-agree",
+        *more,
+    ]
+    done = CliRunner().invoke(main, [str(each) for each in line])
+    return done.exit_code, done.output
+
+
+def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alone(
+    program: Path, folder: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "out"
+    more = "--template", folder / "hero.blend", "--transfer", "--blender", program, "--kinds", "uv,weights"
+    status, _ = run(folder, output, *more)
+    assert status == 3
+    asked = calls(program)
+    roles = {Path(each[1]).name: each[3] for each in asked if each[0] == "surface"}
+    # What Blender does not import is read here, and handed on as PLY.
+    assert roles == dict.fromkeys(("broken.blend", "naked.blend", "other.ply", "scan.fbx"), "target") | {
+        "hero.blend": "source"
+    }
+    carried = [each for each in asked if each[0] == "carry"]
+    assert all(each[1] == str(folder / "hero.blend") for each in carried)
+    targets = {Path(each[2]).name[:5]: each for each in carried}
+    assert set(targets) == {"scan.", "other", "naked", "last-"}
+    assert Path(targets["last-"][2]).suffix == ".ply"
+    line = " ".join(targets["scan."])
+    assert "--data uv_maps vertex_groups --bind --replace-binding" in line
+    made = {path.name for path in (output / "meshes").iterdir()}
+    assert made == {"scan.blend", "other.blend", "last.blend"}
+    report = json.loads((output / "report.json").read_text())
+    assert report["failures"] == {"broken": "It is broken.", "transfer to naked": "It is naked."}
+    notes = ["All is well.", "'Eye' has received nothing: It has none."]
+    assert report["transferred"] == dict.fromkeys(("scan", "other", "last"), notes)
+
+    # Once more: nothing but what failed is tried again.
+    assert run(folder, output, *more)[0] == 3
+    assert sorted(Path(each[1 if each[0] == "surface" else 2]).name for each in calls(program)) == [
+        "broken.blend",
+        "naked.blend",
+    ]
+    assert json.loads((output / "report.json").read_text())["transferred"] == report["transferred"]
+
+    # What was changed or lost is made again, and all of it on demand.
+    write_shape(creature(300, seed=1, bend=0.7, asymmetry=0.3).surface, folder / "made.ply")
+    (folder / "made.ply").replace(folder / "scan.fbx")
+    (output / "meshes" / "other.blend").unlink()
+    (folder / "broken.blend").unlink()
+    (folder / "naked.blend").unlink()
+    assert run(folder, output, *more)[0] == 0
+    assert sorted((each[0], Path(each[1 if each[0] == "surface" else 2]).name) for each in calls(program)) == [
+        ("carry", "other.ply"),
+        ("carry", "scan.fbx"),
+        ("surface", "scan.fbx"),
+    ]
+    assert len(list((output / "surfaces").glob("scan-*.ply"))) == 1
+    assert run(folder, output, *more, "--restart")[0] == 0
+    assert len(calls(program)) == 6
+
+
+def test_the_format_is_that_of_the_template_or_what_is_asked_for(program: Path, folder: Path, tmp_path: Path) -> None:
+    for name in ("broken.blend", "naked.blend", "last.off"):
+        (folder / name).unlink()
+    more = "--transfer", "--blender", program, "--template"
+    assert run(folder, tmp_path / "fbx", *more, folder / "scan.fbx")[0] == 0
+    assert {path.suffix for path in (tmp_path / "fbx" / "meshes").iterdir()} == {".fbx"}
+    (folder / "hero.blend").unlink()
+    (folder / "scan.fbx").replace(folder / "scan.ply")
+    assert run(folder, tmp_path / "blend", *more, folder / "scan.ply", "--format", "blend")[0] == 0
+    assert {path.suffix for path in (tmp_path / "blend" / "meshes").iterdir()} == {".blend"}
+
+
+def test_blender_is_not_asked_where_it_is_not_needed(program: Path, folder: Path, tmp_path: Path) -> None:
+    for path in folder.iterdir():
+        if path.suffix in (".blend", ".fbx"):
+            path.unlink()
+    assert run(folder, tmp_path / "out", "--blender", program, "--template", folder / "other.ply")[0] == 0
+    assert not calls(program)
+    assert not (tmp_path / "out" / "surfaces").exists()
+
+
+def test_without_blender_its_files_fail_by_name_and_a_template_is_refused_at_once(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blender_files, "find_spec", lambda _: None)
+    monkeypatch.setattr(blender_files.shutil, "which", lambda _: None)
+    monkeypatch.delenv(blender_files.PROGRAM, raising=False)
+    status, said = run(folder, tmp_path / "out", "--template", folder / "hero.blend", "--transfer")
+    assert (status, "Blender is needed" in said) == (1, True)
+    assert not (tmp_path / "out").exists()
+    status, _ = run(folder, tmp_path / "out", "--template", folder / "other.ply")
+    assert status == 3
+    failures = json.loads((tmp_path / "out" / "report.json").read_text())["failures"]
+    assert set(failures) == {"broken", "hero", "naked", "scan"}
+    assert "install Blender 4.2" in failures["scan"]
+    with pytest.raises(MeshError, match="There is no program nowhere"):
+        blender_command("nowhere")
+
+
+def test_the_program_is_what_is_given_else_what_the_environment_names(
+    program: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(blender_files.PROGRAM, str(program))
+    assert blender_command()[0] == str(program)
+    assert blender_command(sys.executable)[0] == sys.executable
+    # Every command reads the shape of such files then.
+    assert len(read_surface(folder / "hero.blend").vertices) == 300
+    assert len(read_asset(folder / "scan.fbx").surface.vertices) == 300
+    with pytest.raises(MeshError, match=r"^It is broken\.$"):
+        read_surface(folder / "broken.blend")
+
+
+def test_a_blender_that_dies_or_hangs_is_a_sentence(
+    program: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(blender_files.PROGRAM, str(program))
+    (folder / "hero.blend").rename(folder / "silent.blend")
+    with pytest.raises(MeshError, match=r"ended with status 11 .* saying: Read something\. Is it Blender 4\.2"):
+        read_surface(folder / "silent.blend")
+    monkeypatch.setattr(blender_files, "MOST_SECONDS", 0.3)
+    program.write_text(f"#!{sys.executable}\nimport time\ntime.sleep(60)\n")
+    with pytest.raises(MeshError, match="Blender took more than"):
+        read_surface(folder / "scan.fbx")

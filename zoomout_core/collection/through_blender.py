@@ -1,0 +1,161 @@
+"""Files of a collection that Blender reads and writes: each is read once, as a surface that is kept, and carried onto.
+
+What Blender carries data onto it must have read, too, since it numbers vertices and triangles in its own way. So where
+it carries, it reads all files that it knows; others are handed to it as what is read of them here.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task
+from zoomout_core.collection.shapes import Item, content_key
+from zoomout_core.collection.tasks import write_whole
+from zoomout_core.matching.disk_cache import package_version
+from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, blender_steps, surface_steps
+from zoomout_core.mesh.files import read_surface, write_shape
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.stepping import Progress, Steps
+
+# Folders of the results: surfaces that Blender read, and what is known of the transfers that it made.
+SURFACES, CARRIED = "surfaces", "carried"
+# What the extension calls the kinds of data that are carried.
+DATA = {
+    UV: "uv_maps",
+    COLOR: "color_attributes",
+    MATERIALS: "materials",
+    SHAPE_KEYS: "shape_keys",
+    WEIGHTS: "vertex_groups",
+    NORMALS: "custom_normals",
+}
+
+
+class ReadItems(NamedTuple):
+    """Items as they can be matched.
+
+    Attributes:
+        items: those that could be read, by their names.
+        failures: why others could not.
+    """
+
+    items: dict[str, Item]
+    failures: dict[str, str]
+
+
+def is_of_blender(path: Path) -> bool:
+    """Whether a file is read through Blender alone."""
+    return path.suffix.lower() in ENDINGS
+
+
+def read_items_steps(
+    items: Mapping[str, Item], folder: Path, template: str | None, carries: bool, program: str | None, engine: Engine
+) -> Steps[ReadItems]:
+    """Have Blender read those files that need it, unless their surfaces are there already.
+
+    Args:
+        items: by their names.
+        folder: of the results.
+        template: the name of the shape that has the data, which is read as its modifiers leave it.
+        carries: whether Blender is to carry data onto all.
+        program: Blender's, see `blender_command`.
+        engine: what does the work, if it sees the files.
+    """
+    chosen = [each for each in items.values() if (carries or is_of_blender(each.path)) and each.path.is_file()]
+    found, tasks = dict(items), []
+    for item in chosen:
+        role = SOURCE if item.name == template else TARGET
+        surface = _place_of_surface(item, role, folder)
+        known = is_of_blender(item.path) or item.path.suffix.lower() in IMPORTED
+        found[item.name] = Item(item.name, surface, item.path if known else surface)
+        if not surface.is_file():
+            tasks.append(Task(f"read {item.name}", read_steps_of, (item.path.resolve(), role, surface, known, program)))
+    if tasks:
+        (folder / SURFACES).mkdir(parents=True, exist_ok=True)
+    failures, ended = {}, 0
+    sees = engine.sees([folder, *(item.path for item in chosen)]) if tasks else True
+    for done in (engine if sees else InThisProcess()).completed(tasks):
+        if done is not None:
+            ended += 1
+            if isinstance(done.result, Failure):
+                name = done.key.removeprefix("read ")
+                failures[name] = done.result.message
+                del found[name]
+        yield Progress(0.0, f"Reading through Blender {ended} of {len(tasks)}")
+    return ReadItems(found, failures)
+
+
+def read_steps_of(path: Path, role: str, output: Path, known: bool, program: str | None) -> Steps[None]:
+    """Write the surface of a file, by Blender where it knows the format.
+
+    Raises:
+        MeshError: it cannot be read, or there is no Blender.
+    """
+    if known:
+        yield from surface_steps(path, output, role, program)
+    else:
+        yield Progress(0.0, "Reading a shape")
+        surface = read_surface(path)
+        write_shape(surface, output)
+
+
+def carry_steps_of_pair(
+    source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
+) -> Steps[tuple[str, ...]]:
+    """Have Blender carry what a source has onto a target, unless that was done; what a user should know of it.
+
+    Args:
+        source: a file that Blender reads.
+        target: another one.
+        map_file: of the surfaces that it read of both.
+        output: the file to write.
+        kinds: of `DATA`; with skin weights a target is bound to the armature.
+        record: where it is kept what was done.
+        program: Blender's, see `blender_command`.
+
+    Raises:
+        MeshError: there is nothing to carry, or a file cannot be read or written.
+    """
+    contents = [content_key(path.read_bytes()) for path in (source, target, map_file)]
+    key = content_key(repr((contents, kinds, output.name, package_version())).encode())
+    known = _known_notes(record, key) if output.is_file() else None
+    if known is not None:
+        return known
+    output.parent.mkdir(parents=True, exist_ok=True)
+    arguments = ["carry", str(source), str(target), "--map", str(map_file.resolve()), "--save", str(output.resolve())]
+    arguments += ["--data", *(DATA[kind] for kind in kinds)]
+    if WEIGHTS in kinds:
+        arguments += ["--bind", "--replace-binding"]
+    report = (yield from blender_steps(arguments, program))["targets"]
+    errors = {name: entry["error"] for name, entry in report.items() if "error" in entry}
+    if len(errors) == len(report):
+        raise MeshError(" ".join(dict.fromkeys(errors.values())))
+    notes = [note for entry in report.values() for note in entry.get("notes", ())]
+    notes += [f"'{name}' has received nothing: {error}" for name, error in errors.items()]
+    found = tuple(dict.fromkeys(notes))
+    write_whole(record, json.dumps({"key": key, "notes": found}, indent=1).encode())
+    return found
+
+
+def _place_of_surface(item: Item, role: str, folder: Path) -> Path:
+    """Where the surface of a file is kept, by its content; earlier ones of that name go."""
+    key = content_key(repr((content_key(item.path.read_bytes()), role, package_version())).encode())
+    place = folder.resolve() / SURFACES / f"{item.name}-{key}.ply"
+    pattern = re.compile(re.escape(item.name) + "-[0-9a-f]{32}[.]ply")
+    for path in place.parent.glob("*.ply"):
+        if path != place and pattern.fullmatch(path.name):
+            path.unlink()
+    return place
+
+
+def _known_notes(record: Path, key: str) -> tuple[str, ...] | None:
+    """The notes of a transfer that was made before of the same contents; None where it was not, or of others."""
+    try:
+        held = json.loads(record.read_bytes())
+        return tuple(map(str, held["notes"])) if held["key"] == key else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

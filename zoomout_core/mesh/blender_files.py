@@ -1,0 +1,133 @@
+"""Files that Blender reads: .blend, .fbx, and what else it imports. It does so in a process of its own.
+
+What is asked of it are commands of this project's extension, `blender --command zoomout`; its results are files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.runtime.stepping import Progress, Steps
+
+# What is read through Blender alone, and what it imports besides.
+ENDINGS = (".blend", ".fbx")
+IMPORTED = (".glb", ".gltf", ".obj", ".ply", ".stl")
+# How the meshes of a file are read: as its modifiers leave them, or themselves, see `surface --help` there.
+SOURCE, TARGET = "source", "target"
+# The environment variable that names the program.
+PROGRAM = "ZOOMOUT_BLENDER"
+# Seconds that Blender may take for one command, and between two looks at whether it has ended.
+MOST_SECONDS, PATIENCE = 3600.0, 0.05
+EXTENSION = "blender_addon"
+SAID = "zoomout: "
+NO_BLENDER = (
+    "Blender is needed to read and write .blend and .fbx, and is not there: install Blender 4.2 or newer with the "
+    f"extension ZoomOut Transfer, and have the program on the path, or name it by {PROGRAM} in the environment; or "
+    "convert the file to glTF."
+)
+
+
+def blender_command(program: str | None = None) -> list[str]:
+    """What begins a command line of the extension.
+
+    Args:
+        program: Blender's; if none is given, that which the environment variable names, else Blender as a module of
+            this Python beside a copy of this project, else the program on the path.
+
+    Raises:
+        MeshError: there is no Blender.
+    """
+    named = program or os.environ.get(PROGRAM)
+    found = shutil.which(named or "blender")
+    if named and found is None:
+        raise MeshError(f"There is no program {named}: name that of Blender 4.2 or newer.")
+    if not named and find_spec("bpy") and find_spec(EXTENSION):
+        return [sys.executable, "-m", EXTENSION]
+    if found is None:
+        raise MeshError(NO_BLENDER)
+    return [found, "--background", "--disable-autoexec", "--command", "zoomout"]
+
+
+def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps[dict[str, Any]]:
+    """Run a command of the extension, and return its report.
+
+    Args:
+        arguments: of the command, but `--report`.
+        program: see `blender_command`.
+
+    Raises:
+        MeshError: there is no Blender, or it could not do it; the message is its own sentence.
+    """
+    command, began = blender_command(program), monotonic()
+    with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
+        report, output = Path(folder) / "report.json", Path(folder) / "output.txt"
+        with output.open("wb") as said:
+            process = subprocess.Popen(
+                [*command, *arguments, "--report", str(report)],
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                env=_environment(),
+            )
+            try:
+                while process.poll() is None:
+                    if monotonic() - began > MOST_SECONDS:
+                        raise MeshError(
+                            f"Blender took more than {MOST_SECONDS / 60:.0f} minutes: give it a smaller file."
+                        )
+                    yield Progress(0.0, "Working in Blender")
+                    sleep(PATIENCE)
+            finally:
+                if process.poll() is None:
+                    process.kill()
+                process.wait()
+        found = json.loads(report.read_text(encoding="utf-8")) if report.is_file() else {}
+        if "error" in found or not found:
+            raise MeshError(found.get("error") or _last_words(output, command[0], process.returncode))
+        return dict(found)
+
+
+def surface_steps(path: Path, output: Path, role: str = TARGET, program: str | None = None) -> Steps[None]:
+    """Write what is shown in a file that Blender reads as one surface, a PLY file.
+
+    Args:
+        path: of the file.
+        output: of the surface.
+        role: `SOURCE` or `TARGET`.
+        program: see `blender_command`.
+
+    Raises:
+        MeshError: there is no Blender, or it cannot read the file, or that shows no mesh.
+    """
+    yield from blender_steps(["surface", str(path.resolve()), "--role", role, "--save", str(output)], program)
+
+
+def _environment() -> dict[str, str]:
+    """That of this process, in which a Python finds the packages that this one has found."""
+    spec = find_spec(EXTENSION)
+    places = [str(Path(each).resolve().parent) for each in (spec.submodule_search_locations or ())] if spec else []
+    return os.environ | {"PYTHONPATH": os.pathsep.join([*places, *filter(None, [os.environ.get("PYTHONPATH")])])}
+
+
+def _last_words(output: Path, program: str, status: int) -> str:
+    """Why Blender did nothing, as far as it has said so: in a sentence of the extension, or some last words."""
+    lines = [line.strip() for line in output.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    own = [line.removeprefix(SAID) for line in lines if line.startswith(SAID)]
+    if own:
+        return own[-1]
+    last = f", saying: {lines[-1]}" if lines else ""
+    return (
+        f"{program} ended with status {status} and did nothing{last}. Is it Blender 4.2 or newer, with the extension "
+        "ZoomOut Transfer installed and enabled?"
+    )
