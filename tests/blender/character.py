@@ -40,7 +40,8 @@ POSE = {
 def character(levels=3):
     """The character in its rest pose, and its armature.
 
-    14,000 vertices (a quarter for each level less), with a vertex group of every bone, a UV map of several islands, and an attribute `rest`.
+    14,000 vertices, a quarter of that for each level less, with a vertex group of every bone, a UV map of several
+    islands, and an attribute `rest`.
     """
     mesh = bpy.data.meshes.new("Character")
     joints = _sided_joints()
