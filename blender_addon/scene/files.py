@@ -28,10 +28,14 @@ def _import_fbx(filepath: str) -> None:
     (bpy.ops.wm.fbx_import if compiled else bpy.ops.import_scene.fbx)(filepath=filepath)
 
 
+def _import_gltf(filepath: str) -> None:
+    bpy.ops.import_scene.gltf(filepath=filepath, disable_bone_shape=True)  # a mesh that other exporters would export
+
+
 IMPORTERS: dict[str, Callable[..., Any]] = {
     ".fbx": _import_fbx,
-    ".glb": lambda filepath: bpy.ops.import_scene.gltf(filepath=filepath),
-    ".gltf": lambda filepath: bpy.ops.import_scene.gltf(filepath=filepath),
+    ".glb": _import_gltf,
+    ".gltf": _import_gltf,
     ".obj": lambda filepath: bpy.ops.wm.obj_import(filepath=filepath),
     ".ply": lambda filepath: bpy.ops.wm.ply_import(filepath=filepath),
     ".stl": lambda filepath: bpy.ops.wm.stl_import(filepath=filepath),

@@ -94,6 +94,8 @@ def test_results_are_exported(files, tmp_path, ending):
     assert set(BONES) <= set(body.vertex_groups.keys())
     assert "Wide" in body.data.shape_keys.key_blocks
     assert body.find_armature() is not None
+    # Nothing that only shows bones, which Blender's importer of glTF may add.
+    assert {obj.name for obj in bpy.data.objects if obj.type == "MESH"} == {"Body", "Eyeball", "Hidden"}
 
 
 def test_a_file_that_is_imported_is_a_source_too(files, tmp_path):
