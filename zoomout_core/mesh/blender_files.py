@@ -68,6 +68,7 @@ def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps
 
     Raises:
         MeshError: there is no Blender, or it could not do it; the message is its own sentence.
+        ChildProcessError: it was killed.
     """
     command, began = blender_command(program), monotonic()
     with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
@@ -92,6 +93,10 @@ def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps
                 if process.poll() is None:
                     process.kill()
                 process.wait()
+        if process.returncode < 0:  # another time it may go better
+            raise ChildProcessError(
+                f"Blender was ended by signal {-process.returncode}: it may need more memory than there is."
+            )
         found = json.loads(report.read_text(encoding="utf-8")) if report.is_file() else {}
         if "error" in found or not found:
             raise MeshError(found.get("error") or _last_words(output, command[0], process.returncode))
