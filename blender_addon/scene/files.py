@@ -120,6 +120,9 @@ class Brought:
 
     Attributes:
         names: that they have here.
+
+    Raises:
+        MeshError: one of them is in that file by a link.
     """
 
     def __init__(self, context: Context, library: Path, names: Sequence[str]) -> None:
@@ -127,6 +130,9 @@ class Brought:
         with bpy.data.libraries.load(str(library), link=False) as (_, wanted):
             wanted.objects = list(names)
         meshes = wanted.objects
+        missing = [name for name, obj in zip(names, meshes, strict=True) if obj is None]
+        if missing:
+            raise zo.MeshError(f"'{missing[0]}' is linked into its file from another one: make it local there first.")
         self.names = [obj.name for obj in meshes]
         self._uids = {each.session_uid for each in _all_data()} - before
         for obj in dict.fromkeys([*meshes, *(each for mesh in meshes for each in _posing(mesh))]):

@@ -216,6 +216,21 @@ def test_nothing_that_is_read_is_written_over(files, tmp_path, capsys):
     assert bpy.data.objects["Body"].data.uv_layers.keys() == ["Skin"]
 
 
+@pytest.mark.filterwarnings("ignore:load")
+def test_what_is_only_linked_into_the_source_is_a_sentence(tmp_path, capsys):
+    library, hero, scan = (tmp_path / name for name in ("library.blend", "hero.blend", "scan.blend"))
+    ellipsoid("Linked", 4)
+    for path in (library, scan):
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
+        wanted.objects = ["Linked"]
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(hero), copy=True)
+    assert run("carry", hero, scan, "--save", tmp_path / "out.blend") == 1
+    assert "'Linked' is linked into its file from another one" in capsys.readouterr().err
+
+
 def test_any_command_exports_by_the_ending(tmp_path):
     source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
     bpy.context.view_layer.update()

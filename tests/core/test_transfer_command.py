@@ -89,3 +89,9 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
     assert "Traceback" not in said
     assert files[1].read_bytes() == before
     assert not list(tmp_path.iterdir())
+
+
+def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path, Path], tmp_path: Path) -> None:
+    code, said = run(tmp_path / "hero.blend", files[1], "-o", tmp_path / "out.glb")
+    assert code == 1
+    assert "take `zoomout collection`" in said

@@ -25,6 +25,7 @@ from zoomout_core.batch import (
 from zoomout_core.cli.report import json_option, match_figures, match_lines
 from zoomout_core.command_options import batch_options, match_options, start_arguments, with_progress_bar
 from zoomout_core.matching.match import match_steps
+from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.stepping import Steps, within
 
@@ -75,6 +76,11 @@ def transfer(
     """
     try:
         wanted = checked_kinds(kinds)
+        if Path(source).suffix.lower() in OF_BLENDER:
+            raise MeshError(
+                f"Of {source} this command reads nothing but the shape: take `zoomout collection` with --template and "
+                "--transfer, or `blender --command zoomout carry`."
+            )
         jobs = planned(source, targets, output, f".{ending}", MESHES, check_format, in_place)
         arguments, asset = start_arguments(**options), read_asset(source)
         steps_of = partial(_job_steps, asset, candidate, wanted, shape.replace("-", " "), arguments)
