@@ -67,7 +67,8 @@ def open_scene(context: Context, path: str | Path) -> None:
         raise zo.MeshError(f"{path} is of no format that can be opened: give it as {', '.join(READABLE)}.")
     try:
         if ending == BLEND:
-            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
+            # With its windows, which know the scene and the view layer that were shown.
+            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=True, use_scripts=False)
         else:
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
             _enable(ending)

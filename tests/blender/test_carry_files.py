@@ -149,6 +149,20 @@ def test_a_surface_is_what_is_shown_in_the_world_in_triangles_as_blender_has_the
     assert len(read_surface(tmp_path / "seen.ply").vertices) == 11
 
 
+def test_what_is_shown_is_what_the_file_was_left_with(tmp_path):
+    ellipsoid("Elsewhere", 2)
+    window = bpy.context.window
+    window.scene = bpy.data.scenes.new("Other")
+    window.view_layer = window.scene.view_layers.new("Second")
+    ellipsoid("Shown", 2)
+    ellipsoid("Hidden", 3).hide_set(True)
+    path, report = tmp_path / "left.blend", tmp_path / "report.json"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert run("surface", path, "--save", tmp_path / "out.ply", "--report", report) == 0
+    assert list(json.loads(report.read_text())["objects"]) == ["Shown"]
+
+
 def test_a_file_that_was_left_in_edit_mode_is_read(tmp_path):
     obj = ellipsoid("Mesh", 3)
     bpy.context.view_layer.objects.active = obj
