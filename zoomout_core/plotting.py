@@ -90,7 +90,8 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
     (here, there), colors = _corresponding(source, target, result)
     # Nothing is left in the folder from which this is called: no .polyscope.ini, no imgui.ini.
     polyscope.set_use_prefs_file(False)
-    polyscope.set_user_callback(lambda: setattr(polyscope.imgui.GetIO(), "IniFilename", ""))
+    settings = polyscope.imgui.GetIO  # type: ignore[attr-defined]  # which its stubs lack
+    polyscope.set_user_callback(lambda: setattr(settings(), "IniFilename", ""))
     if not polyscope.is_initialized():
         polyscope.init()
     polyscope.remove_all_structures()
