@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from zoomout_core import MatchResult
     from zoomout_core.runtime.stepping import Progress, Steps
 
 BENCHMARK_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
-# The matches of this process that were asked for last, which tests of other modules may ask for again.
-_matches: OrderedDict[bytes, tuple[list[Progress], MatchResult]] = OrderedDict()
-MOST_MATCHES = 60
+# What the long functions of this process came to that were asked for last, which tests of other modules may ask for
+# again.
+_results: OrderedDict[bytes, tuple[list[Progress], Any]] = OrderedDict()
+MOST_RESULTS = 80
 # What a shape is known by.
 ARRAYS = "vertices", "corner_vertex", "face_start", "triangle_corners", "points", "normals"
 
@@ -32,36 +32,41 @@ def benchmark_data() -> Path:
     return BENCHMARK_DATA
 
 
-@pytest.fixture(scope="module")
-def remembered_matches() -> Iterator[None]:
-    """A match that is asked for again is the one that came of it before, with the same progress.
+def remembered(function: Callable[..., Steps[Any]], shapes: int) -> Callable[..., Steps[Any]]:
+    """A stepped function of so many shapes and of options, which is run once for the same ones."""
 
-    For modules that are about what becomes of matches: these are deterministic, and take most of the time.
-    """
-    import zoomout_core as zo  # after bpy, where that is imported
-
-    match = zo.match_steps
-
-    def match_steps(source: Any, target: Any, **options: Any) -> Steps[MatchResult]:
-        shapes = [[getattr(shape, name, None) for name in ARRAYS] for shape in (source, target)]
-        key = sha256(pickle.dumps((shapes, sorted(options.items())))).digest()
-        if key in _matches:
-            _matches.move_to_end(key)
-            told, result = _matches[key]
+    def steps(*given: Any, **options: Any) -> Steps[Any]:
+        known = [[getattr(shape, name, None) for name in ARRAYS] for shape in given[:shapes]]
+        key = sha256(pickle.dumps((function.__name__, known, given[shapes:], sorted(options.items())))).digest()
+        if key in _results:
+            _results.move_to_end(key)
+            told, result = _results[key]
             yield from told
             return result
         told = []
-        steps = match(source, target, **options)
+        run = function(*given, **options)
         while True:
             try:
-                told.append(next(steps))
+                told.append(next(run))
             except StopIteration as finished:
-                _matches[key] = told, finished.value
-                if len(_matches) > MOST_MATCHES:
-                    _matches.popitem(last=False)
+                _results[key] = told, finished.value
+                if len(_results) > MOST_RESULTS:
+                    _results.popitem(last=False)
                 return finished.value
             yield told[-1]
 
+    return steps
+
+
+@pytest.fixture(scope="module")
+def remembered_matches() -> Iterator[None]:
+    """A match or a symmetry that is asked for again is what came of it before, with the same progress.
+
+    For modules that are about what becomes of these: they are deterministic, and take most of the time.
+    """
+    import zoomout_core as zo  # after bpy, where that is imported
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zo, "match_steps", match_steps)
+        patch.setattr(zo, "match_steps", remembered(zo.match_steps, 2))
+        patch.setattr(zo, "detect_symmetry_steps", remembered(zo.detect_symmetry_steps, 1))
         yield

@@ -13,6 +13,8 @@ from meshlab_filter import apply_filter, filter_list, print_filter_list, print_f
 from meshlab_filter.catalogue import CATALOGUE, meaning
 from meshlab_filter.mesh_data import custom_names
 
+pytestmark = pytest.mark.usefixtures("remembered_matches")
+
 SIZE = 14.2**0.5
 
 
