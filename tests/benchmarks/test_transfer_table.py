@@ -20,7 +20,8 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict]]:
     (data / "faust_r").mkdir()
     write_off(data / "faust_r" / "creature.off", creature(600, 0).surface)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cases, "CELL", 0.05)
+        patch.setattr(cases, "CELL", 0.07)
+        patch.setattr(cases, "ISLANDS", 6)
         patch.setattr(transfer, "WAYS", {name: methods.WAYS[name] for name in WAYS})
         return transfer.run(data, None)
 
