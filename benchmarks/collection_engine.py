@@ -16,6 +16,7 @@ from benchmarks.tables import Record, Tables
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Engine, OnDask, Task, local_engine
 from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.threads import set_threads
 
 # Seconds that a stand-in for a pair sleeps, and how many of them: as many as a pair of 5,000 vertices takes.
 NAP, NAPS = 2.0, 20
@@ -26,18 +27,18 @@ PLANNED, NEIGHBOURS = 10_000, 4
 def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
     """Measure the engine.
 
-    `throughput`: shapes of `faust_r` to a template, nothing prepared before: by a loop over `zo.match`, in one process,
-    and in two. `overhead`: tasks that only sleep. `planned`: seconds and memory of a graph of many tasks that sleep
+    `throughput`: shapes of `faust_r` to a template, nothing prepared before: by a loop over `zo.match` in one thread and
+    in as many as there are cores, in one process, and in two. `overhead`: tasks that only sleep. `planned`: seconds and memory of a graph of many tasks that sleep
     for no time.
 
     Args:
         data: the benchmark data.
-        most: how many shapes; 9 if not given.
+        most: how many shapes; 25 if not given.
         planned: shapes of the plan.
     """
-    files = evenly(sorted((data / "faust_r").glob("*.off")), most or 9)
+    files = evenly(sorted((data / "faust_r").glob("*.off")), most or 25)
     return {
-        "throughput": [_loop(files), *(_collection(files, workers) for workers in (1, 2))],
+        "throughput": [_loop(files, 1), _loop(files, None), *(_collection(files, workers) for workers in (1, 2))],
         "overhead": [_naps(workers) for workers in (1, 2)],
         "planned": [_plan(planned)],
     }
@@ -50,13 +51,16 @@ def steps_napping(seconds: float, *_: object) -> Steps[int]:
     return 0
 
 
-def _loop(files: Sequence[Path]) -> Record:
+def _loop(files: Sequence[Path], threads: int | None) -> Record:
     zo.forget_shapes()
     zo.store_shapes(None)
+    set_threads(threads)
     began = time.perf_counter()
     for path in tqdm(files[1:], desc="loop", leave=False):
         zo.match(zo.read_surface(files[0]), zo.read_surface(path))
-    return _throughput("loop", len(files) - 1, time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    set_threads(None)
+    return _throughput("loop" if threads is None else "loop, 1 thread", len(files) - 1, seconds)
 
 
 def _collection(files: Sequence[Path], workers: int) -> Record:

@@ -253,15 +253,18 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
         yield InThisProcess(retries)
         return
     distributed = _distributed(retries)
-    # Each process computes on a core of its own.
+    import dask
+
+    # Each process computes on a core of its own. Dask's own settings would have every array that is let go given back
+    # to the system at once, and taken from it again: half as much work once more (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
     with (
+        dask.config.set({"distributed.nanny.pre-spawn-environ": alone}),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             dashboard_address=":0",
             silence_logs=logging.CRITICAL,
-            env=alone,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):

@@ -13,6 +13,7 @@ from zoomout_core.collection import engine as engine_module
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, local_engine, remote_engine
 from zoomout_core.mesh.memory import NotEnoughMemoryError
 from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.threads import threads
 
 
 def steps_adding(*numbers: int) -> Steps[int]:
@@ -37,6 +38,11 @@ def steps_dying() -> Steps[int]:
     yield Progress(0.5, "dying")
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
+
+
+def steps_reading_settings() -> Steps[tuple[str | None, str | None, int]]:
+    yield Progress(0.5, "reading")
+    return os.environ.get("MALLOC_TRIM_THRESHOLD_"), os.environ.get("OPENBLAS_NUM_THREADS"), threads()
 
 
 def results(engine: Engine, tasks: list[Task]) -> dict[str, object]:
@@ -80,6 +86,10 @@ def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
     assert results(cluster, [*CHAIN, again]) == {**EXPECTED, "again": 2}
     # The same keys once more are other tasks.
     assert results(cluster, CHAIN) == EXPECTED
+
+
+def test_processes_keep_to_a_core_each_and_to_their_memory(cluster: Engine) -> None:
+    assert results(cluster, [Task("settings", steps_reading_settings, ())]) == {"settings": (None, "1", 1)}
 
 
 def test_a_worker_that_is_killed_costs_its_task_alone(cluster: Engine) -> None:
