@@ -27,9 +27,9 @@ PLANNED, NEIGHBOURS = 10_000, 4
 def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
     """Measure the engine.
 
-    `throughput`: shapes of `faust_r` to a template, nothing prepared before: by a loop over `zo.match` in one thread and
-    in as many as there are cores, in one process, and in two. `overhead`: tasks that only sleep. `planned`: seconds and memory of a graph of many tasks that sleep
-    for no time.
+    `throughput`: shapes of `faust_r` to a template, nothing prepared before: by a loop over `zo.match` in one thread
+    and in as many as there are cores, in one process, and in two. `overhead`: tasks that only sleep. `planned`: seconds
+    and memory of a graph of many tasks that sleep for no time.
 
     Args:
         data: the benchmark data.
