@@ -18,6 +18,8 @@ from zoomout_core.runtime.stepping import Steps, drain
 PATIENCE = 0.05
 # Seconds within which a scheduler must answer.
 CONNECTING = 20
+# Seconds within which a result must arrive that is there: of megabytes at most, and never where its worker was lost.
+ARRIVING = 60
 LOST = "The scheduler was lost: what is done is kept, run the same again to go on from there."
 
 
@@ -199,8 +201,12 @@ class OnDask:
 
     def _result_of(self, future: Any) -> Any:
         if future.status == "finished":
+            from distributed import TimeoutError as TimedOut
+
             try:
-                return future.result()
+                return future.result(timeout=ARRIVING)
+            except TimedOut:  # it went with its worker, such as when the machine slept
+                return _Lost(sentence_of(None))
             except OSError as cut:  # of the connection: a task's own is in its status
                 raise ConnectionError(LOST) from cut
         error = future.exception() if future.status == "error" else None

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from zoomout_core.collection import engine as engine_module
-from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, local_engine, remote_engine
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, OnDask, Task, local_engine, remote_engine
 from zoomout_core.mesh.memory import NotEnoughMemoryError
 from zoomout_core.runtime.stepping import Progress, Steps
 from zoomout_core.runtime.threads import threads
@@ -98,6 +98,18 @@ def test_a_worker_that_is_killed_costs_its_task_alone(cluster: Engine) -> None:
     assert isinstance(died, Failure)
     assert "was killed" in died.message
     assert found == EXPECTED
+
+
+def test_a_result_that_is_lost_with_its_worker_is_not_waited_for() -> None:
+    distributed = pytest.importorskip("distributed")
+
+    class Gone:
+        key, status = "gone", "finished"
+
+        def result(self, timeout: float) -> int:
+            raise distributed.TimeoutError
+
+    assert "worker was lost" in OnDask(None)._result_of(Gone()).message
 
 
 def test_dask_tells_which_files_its_workers_see(cluster: Engine, tmp_path: Path) -> None:
