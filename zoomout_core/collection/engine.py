@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ PATIENCE = 0.05
 CONNECTING = 20
 # Seconds within which a result must arrive that is there: of megabytes at most, and never where its worker was lost.
 ARRIVING = 60
+# Tasks that a cluster knows of at a time: more than its workers, and few enough that its scheduler keeps up.
+MOST_UNDER_WAY = 2000
 LOST = "The scheduler was lost: what is done is kept, run the same again to go on from there."
 
 
@@ -162,19 +165,32 @@ class OnDask:
         from distributed import as_completed
 
         run = uuid4().hex[:8]
+        ahead = deque(_needed_first(tasks))
+        uses = Counter(key for task in tasks for key in task.after)
         futures: dict[str, Any] = {}
-        for task in tasks:
-            needed = [futures[key] for key in task.after]
-            futures[task.key] = self._client.submit(
-                attempt, task.function, *task.arguments, *needed, key=f"{task.key}-{run}", retries=self._retries
-            )
-        key_of = {future.key: key for key, future in futures.items()}
-        waiting = as_completed(list(futures.values()), loop=self._client.loop)
-        while futures:
+        under_way: dict[str, str] = {}  # names that the cluster has for tasks, and their keys
+        waiting = as_completed(loop=self._client.loop)
+
+        def let_go(key: str) -> None:
+            if not uses[key] and futures[key].key not in under_way:
+                del futures[key]
+
+        while ahead or under_way:
+            while ahead and len(under_way) < MOST_UNDER_WAY:
+                task = ahead.popleft()
+                needed = [futures[key] for key in task.after]
+                future = self._client.submit(
+                    attempt, task.function, *task.arguments, *needed, key=f"{task.key}-{run}", retries=self._retries
+                )
+                futures[task.key], under_way[future.key] = future, task.key
+                waiting.add(future)
+                for key in task.after:
+                    uses[key] -= 1
+                    let_go(key)
             ended = waiting.next_batch(block=False)
             for future in ended:
-                key = key_of[future.key]
-                del futures[key]  # what nothing waits for is let go
+                key = under_way.pop(future.key)
+                let_go(key)
                 yield Done(key, self._result_of(future))
             if not ended:
                 if self._client.status != "running":
@@ -228,6 +244,16 @@ def _needed(task: Task, task_of: Mapping[str, Task]) -> list[Task]:
         for each in (*_needed(task_of[key], task_of), task_of[key]):
             found[each.key] = each
     return list(found.values())
+
+
+def _needed_first(tasks: Sequence[Task]) -> list[Task]:
+    """Tasks in an order in which what each needs comes right before it, so that it is soon let go."""
+    task_of = {task.key: task for task in tasks}
+    ordered: dict[str, Task] = {}
+    for task in sorted(tasks, key=lambda task: not task.after):
+        for each in (*_needed(task, task_of), task):
+            ordered.setdefault(each.key, each)
+    return list(ordered.values())
 
 
 def _all_exist(paths: list[str]) -> bool:

@@ -88,6 +88,16 @@ def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
     assert results(cluster, CHAIN) == EXPECTED
 
 
+def test_a_cluster_knows_of_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine_module, "MOST_UNDER_WAY", 3)
+    parts = [Task(f"part {number}", steps_adding, (number,)) for number in range(10)]
+    sums = [Task(f"sum {i}", steps_adding, (), (f"part {i}", f"part {(i + 1) % 10}")) for i in range(10)]
+    found = results(cluster, [*parts, *sums, Task("all", steps_adding, (), tuple(task.key for task in sums))])
+    assert len(found) == 21
+    assert [found[f"sum {i}"] for i in range(10)] == [*range(1, 18, 2), 9]
+    assert found["all"] == 90
+
+
 def test_processes_keep_to_a_core_each_and_to_their_memory(cluster: Engine) -> None:
     assert results(cluster, [Task("settings", steps_reading_settings, ())]) == {"settings": (None, "1", 1)}
 
