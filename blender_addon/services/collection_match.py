@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
 from typing import Any, TypeAlias
 
 import numpy as np
 from bpy.types import Collection, Context, Depsgraph, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.maps.surface_map import read_vertex_map
+from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.runtime.array_files import read_arrays
 from zoomout_core.runtime.stepping import Steps, drain, spread, within
 from zoomout_core.runtime.threads import for_each
 
@@ -85,44 +83,6 @@ class Parts:
     def names(self) -> list[str]:
         """Of the objects."""
         return [fingerprint.name for fingerprint in self.fingerprints]
-
-
-@dataclass(frozen=True, eq=False)
-class KnownMatch:
-    """A match of the joined surfaces of two collections that was made before; see `zoomout_core.MatchResult`."""
-
-    surface_map: zo.SurfaceMap
-    confidence: Floats
-    has_partner: Booleans
-    source_has_partner: Booleans
-    notes: tuple[str, ...] = ()
-
-    @classmethod
-    def load(cls, path: str | PathLike[str], source: zo.Surface, target: zo.Surface) -> KnownMatch:
-        """The match in a file, as `zoomout match` and `zoomout collection` write it.
-
-        Raises:
-            MeshError: it holds no map, or one of other surfaces.
-        """
-        surface_map, vertex = zo.SurfaceMap.load(path, source), read_vertex_map(path)
-        sizes = {name: len(target.vertices) for name in ("confidence", "has_partner")}
-        sizes["source_has_partner"] = len(source.vertices)
-        values = {"confidence": np.ones(len(target.vertices))} | {
-            name: np.ones(count, dtype=bool) for name, count in sizes.items() if name != "confidence"
-        }
-        values |= read_arrays(path, tuple(sizes))
-        fits = len(vertex) == len(target.vertices) and np.array_equal(vertex, surface_map.vertex)
-        if not fits or any(values[name].shape != (count,) for name, count in sizes.items()):
-            raise zo.MeshError(
-                f"{path} is a map of {len(vertex)} vertices between other surfaces than these, of which the target has "
-                f"{len(target.vertices)}: match these files, read as `surface` reads them."
-            )
-        return cls(
-            surface_map,
-            np.nan_to_num(values["confidence"].astype(np.float64)).clip(0, 1),
-            values["has_partner"].astype(bool),
-            values["source_has_partner"].astype(bool),
-        )
 
 
 def match_collections(

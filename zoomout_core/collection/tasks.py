@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset_steps
 from zoomout_core.collection.pair_map import (
@@ -29,15 +29,14 @@ from zoomout_core.collection.pair_map import (
     load_candidate_maps,
 )
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summary_steps
-from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.disk_cache import package_version
 from zoomout_core.matching.match import match_steps
 from zoomout_core.matching.memory_cache import shapes_stored_in
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.mesh.files import existing, read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.outputs import written_whole
 from zoomout_core.runtime.stepping import Progress, Steps
 
@@ -243,25 +242,6 @@ def match_steps_of_pair(
     return Matched(pair, record, True, shipped)
 
 
-@dataclass(frozen=True, eq=False)
-class StoredMatch:
-    """A match as the file of a pair has it, for a transfer; see `MatchResult`."""
-
-    surface_map: SurfaceMap
-    confidence: Floats
-    has_partner: Booleans
-
-    @classmethod
-    def load(cls, path: Path, source: Surface) -> StoredMatch:
-        """The match in a file.
-
-        Raises:
-            MeshError: it holds no map, or one onto another source.
-        """
-        arrays = read_arrays(path, ("confidence", "has_partner"))
-        return cls(SurfaceMap.load(path, source), **arrays)
-
-
 def transfer_steps_of_pair(
     source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...]
 ) -> Steps[tuple[str, ...]]:
@@ -271,7 +251,7 @@ def transfer_steps_of_pair(
         MeshError: there is nothing to carry, or a file cannot be read or written.
     """
     assets = read_asset(source), read_asset(target)
-    match = StoredMatch.load(map_file, assets[0].surface)
+    match = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
     made = yield from transfer_asset_steps(*assets, match, kinds)
     output.parent.mkdir(parents=True, exist_ok=True)
     left_out = write_asset(made.asset, output)

@@ -1,0 +1,51 @@
+"""A match in a file is taken for the surfaces that it is of, and for no others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.maps.known_match import KnownMatch
+
+SOURCE, TARGET = creature(120, seed=1).surface, creature(100, seed=2).surface
+TRUSTED = np.linspace(0, 1, 100)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """The file of a match."""
+    vertex = np.arange(100) % 90
+    surface_map = zo.SurfaceMap.from_vertices(vertex, SOURCE)
+    surface_map.save(tmp_path / "map.npz", confidence=TRUSTED, has_partner=TRUSTED > 0.2)
+    return tmp_path / "map.npz"
+
+
+def test_it_is_what_was_written_and_all_is_trusted_of_which_nothing_is_said(path: Path) -> None:
+    match = KnownMatch.load(path, SOURCE, TARGET)
+    np.testing.assert_array_equal(match.surface_map.vertex, np.arange(100) % 90)
+    np.testing.assert_array_equal(match.confidence, TRUSTED)
+    np.testing.assert_array_equal(match.has_partner, TRUSTED > 0.2)
+    assert match.source_has_partner.dtype == bool
+    assert match.source_has_partner.all()
+    assert len(match.source_has_partner) == 120
+
+
+def test_another_target_is_refused(path: Path) -> None:
+    with pytest.raises(zo.MeshError, match=r"of 100 vertices between other surfaces .* target has 80"):
+        KnownMatch.load(path, SOURCE, creature(80, seed=2).surface)
+
+
+def test_another_order_of_the_source_s_triangles_is_refused(path: Path) -> None:
+    turned = zo.Surface(SOURCE.vertices, SOURCE.triangles[::-1])
+    with pytest.raises(zo.MeshError, match="other surfaces"):
+        KnownMatch.load(path, turned, TARGET)
+
+
+def test_values_of_another_mesh_are_refused(path: Path) -> None:
+    zo.SurfaceMap.from_vertices(np.arange(100) % 90, SOURCE).save(path, source_has_partner=np.ones(7))
+    with pytest.raises(zo.MeshError, match="other surfaces"):
+        KnownMatch.load(path, SOURCE, TARGET)

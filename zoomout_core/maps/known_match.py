@@ -1,0 +1,61 @@
+"""A match as a file has it, for a transfer without matching again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.array_files import read_arrays
+
+
+@dataclass(frozen=True, eq=False)
+class KnownMatch:
+    """What a transfer needs of a match that was made before.
+
+    Attributes:
+        surface_map: for each vertex of the target a point on the source.
+        confidence: (n_t,) of each vertex, in [0, 1].
+        has_partner: (n_t,) whether there is something on the source for a vertex.
+        source_has_partner: (n_s,) the same of the source's vertices.
+        notes: sentences for the user.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    has_partner: Booleans
+    source_has_partner: Booleans
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], source: Surface, target: Surface) -> KnownMatch:
+        """The match in a file, as `zoomout match` and `zoomout collection` write it; of a bare map all is trusted.
+
+        Args:
+            path: of the file.
+            source: the surface that the map lands on, as whatever matched them read it.
+            target: the surface that it starts from.
+
+        Raises:
+            MeshError: it holds no map, or one of other surfaces.
+        """
+        surface_map, vertex = SurfaceMap.load(path, source), read_vertex_map(path)
+        sizes = dict.fromkeys(("confidence", "has_partner"), len(target.vertices))
+        sizes["source_has_partner"] = len(source.vertices)
+        values = {name: np.ones(count) for name, count in sizes.items()} | read_arrays(path, tuple(sizes))
+        fits = len(vertex) == len(target.vertices) and np.array_equal(vertex, surface_map.vertex)
+        if not fits or any(values[name].shape != (count,) for name, count in sizes.items()):
+            raise MeshError(
+                f"{path} is a map of {len(vertex)} vertices between other surfaces than these, of which the target has "
+                f"{len(target.vertices)}: match these two once more."
+            )
+        return cls(
+            surface_map,
+            np.nan_to_num(values["confidence"].astype(np.float64)).clip(0, 1),
+            values["has_partner"].astype(bool),
+            values["source_has_partner"].astype(bool),
+        )
