@@ -88,11 +88,8 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
     except ModuleNotFoundError as error:
         raise ImportError("Windows need polyscope, which is missing: pip install 'zoomout-core[window]'.") from error
     (here, there), colors = _corresponding(source, target, result)
-    # Nothing is left in the folder from which this is called: no .polyscope.ini, no imgui.ini.
-    polyscope.set_use_prefs_file(False)
-    settings = polyscope.imgui.GetIO  # type: ignore[attr-defined]  # which its stubs lack
-    polyscope.set_user_callback(lambda: setattr(settings(), "IniFilename", ""))
     if not polyscope.is_initialized():
+        polyscope.set_use_prefs_file(False)  # else it leaves .polyscope.ini and imgui.ini in the folder that it is in
         polyscope.init()
     polyscope.remove_all_structures()
     right = here.vertices[:, 0].max() + GAP * np.ptp(here.vertices[:, 0]) - there.vertices[:, 0].min()

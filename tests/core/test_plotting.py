@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -111,7 +112,7 @@ def test_it_draws_into_a_figure_and_notebooks_show_a_new_one() -> None:
 def test_a_window_shows_both_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     polyscope = pytest.importorskip("polyscope")
-    polyscope.init("openGL_mock")
+    monkeypatch.setattr(polyscope, "init", partial(polyscope.init, "openGL_mock"))
     zo.plotting.show_map(SHEET, SHEET, Found(TURNED, np.ones(24), np.ones(24, dtype=bool)), frames=2)
     source, target = (polyscope.get_surface_mesh(name) for name in ("source", "target"))
     assert (source.n_vertices(), target.n_faces()) == (24, len(SHEET.triangles))
