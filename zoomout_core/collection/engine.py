@@ -288,7 +288,7 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     import dask
 
     # Each process computes on a core of its own. Dask's own settings would have every array that is let go given back
-    # to the system at once, and taken from it again: half as much work once more (`benchmarks collection-engine`).
+    # to the system at once, and taken from it again: 97 s of processor time for 61 (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
     with (
         dask.config.set({"distributed.nanny.pre-spawn-environ": alone}),

@@ -40,7 +40,7 @@ def interrupts_heard() -> Iterator[None]:
             unraisable_before(unraisable)
 
     unraisable_before, sys.unraisablehook = sys.unraisablehook, hook
-    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # nobody's else, nor deaf, as in background
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # nobody else's, nor deaf, as in background
     if ours:
         signal.signal(signal.SIGINT, handler)
     try:
