@@ -14,6 +14,7 @@ from benchmarks import collection_engine as collection_engine_tables
 from benchmarks import correspondence as correspondence_tables
 from benchmarks import discretisation as discretisation_table
 from benchmarks import downsampled as downsampled_table
+from benchmarks import golden as golden_tables
 from benchmarks import initial_size as initial_size_table
 from benchmarks import large as large_table
 from benchmarks import overfitting as overfitting_table
@@ -336,6 +337,26 @@ def tuning(data: Path, pairs: int | None, json_file: Path | None, stages: tuple[
     except ValueError as error:
         raise click.ClickException(str(error)) from None
     report({"rows": rows}, data, json_file)
+
+
+@main.command()
+@click.option(
+    "--data", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of meshes."
+)
+@click.option("--only", multiple=True, help="Only cases whose name begins so, such as `part`.")
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
+@click.option(
+    "--against", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Compare with this earlier JSON."
+)
+def golden(data: Path, only: tuple[str, ...], json_file: Path | None, against: Path | None) -> None:
+    """Hashes of maps, symmetries, transfers and errors, at 1 and 8 threads, to check that a change changes none."""
+    try:
+        tables = golden_tables.run(data, only, against)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from None
+    report(tables, data, json_file)
+    if tables["differences"]:
+        raise click.ClickException(f"{len(tables['differences'])} fields differ from those in {against}.")
 
 
 @main.command()
