@@ -41,6 +41,21 @@ def test_several_maps_are_measured_as_each_alone(small: Creature, other: Creatur
     assert (together[:, 0] == 0).all()
 
 
+def test_errors_are_lengths_of_paths_along_edges_over_the_root_of_the_area() -> None:
+    # A strip of four squares of side 2, split by diagonals from (0, 0) to (2, 2) and so on: area 16, root 4.
+    along = np.arange(0.0, 10, 2)
+    vertices = np.concatenate([[(x, y, 0) for x in along] for y in (0, 2)])
+    strip = zo.Surface(vertices, [(i, i + 1, i + 6, i + 5) for i in range(4)])
+    left_below, right_below, left_above, right_above = 0, 4, 5, 9
+    images = np.full(10, left_below)
+    truth = np.array([left_below, right_below, left_above, right_above])
+    error = zo.geodesic_error(images, strip, np.arange(4), truth)
+    diagonal = {tuple(sorted(pair)) for face in strip.triangles for pair in zip(face, np.roll(face, 1), strict=True)}
+    shortcut = 2 * np.sqrt(2) if (0, 6) in diagonal else 4.0
+    np.testing.assert_allclose(error, [0, 8 / 4, 2 / 4, (6 + shortcut) / 4])
+    np.testing.assert_allclose(zo.geodesic_error(images, zo.Surface(9 * vertices, strip.triangles), [3], [9]), error[3])
+
+
 def test_the_identity_folds_misses_and_stretches_nothing(small: Creature) -> None:
     surface = small.surface
     assert flipped_share(identity(surface), surface, surface) < 0.01
