@@ -18,12 +18,11 @@ from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
-from zoomout_core.matching.match import MatchResult
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking import Candidate, in_order, rank_steps
+from zoomout_core.matching.ranking import Candidate, in_order, rank
 from zoomout_core.matching.refinement import embeddings
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.scores import scores_of, total_score
-from zoomout_core.runtime.stepping import drain
 
 SOURCES = {
     "extremities": extremity_hypotheses,
@@ -65,7 +64,7 @@ def _with_other_hypotheses(pair: Pair) -> dict[str, Candidate]:
         for left_out in SOURCES
     }
     pools["without anchors"] = [replace(guess, anchors=None) for guesses in by_source.values() for guess in guesses]
-    return {name: drain(rank_steps(guesses, *shapes))[0] for name, guesses in pools.items() if guesses}
+    return {name: rank(guesses, *shapes)[0] for name, guesses in pools.items() if guesses}
 
 
 def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:

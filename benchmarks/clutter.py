@@ -25,12 +25,11 @@ from benchmarks.pictures import View, draw_views
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.colors import place_colors
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 
@@ -280,7 +279,7 @@ def union_and_cut(animal: Surface, clutter: Surface) -> Surface:
     vertices = np.vstack([points, moved])
     triangles = np.vstack([animal.triangles, clutter.triangles + len(points)])
     vertices, triangles = voxel_remesh(vertices, triangles, RESOLUTION)
-    vertices, triangles, _ = drain(decimated_steps(vertices, triangles, VERTICES))
+    vertices, triangles, _ = decimate(vertices, triangles, VERTICES)
     # Beyond the plane nothing is seen; of pieces the largest stays.
     triangles = triangles[(vertices[triangles, along] < limit).all(axis=1)]
     piece = connected_components(edge_graph(vertices, triangles), directed=False)[1]

@@ -15,7 +15,6 @@ from benchmarks.datasets import evenly
 from benchmarks.tables import Record, Tables
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Engine, OnDask, Task, local_engine
-from zoomout_core.runtime.stepping import Progress, Steps
 from zoomout_core.runtime.threads import set_threads
 
 # Seconds that a stand-in for a pair sleeps, and how many of them: as many as a pair of 5,000 vertices takes.
@@ -44,10 +43,9 @@ def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
     }
 
 
-def steps_napping(seconds: float, *_: object) -> Steps[int]:
+def nap(seconds: float, *_: object) -> int:
     """A stand-in for a task."""
     time.sleep(seconds)
-    yield Progress(1.0, "napping")
     return 0
 
 
@@ -79,7 +77,7 @@ def _throughput(way: str, pairs: int, seconds: float) -> Record:
 def _naps(workers: int) -> Record:
     with local_engine(workers, retries=0) as engine:
         began = time.perf_counter()
-        _finish(engine, [Task(f"nap {number}", steps_napping, (NAP,)) for number in range(NAPS)])
+        _finish(engine, [Task(f"nap {number}", nap, (NAP,)) for number in range(NAPS)])
         seconds = time.perf_counter() - began
     return {
         "workers": workers,
@@ -91,12 +89,12 @@ def _naps(workers: int) -> Record:
 
 def _plan(shapes: int) -> Record:
     """A graph of as many shapes and their pairs, all of whose tasks do nothing."""
-    tasks = [Task(f"prepare {number}", steps_napping, (0.0,)) for number in range(shapes)]
+    tasks = [Task(f"prepare {number}", nap, (0.0,)) for number in range(shapes)]
     for number in range(shapes):
         for step in range(1, NEIGHBOURS + 1):
             other = (number + step) % shapes
             needed = f"prepare {number}", f"prepare {other}"
-            tasks.append(Task(f"match {number} {other}", steps_napping, (0.0,), needed))
+            tasks.append(Task(f"match {number} {other}", nap, (0.0,), needed))
     with local_engine(2, retries=0) as engine:
         assert isinstance(engine, OnDask)
         before, began, planned = _peak(), time.perf_counter(), None

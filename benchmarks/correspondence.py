@@ -33,7 +33,7 @@ from benchmarks.pictures import Picture, draw
 from benchmarks.tables import Record
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.match import NOTES
+from zoomout_core.matching.notes import NOTES
 from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"

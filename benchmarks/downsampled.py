@@ -28,7 +28,7 @@ from benchmarks.starts import K_INITIAL, K_SIGNATURES, from_landmarks, landmarks
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.zoomout import SampledBasis
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 
 # Target and source, of 19,000 vertices.
 PAIRS = (("horse0", "horse6"), ("horse10", "horse14"), ("horse0", "horse14"))
@@ -101,7 +101,7 @@ class _Decimated:
     @classmethod
     def of(cls, surface: zo.Surface, vertices: int) -> _Decimated:
         """A surface and one of about so many vertices."""
-        points, triangles, merged = zo.drain(decimated_steps(surface.vertices, surface.triangles, vertices))
+        points, triangles, merged = decimate(surface.vertices, surface.triangles, vertices)
         stands_for = np.asarray(cKDTree(surface.vertices).query(points)[1])
         return cls(zo.eigenbasis(zo.Surface(points, triangles), K_FINAL), merged, stands_for)
 

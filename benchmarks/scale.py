@@ -14,10 +14,9 @@ import numpy as np
 
 import zoomout_core as zo
 from benchmarks.speed import subdivided, timed_match
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 Record = dict[str, Any]
 
@@ -77,7 +76,7 @@ def _sizes(data: Path) -> Iterator[tuple[Surface, Surface]]:
         return
     surfaces = [read_surface(path) for path in paths]
     for count in DECIMATED:
-        yield tuple(Surface(*drain(decimated_steps(s.vertices, s.triangles, count))[:2]) for s in surfaces)  # type: ignore[misc]
+        yield tuple(Surface(*decimate(s.vertices, s.triangles, count)[:2]) for s in surfaces)  # type: ignore[misc]
     for levels in SUBDIVIDED:
         yield tuple(subdivided(surface, levels, seed) for seed, surface in enumerate(surfaces))  # type: ignore[misc]
 

@@ -27,7 +27,7 @@ from zoomout_core.evaluation import distance_distortion
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.symmetry.detect import energies
-from zoomout_core.symmetry.self_map import main_shape_steps
+from zoomout_core.symmetry.self_map import main_shape
 
 FOLDER = "self_symmetry"
 # Sizes of the functional maps: by one while they say little, then by five.
@@ -105,7 +105,7 @@ def _of(name: str, rows: list[Record]) -> list[Record]:
 
 def ranked_signs(surface: Surface) -> tuple[Surface, list[Ranked]]:
     """The largest part of a surface, at unit area, and its refined choices of signs, the best commutativity first."""
-    shape = zo.drain(main_shape_steps(surface, SIZES[-1], SAMPLES, proxy_vertices=None))
+    shape = main_shape(surface, SIZES[-1], SAMPLES, proxy_vertices=None)
     ranked = []
     for hypothesis in sign_hypotheses(shape, shape):
         start = hypothesis.functional_map

@@ -14,7 +14,7 @@ import zoomout_core as zo
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.match import NOTES
+from zoomout_core.matching.notes import NOTES
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph

@@ -62,8 +62,8 @@ def run(data: Path, pairs: int | None) -> dict[str, list[Record]]:
     """Make the tables.
 
     `rows`, for each pair and system: median seconds of a match of two meshes that were never seen, and of another
-    match with the same source; the longest time between two steps; the most memory that the process has taken so
-    far; the mean error. The peer is given the true map of size 20, ours nothing.
+    match with the same source; the longest time between two reports of progress; the most memory that the process
+    has taken so far; the mean error. The peer is given the true map of size 20, ours nothing.
 
     `stages`: where the seconds of the first go.
 
@@ -117,13 +117,13 @@ class TimedMatch:
     Attributes:
         seconds: in all.
         stages: seconds of each stage.
-        longest_step: the longest time between two steps.
+        longest_wait: the longest time between two reports of progress.
         result: of the match.
     """
 
     seconds: float
     stages: dict[str, float]
-    longest_step: float
+    longest_wait: float
     result: zo.MatchResult
 
 
@@ -137,18 +137,15 @@ def timed_match(source: Surface, target: Surface, warm: bool = False, detail: st
     stage, longest = "Reading the meshes", 0.0
     stages: dict[str, float] = {}
     start = last = perf_counter()
-    steps = zo.match_steps(source, target, **options)
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as finished:
-            result = finished.value
-            break
-        finally:
-            now = perf_counter()
-            stages[stage] = stages.get(stage, 0.0) + now - last
-            longest, last = max(longest, now - last), now
-        stage = progress.stage
+
+    def enter(title: str) -> None:
+        nonlocal stage, longest, last
+        now = perf_counter()
+        stages[stage] = stages.get(stage, 0.0) + now - last
+        stage, longest, last = title or stage, max(longest, now - last), now
+
+    result = zo.match(source, target, progress=lambda progress: enter(progress.stage), **options)
+    enter("")
     return TimedMatch(last - start, stages, longest, result)
 
 
@@ -158,7 +155,7 @@ def _ours(pair: SizedPair, detail: str) -> tuple[Record, dict[str, float]]:
     return {
         "seconds": median(run.seconds for run in runs),
         "warm source": median(run.seconds for run in warm),
-        "longest step": median(run.longest_step for run in runs),
+        "longest wait": median(run.longest_wait for run in runs),
         "mean error": pair.error(runs[-1].result.surface_map.vertex),
     }, {stage: median(run.stages[stage] for run in runs) for stage in runs[0].stages}
 
@@ -186,7 +183,7 @@ def _peer(pair: SizedPair) -> tuple[Record, dict[str, float]]:
 
     vertex = timed("refinement and map", refined)
     seconds = sum(stages.values())
-    return {"seconds": seconds, "warm source": None, "longest step": None, "mean error": pair.error(vertex)}, stages
+    return {"seconds": seconds, "warm source": None, "longest wait": None, "mean error": pair.error(vertex)}, stages
 
 
 SYSTEMS: dict[str, Callable[[SizedPair], tuple[Record, dict[str, float]]]] = {

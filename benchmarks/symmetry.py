@@ -21,13 +21,13 @@ from zoomout_core.arrays import Integers
 from zoomout_core.evaluation import distance_distortion
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.memory_cache import kept_analysis_steps
+from zoomout_core.matching.memory_cache import cached_analysis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.proxy import proxy_size
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import one_blas_thread
-from zoomout_core.symmetry.detect import candidate_steps, energies
+from zoomout_core.symmetry.detect import energies, find_candidates
 
 OURS, BEST_POSSIBLE, TRUTH = "zo.detect_symmetry", "the truth, read off its functional map", "the truth itself"
 # Mean error times 1000 from which a shape counts as failed.
@@ -102,7 +102,7 @@ def _prepared(surface: Surface) -> tuple[ShapeAnalysis, float]:
     start = perf_counter()
     with one_blas_thread:
         part = surface.working.part(0)[0]
-        shape = zo.drain(kept_analysis_steps(part, K_FINAL, SAMPLES, 0, proxy_size(len(part.vertices), "auto")))
+        shape = cached_analysis(part, K_FINAL, SAMPLES, 0, proxy_size(len(part.vertices), "auto"))
     return shape, perf_counter() - start
 
 
@@ -149,7 +149,7 @@ def _by_criterion(surface: Surface, shape: ShapeAnalysis, vertex: Integers, mirr
     """Whether each criterion alone finds a right one among the candidates that reverse the orientation."""
     with one_blas_thread:
         pair = Pair(surface, surface, shape, shape, K_FINAL, 5)
-        candidates = [entry for entry in zo.drain(candidate_steps(shape)) if entry.reverses_orientation]
+        candidates = [entry for entry in find_candidates(shape) if entry.reverses_orientation]
         right = [_error(vertex_map(entry, pair), surface, vertex, mirrored) < LIMIT for entry in candidates]
     scores = [_criteria(entry, shape) for entry in candidates]
     if not candidates:

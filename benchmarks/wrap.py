@@ -17,7 +17,7 @@ from benchmarks.pictures import View, draw_views
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.matching.match import MatchResult
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 

@@ -49,13 +49,13 @@ A mesh's own symmetry is found in any pose, stored on the mesh, and used by the 
 Likewise `mirror_shape_key`, `mirror_attributes`, `mirror_sculpt`, `name_sides`, `select_symmetry_line` and
 `check_symmetry`, which shows by colours what differs.
 
-What a window is to stay alive under runs in steps, which yield how far they are, and can be closed halfway: nothing is
-written before the last of them.
+Functions report their progress to listeners, which can end them by an exception: nothing is written before the end.
 
->>> steps = api.match_steps(context, hero.name, scan.name, k_final=40)
->>> next(steps).stage
+>>> stages = []
+>>> with zo.progress(lambda progress: stages.append(progress.stage)):
+...     match = api.match_objects(context, hero, scan, k_final=40)
+>>> stages[0]
 'Reading the meshes'
->>> steps.close()
 
 A mesh that cannot be used raises a `zoomout_core.MeshError`, whose message is a sentence for the user.
 """
@@ -70,17 +70,17 @@ from .adapters import DATA, USUAL_DATA, Binding, Settings
 from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
-from .services.collection_match import match_collections, match_collections_steps
+from .services.collection_match import match_collections
 from .services.dress import Dressing, dress
-from .services.match import match_objects, match_steps
+from .services.match import match_objects
 from .services.symmetry.check import check_symmetry
-from .services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps, swap_sides
+from .services.symmetry.detect import choose_symmetry, detect_symmetry, swap_sides
 from .services.symmetry.layers import mirror_attributes
 from .services.symmetry.sculpt import mirror_sculpt
 from .services.symmetry.shape_keys import mirror_shape_key
 from .services.symmetry.sides import name_sides, select_symmetry_line
 from .services.symmetry.weights import symmetrise_weights
-from .services.transfer import bind_to_rig, transfer_objects, transfer_steps
+from .services.transfer import bind_to_rig, transfer_objects
 from .services.wrap import Wrapping, wrap
 from .storage.stored_report import transfer_report
 from .storage.stored_symmetry import read as symmetry_of
@@ -97,13 +97,10 @@ __all__ = [
     "check_symmetry",
     "choose_symmetry",
     "detect_symmetry",
-    "detect_symmetry_steps",
     "dress",
     "landmark_pairs",
     "match_collections",
-    "match_collections_steps",
     "match_objects",
-    "match_steps",
     "mirror_attributes",
     "mirror_sculpt",
     "mirror_shape_key",
@@ -115,7 +112,6 @@ __all__ = [
     "symmetry_of",
     "transfer_objects",
     "transfer_report",
-    "transfer_steps",
     "wrap",
 ]
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from meshlab_filter.files import FORMATS, TextureFiles, load_mesh, new_mesh_set, save_beside, texture_files
+from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
-from zoomout_core.batch import Job, Outcome, outcomes_steps
-from zoomout_core.runtime.stepping import Steps
+from zoomout_core.batch import Job, Outcome, run_jobs
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -19,7 +16,7 @@ if TYPE_CHECKING:
 LOW = 0.5
 
 
-def transfer_steps(source: str, jobs: Sequence[Job], in_place: bool = False, **parameters: Any) -> Steps[list[Outcome]]:
+def transfer_files(source: str, jobs: Sequence[Job], in_place: bool = False, **parameters: Any) -> list[Outcome]:
     """Transfer from a mesh file to each target, one after the other; one that fails leaves the others alone.
 
     Args:
@@ -35,40 +32,20 @@ def transfer_steps(source: str, jobs: Sequence[Job], in_place: bool = False, **p
     ms = new_mesh_set()
     source_id = load_mesh(ms, source)
     inputs = texture_files(ms.mesh(source_id), source)
-    write = partial(save_beside, ms, brought={}, in_place=in_place)
-    return (yield from outcomes_steps(jobs, lambda job: _job_steps(ms, source_id, job, inputs, write, parameters)))
+    brought: dict[str, bytes] = {}
 
+    def transfer_one(job: Job) -> tuple[dict[str, Any], list[str]]:
+        try:
+            target_id = load_mesh(ms, job.target)
+            textures = inputs | texture_files(ms.mesh(target_id), job.target)
+            report = transfer_attributes_by_zoomout(ms, sourcemesh=source_id, targetmesh=target_id, **parameters)
+            job.output.parent.mkdir(exist_ok=True)
+            save_beside(ms, job.output, textures, brought, in_place)
+            return _figures(report), _lines(report, job.output.suffix.lower())
+        finally:
+            _keep_only(ms, source_id)
 
-def _job_steps(
-    ms: MeshSet,
-    source_id: int,
-    job: Job,
-    inputs: TextureFiles,
-    write: Callable[[Path, TextureFiles], None],
-    parameters: dict[str, Any],
-) -> Steps[tuple[dict[str, Any], list[str]]]:
-    try:
-        return (yield from _transferred_steps(ms, source_id, job, inputs, write, parameters))
-    finally:
-        _keep_only(ms, source_id)
-
-
-def _transferred_steps(
-    ms: MeshSet,
-    source_id: int,
-    job: Job,
-    inputs: TextureFiles,
-    write: Callable[[Path, TextureFiles], None],
-    parameters: dict[str, Any],
-) -> Steps[tuple[dict[str, Any], list[str]]]:
-    target_id = load_mesh(ms, job.target)
-    inputs = inputs | texture_files(ms.mesh(target_id), job.target)
-    report = yield from transfer_attributes_by_zoomout.row.run(
-        ms, sourcemesh=source_id, targetmesh=target_id, **parameters
-    )
-    job.output.parent.mkdir(exist_ok=True)
-    write(job.output, inputs)
-    return _figures(report), _lines(report, job.output.suffix.lower())
+    return run_jobs(jobs, transfer_one)
 
 
 def _keep_only(ms: MeshSet, mesh_id: int) -> None:

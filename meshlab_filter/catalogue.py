@@ -1,14 +1,15 @@
 """The catalogue of filters: one row each, and what can be done by a filter's name.
 
-A filter is written as a generator that takes a MeshSet and keyword parameters, yields `Progress` and returns a
-dictionary; `mesh_filter` enters it into the catalogue and makes it a plain function. Values are checked, and
-defaults filled in, before it begins. It computes first and changes the MeshSet last.
+A filter is a function that takes a MeshSet and keyword parameters, and returns a dictionary; `mesh_filter` enters it
+into the catalogue. Values are checked, and defaults filled in, before it begins. It computes first and changes the
+MeshSet last.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
 from inspect import Signature
@@ -17,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from meshlab_filter.parameters import LENGTH, Parameter
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Progress, Result, Steps
+from zoomout_core.runtime.progress import advance, listening, stage
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
 
-# What is told of progress: the fraction done, in [0, 1], and what is being done, in words.
+# Takes the fraction done, in [0, 1], and what is being done, in words.
 Callback: TypeAlias = Callable[[float, str], object]
 
 
@@ -32,23 +33,23 @@ class Filter:
 
     Attributes:
         name: as in Python and in scripts.
-        steps: the generator function that does the work.
+        function: does the work.
         parameters: in the order in which they are listed.
         meaning: what it does, a sentence.
     """
 
     name: str
-    steps: Callable[..., Steps[dict[str, Any]]]
+    function: Callable[..., dict[str, Any]]
     parameters: tuple[Parameter, ...]
     meaning: str
 
-    def run(self, ms: MeshSet, **given: Any) -> Steps[dict[str, Any]]:
-        """The work with these parameters, and the defaults of the others, stepped.
+    def run(self, ms: MeshSet, **given: Any) -> dict[str, Any]:
+        """Apply it with these parameters, and the defaults of the others.
 
         Raises:
-            ValueError: there is no such parameter, or a value is not of its type; known before the first step.
+            ValueError: there is no such parameter, or a value is not of its type; nothing has been computed.
         """
-        return self.steps(ms, **self._complete(given))
+        return self.function(ms, **self._complete(given))
 
     def _complete(self, given: dict[str, Any]) -> dict[str, Any]:
         rows = {row.name: row for row in self.parameters}
@@ -73,23 +74,24 @@ class MeshFilter(Protocol):
     def __call__(self, ms: MeshSet, *, callback: Callback | None = None, **parameters: Any) -> dict[str, Any]: ...
 
 
-def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., Steps[dict[str, Any]]]], MeshFilter]:
-    """A decorator that enters a generator function into the catalogue, under its name.
+def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., dict[str, Any]]], MeshFilter]:
+    """A decorator that enters a function into the catalogue, under its name.
 
     The function takes all of the parameters by keyword; the first line of its docstring says what it does. What the
-    decorator returns takes any of them, and a callback that is told of progress, and runs to the end.
+    decorator returns takes any of them, and a callback for progress.
     """
 
-    def entered(steps: Callable[..., Steps[dict[str, Any]]]) -> MeshFilter:
-        description = steps.__doc__ or ""
-        row = Filter(steps.__name__, steps, parameters, description.partition("\n")[0])
+    def entered(function: Callable[..., dict[str, Any]]) -> MeshFilter:
+        description = function.__doc__ or ""
+        row = Filter(function.__name__, function, parameters, description.partition("\n")[0])
         CATALOGUE[row.name] = row
 
         def run(ms: MeshSet, *, callback: Callback | None = None, **given: Any) -> dict[str, Any]:
-            return _told(row.run(ms, **given), callback)
+            with _listening(callback):
+                return row.run(ms, **given)
 
         run.__name__ = run.__qualname__ = row.name
-        run.__module__ = steps.__module__
+        run.__module__ = function.__module__
         lines = [f"        {parameter.name}: {parameter.meaning}" for parameter in parameters]
         lines.append(f"        callback: {CALLBACK}")
         run.__doc__ = "\n".join([description.rstrip(), "", "    Args:", "        ms: a `pymeshlab.MeshSet`.", *lines])
@@ -166,7 +168,7 @@ def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None,
         ms: a `pymeshlab.MeshSet`.
         name: one of `filter_list()`.
         callback: called with the fraction done, in [0, 1], and what is being done, in words; what it raises ends the
-            work. Of MeshLab's filters it is told the begin and the end.
+            work. MeshLab's own filters call it at the begin and at the end.
         parameters: as `print_filter_parameter_list` says.
 
     Returns:
@@ -177,9 +179,13 @@ def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None,
         ValueError: there is no such parameter, or its value is not of its type.
     """
     _check_name(name)
-    if name in CATALOGUE:
-        return _told(CATALOGUE[name].run(ms, **parameters), callback)
-    return _told(_native_steps(ms, name, parameters), callback)
+    with _listening(callback):
+        if name in CATALOGUE:
+            return CATALOGUE[name].run(ms, **parameters)
+        with stage(name):
+            report = _apply_native(ms, name, parameters)
+            advance(1.0)
+            return report
 
 
 def check_mesh(ms: MeshSet, mesh_id: int) -> None:
@@ -208,22 +214,9 @@ def _check_name(name: str) -> None:
         raise MeshError(f"There is no filter '{name}': filter_list() names them all.")
 
 
-def _told(steps: Steps[Result], callback: Callback | None) -> Result:
-    """What steps return, run to the end; a callback is told of their progress."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as finished:
-            return finished.value
-        if callback is not None:
-            callback(progress.fraction, progress.stage)
-
-
-def _native_steps(ms: MeshSet, name: str, parameters: dict[str, Any]) -> Steps[dict[str, Any]]:
-    yield Progress(0.0, name)
-    report = _apply_native(ms, name, parameters)
-    yield Progress(1.0, name)
-    return report
+def _listening(callback: Callback | None) -> AbstractContextManager[None]:
+    """A block whose progress goes to a callback, if there is one."""
+    return listening(None if callback is None else lambda progress: callback(progress.fraction, progress.stage))
 
 
 def _apply_native(ms: MeshSet, name: str, parameters: dict[str, Any]) -> dict[str, Any]:

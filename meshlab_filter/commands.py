@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import meshlab_filter.filters  # noqa: F401, which enters them into the catalogue
-from meshlab_filter.batch import transfer_steps
+from meshlab_filter.batch import transfer_files
 from meshlab_filter.catalogue import meaning, print_filter_list, print_filter_parameter_list, search
 from meshlab_filter.files import (
     FORMATS,
@@ -21,23 +21,22 @@ from meshlab_filter.files import (
 )
 from meshlab_filter.project import files_of, load_inputs
 from meshlab_filter.samples import write_samples
-from meshlab_filter.script import read_script, run_script_steps
+from meshlab_filter.script import read_script, run_script
 from meshlab_filter.watch import Watch, watch
 from zoomout_core.batch import FAILED, PARTLY, is_folder, planned, say_outcomes, write_report
 from zoomout_core.command_options import (
     batch_options,
     in_place_option,
     match_options,
+    progress_bar,
     start_arguments,
     threads_option,
-    with_progress_bar,
 )
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.interrupts import INTERRUPTED
 from zoomout_core.runtime.outputs import check_output
-from zoomout_core.runtime.stepping import Steps
 
 
 @click.group()
@@ -115,8 +114,9 @@ def transfer(
         jobs = planned(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
         preset = DETAIL[options["detail"]]
         matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
-        steps = transfer_steps(source, jobs, in_place, candidate=candidate, detail=options["detail"], **matching)
-        outcomes = with_progress_bar(steps)
+        matching |= {"candidate": candidate, "detail": options["detail"]}
+        with progress_bar():
+            outcomes = transfer_files(source, jobs, in_place, **matching)
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
@@ -142,7 +142,8 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
         textures: TextureFiles = {}
         for path in inputs:
             textures |= load_inputs(ms, path)
-        reports = with_progress_bar(run_script_steps(ms, script))
+        with progress_bar():
+            reports = run_script(ms, script)
         if ms.mesh_number() == 0:
             raise MeshError("No mesh is left to write: keep one.")
         save_beside(ms, Path(output), textures, {}, in_place)
@@ -179,12 +180,15 @@ def watch_command(
 
     With --once the exit code is 0 if all went well, 1 if nothing did, and 3 if something did.
     """
+    work = Watch(folder, source, script, detail)
     outcomes: list[bool] = []
 
-    def done(path: Path, steps: Steps[list[str]]) -> None:
+    def process(path: Path) -> None:
         click.echo(f"{path.name} was saved.")
         try:
-            for line in with_progress_bar(steps):
+            with progress_bar():
+                lines = work.process(path)
+            for line in lines:
                 click.echo(f"  {line}")
         except (ValueError, OSError, MemoryError) as error:
             click.echo(f"{path.name}: failed. {error or NO_MEMORY}", err=True)
@@ -198,7 +202,7 @@ def watch_command(
             read_script(script)
         if not once:
             click.echo(f"Watching {folder}; Ctrl-C ends it.")
-        for _ in watch(Watch(folder, source, script, detail), done, interval, once):
+        for _ in watch(work, process, interval, once):
             pass
     except KeyboardInterrupt:
         click.echo(f"\nNo longer watching {folder}: {sum(outcomes)} files were worked on.", err=True)

@@ -22,7 +22,7 @@ from meshlab_filter.parameters import LENGTH, OTHER_RICH, RICH_TYPES, Parameter,
 from meshlab_filter.xml_elements import Element, read_elements
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Progress, Steps, within
+from zoomout_core.runtime.progress import stage
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -64,7 +64,7 @@ def read_script(path: str | Path) -> list[Call]:
     return [_call(path, element) for element in root.inside]
 
 
-def run_script_steps(ms: MeshSet, path: str | Path) -> Steps[list[dict[str, Any]]]:
+def run_script(ms: MeshSet, path: str | Path) -> list[dict[str, Any]]:
     """Run a script on a MeshSet; returns what each filter gives, with its `name` and `line`.
 
     Raises:
@@ -75,12 +75,8 @@ def run_script_steps(ms: MeshSet, path: str | Path) -> Steps[list[dict[str, Any]
     calls = read_script(path)
     reports = []
     for number, call in enumerate(calls):
-        yield Progress(number / len(calls), call.name)
-        steps = _at_line(path, call.element, _started, ms, call)
-        try:
-            report = yield from within(steps, number / len(calls), (number + 1) / len(calls))
-        except (ValueError, OSError) as error:
-            raise _placed(path, call.element, error) from error
+        with stage(call.name, number / len(calls), (number + 1) / len(calls)):
+            report = _at_line(path, call.element, _apply, ms, call)
         reports.append({"name": call.name, "line": call.element.line, **report})
     return reports
 
@@ -90,11 +86,7 @@ def _at_line(path: str | Path, element: Element, function: Any, *arguments: Any)
     try:
         return function(*arguments)
     except (ValueError, OSError) as error:
-        raise _placed(path, element, error) from error
-
-
-def _placed(path: str | Path, element: Element, error: Exception) -> MeshError:
-    return MeshError(f"Line {element.line} of {path}: {error}")
+        raise MeshError(f"Line {element.line} of {path}: {error}") from error
 
 
 def _call(path: str | Path, element: Element) -> Call:
@@ -144,20 +136,19 @@ def _value(child: Element, row: Filter | None) -> tuple[str, Any]:
     raise MeshError(f"the filter {row.name} has no parameter '{name}': it has {known}.")
 
 
-def _started(ms: MeshSet, call: Call) -> Steps[dict[str, Any]]:
-    """A call as steps, once the meshes that it names are known to be there."""
+def _apply(ms: MeshSet, call: Call) -> dict[str, Any]:
+    """Apply the filter of a call, once the meshes that it names are known to be there."""
     for mesh_id in call.meshes:
         check_mesh(ms, mesh_id)
     if call.name in CATALOGUE:
         return CATALOGUE[call.name].run(ms, **call.values)
-    return _native_steps(ms, call)
+    return _apply_native(ms, call)
 
 
-def _native_steps(ms: MeshSet, call: Call) -> Steps[dict[str, Any]]:
-    """A filter of MeshLab's, in a single step."""
+def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
+    """Apply a filter of MeshLab's."""
     import pymeshlab
 
-    yield Progress(0.0, call.name)
     if ms.mesh_number() == 0:  # pymeshlab would end the process
         raise MeshError("there is no mesh left to apply a filter to: keep one.")
     if call.name in pymeshlab.filter_list():

@@ -13,7 +13,7 @@ from pathlib import Path
 from time import sleep
 from typing import TypeAlias
 
-from meshlab_filter.batch import transfer_steps
+from meshlab_filter.batch import transfer_files
 from meshlab_filter.files import SURFACES, new_mesh_set, save_beside
 from meshlab_filter.project import (
     PROJECT,
@@ -24,11 +24,10 @@ from meshlab_filter.project import (
     read_project,
     write_project,
 )
-from meshlab_filter.script import run_script_steps
+from meshlab_filter.script import run_script
 from zoomout_core.batch import Job
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import PART, is_same_file
-from zoomout_core.runtime.stepping import Steps
 
 # The names of results end so, before the file's ending; such files are passed over.
 RESULT = "_zoomout"
@@ -74,7 +73,7 @@ class Watch:
         targets = [mesh.path for mesh in read_project(path)[1:]]
         return [*(_result(path, target.stem, ".ply") for target in targets), _result(path, path.stem, PROJECT)]
 
-    def steps(self, path: Path) -> Steps[list[str]]:
+    def process(self, path: Path) -> list[str]:
         """Work on an input; returns what is to be said of it.
 
         Raises:
@@ -82,13 +81,13 @@ class Watch:
             OSError: a file cannot be read or written.
         """
         if self.script is not None:
-            return _script_steps(self.script, path, *self.outputs(path))
+            return _run_script(self.script, path, *self.outputs(path))
         if is_project(path):
-            return self._project_steps(path)
+            return self._process_project(path)
         assert self.source is not None  # a mesh alone is no input otherwise
-        return _transfer_steps(self.source, [Job(path, *self.outputs(path))], self.detail)
+        return _transfer(self.source, [Job(path, *self.outputs(path))], self.detail)
 
-    def _project_steps(self, path: Path) -> Steps[list[str]]:
+    def _process_project(self, path: Path) -> list[str]:
         """From the first mesh of a project to the others, and a project of them all with the results."""
         source, *targets = read_project(path)
         *outputs, project = self.outputs(path)
@@ -97,7 +96,7 @@ class Watch:
         if len({output.name.casefold() for output in outputs}) < len(outputs):
             raise MeshError(f"Two targets of the project {path.name} have one name: rename one of them.")
         jobs = [Job(target.path, output) for target, output in zip(targets, outputs, strict=True)]
-        lines = yield from _transfer_steps(source.path, jobs, self.detail)
+        lines = _transfer(source.path, jobs, self.detail)
         shown = [source]
         for target, output in zip(targets, outputs, strict=True):
             made = output.exists()  # it lies where its target does, which would hide it
@@ -107,14 +106,12 @@ class Watch:
         return lines
 
 
-def watch(
-    work: Watch, done: Callable[[Path, Steps[list[str]]], None], interval: float, once: bool = False
-) -> Iterator[None]:
+def watch(work: Watch, process: Callable[[Path], None], interval: float, once: bool = False) -> Iterator[None]:
     """Look at a folder again and again, and have what was saved there worked on; yields after each look.
 
     Args:
         work: what is done.
-        done: does the work on an input, and says how it went.
+        process: works on an input, by `Watch.process`, and says how it went.
         interval: seconds from one look to the next.
         once: whether to end as soon as there is nothing left to do.
     """
@@ -128,7 +125,7 @@ def watch(
                 continue
             waiting = True
             if last.get(path) == state:
-                done(path, work.steps(path))
+                process(path)
                 finished[path] = state  # as it was before: what is saved meanwhile is work again
             last[path] = state
         yield
@@ -137,8 +134,8 @@ def watch(
         sleep(interval)
 
 
-def _transfer_steps(source: Path, jobs: list[Job], detail: str) -> Steps[list[str]]:
-    outcomes = yield from transfer_steps(str(source), jobs, detail=detail)
+def _transfer(source: Path, jobs: list[Job], detail: str) -> list[str]:
+    outcomes = transfer_files(str(source), jobs, detail=detail)
     failed = [one for one in outcomes if one.error]
     if len(failed) == len(outcomes):
         raise MeshError(" ".join(one.error for one in failed))
@@ -146,10 +143,10 @@ def _transfer_steps(source: Path, jobs: list[Job], detail: str) -> Steps[list[st
     return lines + [f"{one.job.output.name}: {line}" for one in outcomes if not one.error for line in one.lines]
 
 
-def _script_steps(script: Path, path: Path, output: Path) -> Steps[list[str]]:
+def _run_script(script: Path, path: Path, output: Path) -> list[str]:
     ms = new_mesh_set()
     textures = load_inputs(ms, path)
-    reports = yield from run_script_steps(ms, script)
+    reports = run_script(ms, script)
     if ms.mesh_number() == 0:
         raise MeshError("No mesh is left to write: keep one.")
     save_beside(ms, output, textures, {})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from functools import wraps
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from zoomout_core.runtime.stepping import Progress, Steps
+    from zoomout_core.runtime.progress import Progress
 
 BENCHMARK_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -32,30 +33,34 @@ def benchmark_data() -> Path:
     return BENCHMARK_DATA
 
 
-def remembered(function: Callable[..., Steps[Any]], shapes: int) -> Callable[..., Steps[Any]]:
-    """A stepped function of so many shapes and of options, which is run once for the same ones."""
+def remembered(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
+    """A function of so many shapes and of options, which is run once for the same ones."""
 
-    def steps(*given: Any, **options: Any) -> Steps[Any]:
+    @wraps(function)
+    def run(*given: Any, progress: Callable[[Progress], object] | None = None, **options: Any) -> Any:
+        from zoomout_core.runtime.progress import listening, stage
+        from zoomout_core.tuning import stages
+
         known = [[getattr(shape, name, None) for name in ARRAYS] for shape in given[:shapes]]
-        key = sha256(pickle.dumps((function.__name__, known, given[shapes:], sorted(options.items())))).digest()
+        asked = function.__name__, known, given[shapes:], sorted(options.items()), repr(stages())
+        key = sha256(pickle.dumps(asked)).digest()
         if key in _results:
             _results.move_to_end(key)
             told, result = _results[key]
-            yield from told
+            with listening(progress):
+                for one in told:
+                    with stage(one.stage, one.fraction, one.fraction):
+                        pass
             return result
         told = []
-        run = function(*given, **options)
-        while True:
-            try:
-                told.append(next(run))
-            except StopIteration as finished:
-                _results[key] = told, finished.value
-                if len(_results) > MOST_RESULTS:
-                    _results.popitem(last=False)
-                return finished.value
-            yield told[-1]
+        with listening(progress), listening(told.append):
+            result = function(*given, **options)
+        _results[key] = told, result
+        if len(_results) > MOST_RESULTS:
+            _results.popitem(last=False)
+        return result
 
-    return steps
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +72,6 @@ def remembered_matches() -> Iterator[None]:
     import zoomout_core as zo  # after bpy, where that is imported
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(zo, "match_steps", remembered(zo.match_steps, 2))
-        patch.setattr(zo, "detect_symmetry_steps", remembered(zo.detect_symmetry_steps, 1))
+        patch.setattr(zo, "match", remembered(zo.match, 2))
+        patch.setattr(zo, "detect_symmetry", remembered(zo.detect_symmetry, 1))
         yield

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from zoomout_core import samples as samples
     from zoomout_core.assets.asset import Asset
     from zoomout_core.assets.files import read_asset, write_asset
-    from zoomout_core.assets.transfer_asset import transfer_asset, transfer_asset_steps
-    from zoomout_core.collection.collection import CollectionResult, match_collection, match_collection_steps
+    from zoomout_core.assets.transfer_asset import transfer_asset
+    from zoomout_core.collection.collection import CollectionResult, match_collection
     from zoomout_core.evaluation import geodesic_error
     from zoomout_core.geometry.shot import shot
     from zoomout_core.maps.consistent_zoomout import ConsistentMaps, consistent_zoomout
@@ -31,13 +31,14 @@ if TYPE_CHECKING:
     )
     from zoomout_core.maps.surface_map import SurfaceMap
     from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
-    from zoomout_core.matching.match import MatchResult, match, match_steps
     from zoomout_core.matching.memory_cache import forget_shapes, store_shapes
     from zoomout_core.matching.options import MatchOptions
-    from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity, match_by_proximity_steps
+    from zoomout_core.matching.pipeline import match
+    from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
+    from zoomout_core.matching.result import MatchResult, load_result
     from zoomout_core.mesh.files import read_point_cloud, read_surface
     from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
-    from zoomout_core.runtime.stepping import Progress, drain
+    from zoomout_core.runtime.progress import Cancelled, Progress, progress
     from zoomout_core.runtime.threads import set_threads
     from zoomout_core.spectral.descriptors import (
         heat_kernel_map,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis
     from zoomout_core.spectral.hamiltonian import hamiltonian_basis
     from zoomout_core.spectral.operators import multiplication_operators, orientation_operators
-    from zoomout_core.symmetry.detect import Symmetry, detect_symmetry, detect_symmetry_steps
+    from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
     from zoomout_core.transfer import (
         Attribute,
         Domain,
@@ -58,10 +59,8 @@ if TYPE_CHECKING:
         Wrapped,
         conform,
         dress,
-        dress_steps,
         transfer,
         wrap,
-        wrap_steps,
     )
 
     __version__: str
@@ -69,6 +68,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Asset",
     "Attribute",
+    "Cancelled",
     "CollectionResult",
     "ConsistentMaps",
     "Domain",
@@ -90,10 +90,7 @@ __all__ = [
     "conform",
     "consistent_zoomout",
     "detect_symmetry",
-    "detect_symmetry_steps",
-    "drain",
     "dress",
-    "dress_steps",
     "eigenbasis",
     "fit_functional_map",
     "forget_shapes",
@@ -102,16 +99,15 @@ __all__ = [
     "hamiltonian_basis",
     "heat_kernel_map",
     "heat_kernel_signature",
+    "load_result",
     "match",
     "match_by_proximity",
-    "match_by_proximity_steps",
     "match_collection",
-    "match_collection_steps",
-    "match_steps",
     "multiplication_operators",
     "orientation_operators",
     "orthonormality_error",
     "precise_map_of",
+    "progress",
     "read_asset",
     "read_point_cloud",
     "read_surface",
@@ -121,12 +117,10 @@ __all__ = [
     "store_shapes",
     "transfer",
     "transfer_asset",
-    "transfer_asset_steps",
     "vertex_map_of",
     "wave_kernel_map",
     "wave_kernel_signature",
     "wrap",
-    "wrap_steps",
     "write_asset",
     "zoomout",
     "zoomout_both_ways",
@@ -139,11 +133,8 @@ _HOMES = {
         "read_asset",
         "write_asset",
     ),
-    "assets.transfer_asset": (
-        "transfer_asset",
-        "transfer_asset_steps",
-    ),
-    "collection.collection": ("CollectionResult", "match_collection", "match_collection_steps"),
+    "assets.transfer_asset": ("transfer_asset",),
+    "collection.collection": ("CollectionResult", "match_collection"),
     "evaluation": ("geodesic_error",),
     "geometry.shot": ("shot",),
     "maps.consistent_zoomout": ("ConsistentMaps", "consistent_zoomout"),
@@ -161,20 +152,19 @@ _HOMES = {
         "zoomout",
         "zoomout_both_ways",
     ),
-    "matching.match": (
-        "MatchResult",
-        "match",
-        "match_steps",
-    ),
     "matching.memory_cache": (
         "forget_shapes",
         "store_shapes",
     ),
     "matching.options": ("MatchOptions",),
+    "matching.pipeline": ("match",),
     "matching.proximity": (
         "ProximityMatch",
         "match_by_proximity",
-        "match_by_proximity_steps",
+    ),
+    "matching.result": (
+        "MatchResult",
+        "load_result",
     ),
     "mesh.files": (
         "read_point_cloud",
@@ -185,9 +175,10 @@ _HOMES = {
         "PointCloud",
         "Surface",
     ),
-    "runtime.stepping": (
+    "runtime.progress": (
+        "Cancelled",
         "Progress",
-        "drain",
+        "progress",
     ),
     "runtime.threads": ("set_threads",),
     "spectral.descriptors": (
@@ -208,7 +199,6 @@ _HOMES = {
     "symmetry.detect": (
         "Symmetry",
         "detect_symmetry",
-        "detect_symmetry_steps",
     ),
     "transfer": (
         "Attribute",
@@ -219,10 +209,8 @@ _HOMES = {
         "Wrapped",
         "conform",
         "dress",
-        "dress_steps",
         "transfer",
         "wrap",
-        "wrap_steps",
     ),
 }
 _MODULES = ("plotting", "samples")

@@ -14,7 +14,7 @@ import click
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import check_output, written_whole
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
 # Exit codes: nothing was written, and only a part was. Click's own for a command that it does not understand is 2.
@@ -118,30 +118,28 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     return found
 
 
-def outcomes_steps(
-    jobs: Sequence[Job], steps_of: Callable[[Job], Steps[tuple[dict[str, Any], list[str]]]]
-) -> Steps[list[Outcome]]:
+def run_jobs(jobs: Sequence[Job], run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> list[Outcome]:
     """Do jobs one after the other; one that fails leaves the others alone.
 
     Args:
         jobs: as of `planned`.
-        steps_of: what is done for a job; it returns the report and the lines of its outcome.
+        run_of: does a job, and returns the report and the lines of its outcome.
     """
     outcomes = []
     for number, job in enumerate(jobs):
         place = f"{number + 1}/{len(jobs)} " if len(jobs) > 1 else ""
-        steps = steps_of(job)
-        try:
-            while True:
-                progress = next(steps)
-                yield Progress((number + progress.fraction) / len(jobs), place + progress.stage)
-        except StopIteration as finished:
-            outcomes.append(Outcome(job, *finished.value))
-        except (ValueError, OSError) as error:
-            outcomes.append(Outcome(job, {}, error=str(error)))
-        except MemoryError:
-            outcomes.append(Outcome(job, {}, error=NO_MEMORY))
+        with portion(number / len(jobs), (number + 1) / len(jobs)), renaming(place.__add__):
+            outcomes.append(_outcome(job, run_of))
     return outcomes
+
+
+def _outcome(job: Job, run_of: Callable[[Job], tuple[dict[str, Any], list[str]]]) -> Outcome:
+    try:
+        return Outcome(job, *run_of(job))
+    except (ValueError, OSError) as error:
+        return Outcome(job, {}, error=str(error))
+    except MemoryError:
+        return Outcome(job, {}, error=NO_MEMORY)
 
 
 def figures_of(source: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:

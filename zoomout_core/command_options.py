@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Result, Steps
+from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.runtime.threads import set_threads
 from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
 
@@ -201,14 +202,16 @@ def start_arguments(
     return arguments
 
 
-def with_progress_bar(steps: Steps[Result]) -> Result:
-    """Drain a stepped computation, showing a progress bar on the terminal."""
+@contextmanager
+def progress_bar() -> Iterator[None]:
+    """Show the progress of a block on the terminal."""
     with tqdm(total=100, bar_format="{desc:28}{percentage:3.0f}%|{bar}| {elapsed}<{remaining}") as bar:
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as finished:
-                bar.update(100 - bar.n)
-                return finished.value
-            bar.set_description_str(progress.stage, refresh=False)
-            bar.update(100 * progress.fraction - bar.n)
+
+        def show(latest: Progress) -> None:
+            if latest.stage:
+                bar.set_description_str(latest.stage, refresh=False)
+            bar.update(100 * latest.fraction - bar.n)
+
+        with progress(show):
+            yield
+        bar.update(100 - bar.n)

@@ -25,12 +25,11 @@ from zoomout_core.assets.asset import COLOR, UV, Asset, Material, Skin, material
 from zoomout_core.assets.files import write_asset
 from zoomout_core.assets.gltf import Buffer, Document, library
 from zoomout_core.colors import place_colors
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.skinning import blended_matrices, moved
 
@@ -134,7 +133,7 @@ def body(count: int = 5000, seed: int = 0) -> Creature:
     turn = Rotation.from_rotvec(seed * np.array([0.3, 0.5, 0.7]))
     fine = creature(FINE).surface
     vertices, triangles = voxel_remesh(turn.apply(fine.vertices), fine.triangles, VOXELS)
-    vertices, triangles = drain(decimated_steps(vertices, triangles, count))[:2]
+    vertices, triangles = decimate(vertices, triangles, count)[:2]
     where = unit_vectors(turn.apply(vertices, inverse=True) / FLAT)
     return Creature(Surface(_at_rest(where, LENGTHS) @ UPRIGHT.T, triangles), where)
 

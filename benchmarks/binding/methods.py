@@ -11,7 +11,7 @@ from bpy.types import Object
 
 import zoomout_core as zo
 from benchmarks.binding.cases import Case
-from blender_addon import api
+from blender_addon import api, jobs
 from blender_addon.demo.character import select_only
 from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
@@ -27,7 +27,7 @@ def bound(case: Case, target: Object) -> None:
 
 def bound_by_truth(case: Case, target: Object) -> None:
     """Ours, along the true map: what is left are errors of binding alone."""
-    pair = read_pair(bpy.context, case.source.name, target.name)
+    pair = jobs.run(read_pair(bpy.context, case.source.name, target.name))
     sure = np.ones(len(target.data.vertices))
     stored_match.write(target.data, stored_match.StoredMatch(case.truth, sure, ()), pair, {})
     api.bind_to_rig(bpy.context, case.source, target)

@@ -18,7 +18,7 @@ from benchmarks.characters.figures import dominant, figures
 from benchmarks.characters.game import Character, read_character
 from benchmarks.characters.table import Row, over
 from benchmarks.characters.truth import Bones, Rest, bones_of
-from zoomout_core.matching.match import NOTES
+from zoomout_core.matching.notes import NOTES
 from zoomout_core.symmetry.flip_name import partner_of
 
 # The kinds of cases: a character at rest, in a pose, and what a body wears.

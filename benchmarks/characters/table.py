@@ -11,7 +11,7 @@ import numpy as np
 import zoomout_core as zo
 from benchmarks.characters.cases import Case
 from benchmarks.characters.figures import Figures, figures, nearest_in_space
-from zoomout_core.matching.match import NOTES
+from zoomout_core.matching.notes import NOTES
 
 Row: TypeAlias = dict[str, Any]
 

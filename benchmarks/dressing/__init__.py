@@ -21,8 +21,7 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
-from zoomout_core.runtime.stepping import drain
-from zoomout_core.transfer import shape_of_source_steps
+from zoomout_core.transfer import shape_of_source
 
 # The outfit as its authors have it on the target, where that is known.
 TRUE = "truth"
@@ -52,7 +51,7 @@ def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
         begin = perf_counter()
         match = zo.match(case.source, case.target)
         matched = perf_counter()
-        shape = drain(shape_of_source_steps(match, case.source, case.target))
+        shape = shape_of_source(match, case.source, case.target)
         about = {"kind": case.kind, "case": case.name, "match s": matched - begin, "shape s": perf_counter() - matched}
         found: dict[str, list[Floats]] = {}
         for way, carried in WAYS.items():

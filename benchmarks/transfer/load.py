@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from blender_addon import mesh_data
+from blender_addon import jobs, mesh_data
 from blender_addon.adapters import COLLECTORS, DEFAULT, USUAL_DATA, Adapter, Remarks, TransferJob, TransferRequest
 from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.character import select_only
@@ -22,7 +22,6 @@ from blender_addon.storage import stored_match
 from blender_addon.storage.stored_match import StoredMatch
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_normals
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.sampling import farthest_points
 
 Record = dict[str, Any]
@@ -60,7 +59,7 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
     source, target = demo.character, demo.target
     burden(source, groups, keys)
     match = StoredMatch(demo.truth.surface_map, demo.truth.known.astype(float), ())
-    pair, cost = _timed(partial(read_pair, bpy.context, source.name, target.name))
+    pair, cost = _timed(lambda: jobs.run(read_pair(bpy.context, source.name, target.name)))
     job = TransferJob(match, pair, Remarks(), DEFAULT, DEFAULT.blend(target))
     rows = [_row("(surfaces)", 2, {"read": cost})]
     with mesh_data.evaluated_mesh(source, bpy.context.evaluated_depsgraph_get()) as (evaluated, mesh):
@@ -81,7 +80,7 @@ def run(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> dict[str, 
 
 def _transfer(adapters: list[Adapter], job: TransferJob) -> None:
     for one in adapters:
-        drain(one.transfer(job))
+        one.transfer(job)
 
 
 def _write(adapters: list[Adapter], target: bpy.types.Object) -> None:

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from benchmarks.transfer.cases import Case
-from blender_addon import mesh_data
+from blender_addon import jobs, mesh_data
 from blender_addon.demo.baseline import KINDS, transfer_best
 from blender_addon.demo.character import PAINT
 from blender_addon.scene.pair import read_pair
@@ -39,7 +39,7 @@ def by_match(case: Case, target: bpy.types.Object) -> float:
 def by_truth(case: Case, target: bpy.types.Object) -> float:
     """Ours along the true map: what is left is the error of the transfer alone."""
     start = perf_counter()
-    pair = read_pair(bpy.context, case.source.name, target.name)
+    pair = jobs.run(read_pair(bpy.context, case.source.name, target.name))
     trust = case.truth.known.astype(float)
     stored_match.write(target.data, stored_match.StoredMatch(case.truth.surface_map, trust, ()), pair, {})
     transfer_objects(bpy.context, case.source, target, DATA)

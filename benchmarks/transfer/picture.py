@@ -11,7 +11,7 @@ from PIL import Image
 
 import zoomout_core as zo
 from benchmarks.transfer.cases import rigid_motion, seams
-from blender_addon import mesh_data
+from blender_addon import jobs, mesh_data
 from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.baseline import transfer_best
 from blender_addon.demo.picture import FAINT, INK, checker_material, ink, light, link, render, write
@@ -79,7 +79,7 @@ def draw(path: Path, size: Size = SIZE, width: int = WIDTH) -> None:
 def _cut_open(character: bpy.types.Object, target: bpy.types.Object) -> zo.SurfaceMap:
     """Cut the target along the seams of the character that it is matched with, and the map that it has then."""
     cut_seams(bpy.context, character, target)
-    kept = stored_match.read(target.data, read_pair(bpy.context, character.name, target.name))
+    kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, character.name, target.name)))
     assert kept is not None, "a mesh that was cut keeps its match"
     return kept.surface_map
 

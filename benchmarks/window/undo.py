@@ -16,7 +16,7 @@ from bpy.types import Object
 
 import blender_addon
 from benchmarks.transfer.load import GROUPS, KEYS, SIZE, burden
-from blender_addon import mesh_data
+from blender_addon import jobs, mesh_data
 from blender_addon.demo import Size, make_demo_objects
 from blender_addon.demo.character import select_only
 from blender_addon.mesh_data.arrays import hash_of, read_array
@@ -43,7 +43,7 @@ def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Reco
     demo = make_demo_objects(size)
     burden(demo.character, groups, keys)
     match = stored_match.StoredMatch(demo.truth.surface_map, demo.truth.known.astype(float), ())
-    pair = read_pair(bpy.context, demo.character.name, demo.target.name)
+    pair = jobs.run(read_pair(bpy.context, demo.character.name, demo.target.name))
     stored_match.write(demo.target.data, match, pair, {})
     bpy.context.scene.zoomout.source = demo.character
     select_only(demo.target)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from threading import enumerate as running_threads
 from time import perf_counter, process_time, sleep, thread_time
@@ -10,18 +11,16 @@ from unittest.mock import patch
 
 import numpy as np
 
-from blender_addon.operators import stepped
-from zoomout_core.runtime.stepping import Progress, Steps
+from blender_addon.jobs import Job, Work
+from blender_addon.operators import modal_operator
 
-# What is done before the first step, which names it.
-BEGINNING = "Beginning"
 # Seconds between two looks at whether threads have ended.
 LOOK = 0.002
 
 
 @dataclass(frozen=True)
 class Step:
-    """What was done between two looks at the generator.
+    """What the window's thread did in one go: a piece of work up to the next `await`, or a wait for a computation.
 
     Attributes:
         stage: as the status bar says meanwhile.
@@ -41,9 +40,9 @@ class Watch:
     """What an operator at work was seen to do.
 
     Attributes:
-        steps: all of them; what comes after the last yield, the writing above all, is the last one.
-        ticks: seconds that each call of the timer took, which runs steps for a fixed time.
-        closing: seconds that it took to close the generator, where that was done.
+        steps: all of them; what comes after the last `await`, the writing above all, is the last one.
+        ticks: seconds that each call of the timer took, which the window is not given back for.
+        closing: seconds that it took to cancel the job, where that was done.
         trailing: seconds from then on until the last thread had ended.
     """
 
@@ -77,7 +76,7 @@ class Watch:
 
 
 def watched(operate: Callable[[], object], escape_after: float = float("inf")) -> Watch:
-    """Call one stepped operator, have it work as in a window, and watch it.
+    """Call one modal operator, have it work as in a window, and watch it.
 
     Args:
         operate: the call.
@@ -85,48 +84,53 @@ def watched(operate: Callable[[], object], escape_after: float = float("inf")) -
     """
     seen = Watch()
 
-    def in_ticks(steps: Steps[str]) -> str:
-        timed = _timed(steps, seen)
+    def in_ticks(coroutine: Work[str]) -> str:
+        job = _TimedJob(coroutine, seen)
         others = set(running_threads())  # a progress bar's, for example, which does not end
         while seen.seconds < escape_after:
             start = perf_counter()
             try:
-                stepped.work_for(timed, stepped.SLICE)
-            except StopIteration as finished:
-                return str(finished.value)
+                if job.advance(modal_operator.SLICE):
+                    return job.result
             finally:
                 seen.ticks.append(perf_counter() - start)
         start = perf_counter()
-        timed.close()
+        job.cancel()
         seen.closing = perf_counter() - start
         while set(running_threads()) - others:
             sleep(LOOK)
         seen.trailing = perf_counter() - start - seen.closing
         return "Cancelled"
 
-    with patch.object(stepped, "drain", in_ticks):
+    with patch.object(modal_operator, "run", in_ticks):
         operate()
     return seen
+
+
+class _TimedJob(Job[str]):
+    """A job each of whose steps is noted."""
+
+    def __init__(self, coroutine: Work[str], seen: Watch) -> None:
+        super().__init__(coroutine)
+        self._seen = seen
+
+    def _is_ready(self, seconds: float) -> bool:
+        with self._noted():
+            return super()._is_ready(seconds)
+
+    def _step(self) -> bool:
+        with self._noted():
+            return super()._step()
+
+    @contextmanager
+    def _noted(self) -> Iterator[None]:
+        stage, before = self.progress.stage, np.array(_clocks())
+        try:
+            yield
+        finally:
+            self._seen.steps.append(Step(stage, *(np.array(_clocks()) - before).tolist()))
 
 
 def _clocks() -> tuple[float, float, float]:
     """Seconds of the clock, of the processor in this thread, and in all threads."""
     return perf_counter(), thread_time(), process_time()
-
-
-def _timed(steps: Steps[str], seen: Watch) -> Generator[Progress, None, str]:
-    """The same steps, each of which is noted."""
-    stage = BEGINNING
-    try:
-        while True:
-            before = np.array(_clocks())
-            try:
-                progress = next(steps)
-            except StopIteration as finished:
-                return str(finished.value)
-            finally:
-                seen.steps.append(Step(stage, *(np.array(_clocks()) - before).tolist()))
-            yield progress
-            stage = progress.stage
-    finally:
-        steps.close()

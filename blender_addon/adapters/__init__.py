@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from . import edges, layers, materials, normals, shape_keys, vertex_groups
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
-from .scheduling import transfer_all_steps
+from .scheduling import transfer_all
 from .settings import DEFAULT, FILL_BELOW, Binding, Settings, parse_group_names, parse_names
 from .shape_keys import check_takes_keys
 
@@ -54,5 +54,5 @@ __all__ = [
     "check_takes_keys",
     "parse_group_names",
     "parse_names",
-    "transfer_all_steps",
+    "transfer_all",
 ]

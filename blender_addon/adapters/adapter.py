@@ -12,8 +12,8 @@ from bpy.types import Mesh, Object
 
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import Steps, spread
-from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_steps
+from zoomout_core.runtime.progress import stage
+from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_along
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 from ..mesh_data import EvaluatedObject, ObjectPair
@@ -105,7 +105,7 @@ class TransferJob:
         source: Surface | None = None,
         target: Surface | None = None,
         **options: Any,
-    ) -> Steps[Attribute]:
+    ) -> Attribute:
         """Transfer an attribute of the source to the target.
 
         Args:
@@ -115,8 +115,8 @@ class TransferJob:
             target: the same of the target.
             options: of the attribute's kind.
         """
-        steps = transfer_steps(attribute, self._between(source, target), **options)
-        carried = yield from spread(steps, 0, 1, f"Transferring {what}")
+        with stage(f"Transferring {what}"):
+            carried = transfer_along(attribute, self._between(source, target), **options)
         self.remarks.add(carried.notes)
         return carried
 
@@ -194,8 +194,8 @@ class Adapter(Protocol):
     def names(self) -> list[str]:
         """What it is made of, for the report."""
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
-        """Put the target's values in place of the source's."""
+    def transfer(self, job: TransferJob) -> None:
+        """Put the target's values in place of the source's; in a thread, which must not touch `bpy`."""
 
     def write(self, target: Object) -> None:
         """Write them to the target."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from bpy.types import Object
 
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.uv.chart import uv_seams
 
@@ -31,8 +31,8 @@ class MarkAdapter:
     def names(self) -> list[str]:
         return [self.marks.name]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
-        carried = yield from job.transfer(self.marks, self.marks.name)
+    def transfer(self, job: TransferJob) -> None:
+        carried = job.transfer(self.marks, self.marks.name)
         self.marks = job.blended(carried, self.present)
 
     def write(self, target: Object) -> None:
@@ -58,9 +58,9 @@ class SeamAdapter:
     def names(self) -> list[str]:
         return [mesh_data.SEAMS]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
-        yield Progress(0.0, "Marking seams")
-        seams = uv_seams(job.pair.target, job.uv_maps[self.uv_map].values)
+    def transfer(self, job: TransferJob) -> None:
+        with stage("Marking seams"):
+            seams = uv_seams(job.pair.target, job.uv_maps[self.uv_map].values)
         self.marks = job.blended(Attribute(mesh_data.SEAMS, Domain.EDGE, Kind.BOOLEAN, seams), self.present)
         job.remarks.add([f"Seams were marked where the islands of '{self.uv_map}' meet."])
 

@@ -8,7 +8,6 @@ from typing import Any
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute, Kind
 
 from .. import mesh_data
@@ -42,13 +41,13 @@ class LayerAdapter:
     def names(self) -> list[str]:
         return [self.layer.attribute.name]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
+    def transfer(self, job: TransferJob) -> None:
         attribute, options = self.layer.attribute, dict[str, Any]()
         if self.at_rest is not None:
             options = dict(zip(("source", "target"), self.at_rest, strict=True))
             if attribute.kind in (Kind.QUATERNION, Kind.MATRIX):
                 options["turned"] = True
-        attribute = yield from job.transfer(attribute, f"'{attribute.name}'", **options)
+        attribute = job.transfer(attribute, f"'{attribute.name}'", **options)
         self.layer = replace(self.layer, attribute=job.blended(attribute, self.present, lacking=self.lacking))
         if self.layer.role is Role.UV_MAP:
             job.uv_maps[attribute.name] = self.layer.attribute

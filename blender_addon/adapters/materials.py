@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bpy.types import Object
 
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
@@ -36,8 +35,8 @@ class MaterialAdapter:
     def names(self) -> list[str]:
         return [self.materials[slot] or "(none)" for slot in np.unique(self.face_slots.values)]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
-        carried = yield from job.transfer(self.face_slots, "materials")
+    def transfer(self, job: TransferJob) -> None:
+        carried = job.transfer(self.face_slots, "materials")
         self.face_slots = job.blended(carried, self.present, lacking=self.lacking)
 
     def write(self, target: Object) -> None:

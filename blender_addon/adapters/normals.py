@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
@@ -33,9 +32,9 @@ class NormalAdapter:
     def names(self) -> list[str]:
         return [self.normals.name]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
+    def transfer(self, job: TransferJob) -> None:
         job.note_replaced("custom normals")
-        self.normals = yield from job.transfer(self.normals, "custom normals", target=self.target)
+        self.normals = job.transfer(self.normals, "custom normals", target=self.target)
         self.normals = job.kept_as(self.normals, self.present)
 
     def write(self, target: Object) -> None:

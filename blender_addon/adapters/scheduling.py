@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
-from zoomout_core.runtime.stepping import Steps, spread, within
+from zoomout_core.runtime.progress import portion, renaming
 from zoomout_core.runtime.threads import side_by_side
 
 from .adapter import Adapter, Remarks, TransferJob
@@ -14,26 +15,22 @@ from .adapter import Adapter, Remarks, TransferJob
 LONG = ("shape_keys", "shape")
 
 
-def transfer_all_steps(adapters: Sequence[Adapter], job: TransferJob) -> Steps[None]:
+def transfer_all(adapters: Sequence[Adapter], job: TransferJob) -> None:
     """Transfer all data, shape keys in a thread beside the rest."""
     long = [one for one in adapters if one.kind in LONG]
     others = [one for one in adapters if one.kind not in LONG]
     if not (long and others):
-        yield from _in_turn(adapters, job)
+        _in_turn(adapters, job)
         return
     # Remarks of their own, so that their order does not depend on who is faster.
     aside = replace(job, remarks=Remarks())
-    both = side_by_side(_fractions(others, job), _fractions(long, aside))
-    yield from spread(both, 0, 1, "Transferring")
+    with renaming(lambda _: "Transferring"):
+        side_by_side(partial(_in_turn, others, job), partial(_in_turn, long, aside))
     job.remarks.add(aside.remarks.notes)
     job.remarks.skipped.update(aside.remarks.skipped)
 
 
-def _in_turn(adapters: Sequence[Adapter], job: TransferJob) -> Steps[None]:
+def _in_turn(adapters: Sequence[Adapter], job: TransferJob) -> None:
     for i, one in enumerate(adapters):
-        yield from within(one.transfer(job), i / len(adapters), (i + 1) / len(adapters))
-
-
-def _fractions(adapters: Sequence[Adapter], job: TransferJob) -> Generator[float, None, None]:
-    for progress in _in_turn(adapters, job):
-        yield progress.fraction
+        with portion(i / len(adapters), (i + 1) / len(adapters)):
+            one.transfer(job)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import bpy
 import numpy as np
@@ -12,8 +11,7 @@ from bpy.types import Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.runtime.stepping import Steps, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
@@ -48,11 +46,11 @@ class ShapeKeyAdapter:
     def names(self) -> list[str]:
         return [key.name for key in self.keys]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
+    def transfer(self, job: TransferJob) -> None:
         job.note_replaced("shape keys")
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
-        carried = yield from job.transfer(self.offsets, "shape keys", source, target)
+        carried = job.transfer(self.offsets, "shape keys", source, target)
         self.offsets = job.kept_as(carried, self.present)
 
     def write(self, target: Object) -> None:
@@ -83,9 +81,9 @@ class ShapeAdapter:
     def names(self) -> list[str]:
         return [self.name]
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
-        work = in_background(partial(zo.conform, job.match, job.pair.source, job.pair.target))
-        positions = yield from spread(work, 0, 1, "Transferring the shape")
+    def transfer(self, job: TransferJob) -> None:
+        with stage("Transferring the shape"):
+            positions = zo.conform(job.match, job.pair.source, job.pair.target)
         self.shape = positions - self.origin
 
     def write(self, target: Object) -> None:

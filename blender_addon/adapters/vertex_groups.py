@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from bpy.types import Object
 
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import limit_weights, rename_groups, sum_to_one
 
@@ -39,8 +38,8 @@ class WeightAdapter:
     def names(self) -> list[str]:
         return list(self.weights.labels)
 
-    def transfer(self, job: TransferJob) -> Steps[None]:
-        carried = yield from job.transfer(self.weights, "vertex groups", **self.sharing)
+    def transfer(self, job: TransferJob) -> None:
+        carried = job.transfer(self.weights, "vertex groups", **self.sharing)
         self.weights = job.blended(carried, self.present, self.deforming, self.lacking)
         if self.weights is not carried and job.settings.limit:
             limit_weights(self.weights.values, job.pair.target, self.sharing["normalised"], job.settings.limit)

@@ -9,19 +9,19 @@ from typing import Any, TypeVar
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain
 
+from ..jobs import Work, run
 from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
-from ..services.collection_match import match_collections_steps
-from ..services.dress import Dressing, prepare_dress_steps
-from ..services.match import prepare_match_steps
-from ..services.targets import Write, each_target_steps
-from ..services.transfer import prepare_transfer_steps
-from ..services.wrap import Wrapping, check_one_target, prepare_wrap_steps
+from ..services.collection_match import match_collections_async
+from ..services.dress import Dressing, prepare_dress
+from ..services.match import prepare_match
+from ..services.targets import Write, each_target
+from ..services.transfer import prepare_transfer
+from ..services.wrap import Wrapping, check_one_target, prepare_wrap
 from ..storage import stored_match
 from .arguments import as_in_sidebar
 
@@ -37,8 +37,8 @@ def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     if options.target_collection:
         return {name: _entry(*matched) for name, matched in _match_collections(context, options).items()}
 
-    def work(target: str) -> Steps[Write[stored_match.Match]]:
-        return prepare_match_steps(context, options.source, target, **_match_options(options))
+    def work(target: str) -> Work[Write[stored_match.Match]]:
+        return prepare_match(context, options.source, target, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, _entry)
 
@@ -57,8 +57,8 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     else:
         source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
 
-    def work(target: str) -> Steps[Write[dict[str, Any]]]:
-        return prepare_transfer_steps(context, source_of[target], target, options.data, settings, binding, **matching)
+    def work(target: str) -> Work[Write[dict[str, Any]]]:
+        return prepare_transfer(context, source_of[target], target, options.data, settings, binding, **matching)
 
     return _reports(source_of, work, lambda _, report: dict(report))
 
@@ -72,8 +72,8 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     wrapping = Wrapping(**WrapOptions.wrap_options(as_in_sidebar(options, WrapOptions)))
     check_one_target(wrapping, options.targets)
 
-    def work(target: str) -> Steps[Write[dict[str, Any]]]:
-        return prepare_wrap_steps(context, options.source, target, wrapping, **_match_options(options))
+    def work(target: str) -> Work[Write[dict[str, Any]]]:
+        return prepare_wrap(context, options.source, target, wrapping, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -88,8 +88,8 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     of_collection = worn_names(context, options.source, "", options.collection) if options.collection else []
     names = [*options.things, *of_collection]
 
-    def work(target: str) -> Steps[Write[dict[str, Any]]]:
-        return prepare_dress_steps(context, options.source, target, names, dressing, **_match_options(options))
+    def work(target: str) -> Work[Write[dict[str, Any]]]:
+        return prepare_dress(context, options.source, target, names, dressing, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -104,7 +104,7 @@ def _match_collections(
 ) -> dict[str, tuple[str, stored_match.StoredMatch]]:
     """Match the meshes of two collections: for each target its source and the match."""
     names = options.source_collection, options.target_collection
-    return drain(match_collections_steps(context, *names, detail=options.detail))
+    return run(match_collections_async(context, *names, detail=options.detail))
 
 
 def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
@@ -123,11 +123,11 @@ def _entry(source: str, match: stored_match.Match) -> dict[str, Any]:
 
 def _reports(
     source_of: Mapping[str, str],
-    work: Callable[[str], Steps[Write[Result]]],
+    work: Callable[[str], Work[Write[Result]]],
     entry: Callable[[str, Result], dict[str, Any]],
 ) -> dict[str, Any]:
     """What was done on each target, or why it was not, by its name."""
-    outcome = drain(each_target_steps(list(source_of), work))
+    outcome = run(each_target(list(source_of), work))
     done = {name: entry(source_of[name], result) for name, result in outcome.done.items()}
     failed = {name: {"error": reason} for name, reason in outcome.failed.items()}
     return {name: (done | failed)[name] for name in source_of}

@@ -10,9 +10,9 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import drain
 
-from ..services.symmetry.check import Checked, asymmetry_steps
+from .. import jobs
+from ..services.symmetry.check import Checked, measure_asymmetry
 from ..services.symmetry.detect import choose_symmetry, detect_symmetry, found_summary, swap_sides
 from ..services.symmetry.layers import mirror_attributes
 from ..services.symmetry.mesh_access import writable_mesh
@@ -77,5 +77,5 @@ def _described(obj: Object) -> dict[str, Any]:
 
 def _asymmetry(context: Context, name: str, check: Checked) -> dict[str, float]:
     """Difference of the sides: a length in the mesh's own units, or the share of weights in other groups."""
-    values = drain(asymmetry_steps(context, name, check))
+    values = jobs.run(measure_asymmetry(context, name, check))
     return {"mean": float(np.mean(values)), "most": float(np.max(values, initial=0))}

@@ -19,7 +19,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.runtime.outputs import written_whole
 
-from .. import mesh_data, registered
+from .. import jobs, mesh_data, registered
 from ..scene.pair import read_pair
 from ..storage import stored_match
 from ..storage.stored_report import transfer_report
@@ -178,7 +178,7 @@ def errors(demo: DemoObjects) -> dict[str, Any]:
         name: (kind.error(demo.target, demo.truth), kind.error(demo.baseline, demo.truth))
         for name, kind in KINDS.items()
     }
-    pair = read_pair(bpy.context, demo.character.name, demo.target.name)
+    pair = jobs.run(read_pair(bpy.context, demo.character.name, demo.target.name))
     match = stored_match.read(demo.target.data, pair)
     assert match is not None, "the match was just written"
     source, target = demo.source_surface, demo.target_surface

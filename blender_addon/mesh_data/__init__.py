@@ -16,8 +16,8 @@ from .armatures import (
     unbind,
 )
 from .base import base_mesh, carried_values, is_cage, read_mirrored_surface, read_target_faces, read_target_surface
-from .cutting import divided_steps, write_divided
-from .inspection import MeshFacts, content_hash, facts_steps
+from .cutting import divide, write_divided
+from .inspection import MeshFacts, content_hash, inspect_mesh
 from .joined import (
     EvaluatedObject,
     JoinedLayer,
@@ -100,7 +100,7 @@ from .vertex_groups import (
     locked_groups,
     read_mask,
     read_weights,
-    read_weights_steps,
+    read_weights_in_pieces,
     update_weights,
     write_weights,
 )
@@ -155,11 +155,11 @@ __all__ = [
     "count_layers",
     "deforming_bones",
     "directions_in_world",
-    "divided_steps",
+    "divide",
     "evaluated_mesh",
     "extent",
-    "facts_steps",
     "fits",
+    "inspect_mesh",
     "is_cage",
     "is_flat",
     "is_mirrored",
@@ -206,7 +206,7 @@ __all__ = [
     "read_target_surface",
     "read_undeformed_positions",
     "read_weights",
-    "read_weights_steps",
+    "read_weights_in_pieces",
     "read_worn",
     "reshape",
     "select_only",

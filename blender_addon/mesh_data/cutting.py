@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-
 import bmesh
 import numpy as np
 from bmesh.types import BMesh, BMFace, BMVert
 from bpy.types import Mesh
 
+from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.uv.seam_cut import SeamCut
 
+from ..jobs import pause
 from .surfaces import read_positions
 
-# Edges or faces that are divided in a step: some ten milliseconds' work.
-A_STEP = 2000
+# Edges or faces to divide before the window gets its turn: some ten milliseconds' work.
+PIECE = 2000
 
 
-def divided_steps(mesh: Mesh, cut: SeamCut) -> Generator[float, None, BMesh]:
+async def divide(mesh: Mesh, cut: SeamCut) -> BMesh:
     """A copy of a mesh with the new vertices of a cut, and its faces divided between them; what it carries is mixed.
 
     New vertices come after those that the mesh has, in the order of the cut, and so do further parts of faces.
 
     Args:
-        mesh: read at the first step; it may be freed before the others.
+        mesh: read at once; it may be freed meanwhile.
         cut: where to divide it.
-
-    Yields:
-        The fraction done.
 
     Returns:
         The copy, for `write_divided`, which the caller frees.
@@ -36,7 +33,7 @@ def divided_steps(mesh: Mesh, cut: SeamCut) -> Generator[float, None, BMesh]:
     try:
         copy.from_mesh(mesh)
         points = _points(mesh, cut)
-        yield from _divide_steps(copy, cut, points)
+        await _divide(copy, cut, points)
     except BaseException:
         copy.free()
         raise
@@ -49,29 +46,34 @@ def write_divided(mesh: Mesh, divided: BMesh) -> None:
     mesh.update()
 
 
-def _divide_steps(copy: BMesh, cut: SeamCut, points: list[list[float]]) -> Generator[float, None, None]:
+async def _divide(copy: BMesh, cut: SeamCut, points: list[list[float]]) -> None:
     copy.verts.ensure_lookup_table()
     copy.faces.ensure_lookup_table()
     vertices = list(copy.verts)
     faces = [copy.faces[number] for number in cut.face.tolist()]
     meeting = [copy.faces[number] for number in cut.meeting.tolist()]
-    yield 0.4
+    await _pause_at(0.4)
     for number, (ends, fraction) in enumerate(zip(cut.edge.tolist(), cut.fraction.tolist(), strict=True)):
         first, second = (vertices[end] for end in ends)
         _, new = bmesh.utils.edge_split(copy.edges.get((first, second)), first, fraction)
         vertices.append(new)
-        if number % A_STEP == 0:
-            yield 0.4 + 0.3 * number / len(cut.edge)
+        if number % PIECE == 0:
+            await _pause_at(0.4 + 0.3 * number / len(cut.edge))
     for number, (face, (one, other)) in enumerate(zip(faces, cut.ends.tolist(), strict=True)):
         bmesh.utils.face_split(face, vertices[one], vertices[other])
-        if number % A_STEP == 0:
-            yield 0.7 + 0.2 * number / len(faces)
+        if number % PIECE == 0:
+            await _pause_at(0.7 + 0.2 * number / len(faces))
     for face, spokes, point in zip(meeting, cut.spokes, points, strict=True):
         vertices.append(_divide_from(face, [vertices[place] for place in sorted(spokes.tolist(), reverse=True)], point))
-    yield 0.9
+    await _pause_at(0.9)
     for number, vertex in enumerate(vertices):
         vertex.index = number
     copy.verts.sort()  # Blender puts new vertices where it has deleted others
+
+
+async def _pause_at(fraction: float) -> None:
+    advance(fraction)
+    await pause()
 
 
 def _points(mesh: Mesh, cut: SeamCut) -> list[list[float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Integers
-from zoomout_core.runtime.threads import in_background
 
+from ..jobs import compute
 from .arrays import hash_of, read_array
 from .marks import read_marks
 from .surfaces import Faces, read_faces, read_positions
@@ -40,8 +39,8 @@ def content_hash(mesh: Mesh) -> str:
     return _content(read_positions(mesh), read_faces(mesh))
 
 
-def facts_steps(mesh: Mesh) -> Generator[float, None, MeshFacts]:
-    """Inspect a mesh; it is read at the first step, and may be removed before the others."""
+async def inspect_mesh(mesh: Mesh) -> MeshFacts:
+    """Inspect a mesh; it is read at once, and may be removed while facts are computed."""
     positions, faces = read_positions(mesh), read_faces(mesh)
     edges = read_array(mesh.edges, "vertices", np.int32, 2)
     edge_of_corner = read_array(mesh.loops, "edge_index", np.int32)
@@ -52,7 +51,7 @@ def facts_steps(mesh: Mesh) -> Generator[float, None, MeshFacts]:
         parts = _count_parts(positions, edges[faces_at_edge > 0])
         return MeshFacts(_content(positions, faces), parts, int((faces_at_edge > 2).sum()), marks)
 
-    return (yield from in_background(inspected))
+    return await compute(inspected)
 
 
 def _content(positions: np.ndarray, faces: Faces) -> str:

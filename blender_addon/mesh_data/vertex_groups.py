@@ -8,7 +8,7 @@ half the time, but its round trip writes all the rest of the mesh anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
@@ -17,12 +17,16 @@ from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Indices, SingleFloats
+from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer import Attribute, Domain, Kind
+
+from ..jobs import pause
 
 # A weight of a vertex in a group, as it is read.
 ENTRY = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])
-# Vertices whose weights are read in a step: about 10 ms, or some times 10 ms where many groups overlap.
-A_STEP = 2000
+# Vertices whose weights are read before the window gets its turn: about 10 ms, or some times 10 ms where many groups
+# overlap.
+PIECE = 2000
 
 
 def read_weights(obj: Object, mesh: Mesh) -> Attribute:
@@ -47,21 +51,22 @@ def read_mask(obj: Object, name: str) -> Floats:
     return weights.values[:, [weights.labels.index(name)]].toarray()[:, 0].clip(0, 1)
 
 
-def read_weights_steps(
+async def read_weights_in_pieces(
     fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]],
-) -> Generator[float, None, Attribute]:
-    """`read_weights`, some vertices at a step; yields the fraction done.
+) -> Attribute:
+    """`read_weights`, some vertices at a time, between which the window gets its turn.
 
     Args:
-        fetch: gives the object and its mesh anew at each step, of as many vertices.
+        fetch: gives the object and its mesh anew each time, of as many vertices.
     """
     with fetch() as (obj, mesh):
         names, count = _group_names(obj), len(mesh.vertices)
     entries = []
-    for first in range(0, count, A_STEP):
-        yield first / count
+    for first in range(0, count, PIECE):
+        advance(first / count)
+        await pause()
         with fetch() as (_, mesh):
-            entries.append(_entries(mesh, first, first + A_STEP))
+            entries.append(_entries(mesh, first, first + PIECE))
     return _weights(names, count, entries)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from zoomout_core.runtime.stepping import Progress
+from zoomout_core.runtime.progress import Progress
 
 # Why no other operator can start meanwhile, as a text for a button.
 AT_WORK = "ZoomOut is at work: wait, or press ESC"

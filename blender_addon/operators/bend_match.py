@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
-from ..services.bend_match import bend_match_steps
+from ..services.bend_match import bend_match_async
 from .matched import MatchedOperator
 
 
@@ -19,5 +17,5 @@ class ZOOMOUT_OT_bend_match(MatchedOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
-        return (yield from bend_match_steps(context, context.active_object.name))
+    async def work(self, context: Context) -> str:
+        return await bend_match_async(context, context.active_object.name)

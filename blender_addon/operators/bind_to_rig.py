@@ -6,19 +6,18 @@ from typing import Any
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
+from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindOptions, BlendOptions
 from ..scene.selection import sources_of_targets
-from ..services.targets import Write, each_target_steps
-from ..services.transfer import prepare_transfer_steps, summary
+from ..services.targets import Write, each_target
+from ..services.transfer import prepare_transfer, summary
 from ..viewport import preview
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, SteppedOperator):
+class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, ModalOperator):
     bl_idname = "zoomout.bind_to_rig"
     bl_label = "Bind to Rig"
     bl_description = (
@@ -36,17 +35,17 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
             for name in names:
                 column.prop(self, name)
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         source_of = sources_of_targets(context, self.source)
         settings, options, binding = self.settings(), self.match_options(), self.how_to_bind()
 
-        def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return prepare_transfer_steps(
+        def work(target: str) -> Work[Write[dict[str, Any]]]:
+            return prepare_transfer(
                 context, source_of[target], target, (), settings, binding, self.options.is_repeat, **options
             )
 
-        outcome = yield from each_target_steps(list(source_of), work)
+        outcome = await each_target(list(source_of), work)
         preview.clear_passing()
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())

@@ -7,16 +7,15 @@ from bpy.props import IntProperty
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
 
 from ..services.candidates import side_swapped
-from ..services.use_candidate import stored_list, use_candidate_steps
+from ..services.use_candidate import stored_list, use_candidate_async
 from ..storage import stored_match
 from ..storage.stored_candidates import CandidateList
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class CandidateOperator(SteppedOperator):
+class CandidateOperator(ModalOperator):
     """The base of operators that put another candidate in place of the stored match."""
 
     def place(self, listing: CandidateList) -> int:
@@ -27,10 +26,10 @@ class CandidateOperator(SteppedOperator):
         """
         raise NotImplementedError
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         target = context.active_object
         place = self.place(stored_list(target))
-        result = yield from use_candidate_steps(context, target.name, place)
+        result = await use_candidate_async(context, target.name, place)
         doubtful = stored_match.low_confidence(result.confidence)
         return (
             f"'{target.name}' uses candidate {place + 1}; "

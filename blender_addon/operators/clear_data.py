@@ -6,12 +6,13 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import BoolProperty
 from bpy.types import Context, Event, OperatorProperties
 
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import stage
 
+from ..jobs import pause
 from ..services.clear_data import clear_file, clear_match_data
 from ..translations import translated
 from . import activity
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 OF_FILE = (
     "Remove all matches, candidates, reports, symmetries and landmarks from all meshes and scenes of this file. "
@@ -19,7 +20,7 @@ OF_FILE = (
 )
 
 
-class ZOOMOUT_OT_clear_match_data(SteppedOperator):
+class ZOOMOUT_OT_clear_match_data(ModalOperator):
     bl_idname = "zoomout.clear_match_data"
     bl_label = "Clear Match Data"
     bl_description = (
@@ -53,8 +54,9 @@ class ZOOMOUT_OT_clear_match_data(SteppedOperator):
             return context.window_manager.invoke_confirm(self, event)
         return super().invoke(context, event)
 
-    def steps(self, context: Context) -> Steps[str]:
-        yield Progress(0.0, "Clearing")
+    async def work(self, context: Context) -> str:
+        with stage("Clearing"):
+            await pause()
         if self.whole_file:
             return clear_file(context)
         active = context.active_object

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ..properties.settings import SourceName
 from ..scene.selection import choose_source
-from ..services.seam_cut import cut_seams_steps
-from .stepped import SteppedOperator
+from ..services.seam_cut import cut_seams_async
+from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_cut_seams(SourceName, SteppedOperator):
+class ZOOMOUT_OT_cut_seams(SourceName, ModalOperator):
     bl_idname = "zoomout.cut_seams"
     bl_label = "Cut Along Seams"
     bl_description = (
@@ -21,7 +19,7 @@ class ZOOMOUT_OT_cut_seams(SourceName, SteppedOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         target = context.active_object
         source = choose_source(context, target, self.source)
-        return (yield from cut_seams_steps(context, source.name, target.name))
+        return await cut_seams_async(context, source.name, target.name)

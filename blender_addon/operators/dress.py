@@ -6,20 +6,21 @@ from bpy.props import StringProperty
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
+from zoomout_core.runtime.progress import stage
 
+from ..jobs import pause
 from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.once import ONCE
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import source_of_worn, worn_names
-from ..services.dress import Dressing, prepare_dress_steps, summary
+from ..services.dress import Dressing, prepare_dress, summary
 from ..services.targets import WRITING
 from ..viewport import preview
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, SteppedOperator):
+class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
     bl_idname = "zoomout.dress"
     bl_label = "Dress"
     bl_description = (
@@ -41,7 +42,7 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, SteppedOperator):
         for name in DressOptions.__annotations__:
             self.layout.prop(self, name)
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         target = context.active_object
         source = source_of_worn(context, target, self.source)
@@ -50,8 +51,9 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, SteppedOperator):
         names = worn_names(context, source, target.name, self.collection)
         dressing = Dressing(**self.dress_options())
         repeated, options = self.options.is_repeat, self.match_options()
-        write = yield from prepare_dress_steps(context, source, target.name, names, dressing, repeated, **options)
-        yield WRITING
+        write = await prepare_dress(context, source, target.name, names, dressing, repeated, **options)
+        with stage(WRITING, 1):
+            await pause()
         report = write()
         preview.clear_passing()
         return summary(report)

@@ -7,19 +7,18 @@ from functools import partial
 
 from bpy.types import Context
 
-from zoomout_core.matching.match import NOTES
-from zoomout_core.runtime.stepping import Steps
+from zoomout_core.matching.notes import NOTES
 
 from ..properties.match import MatchOptions, RedoOptions
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import sources_of_targets
-from ..services.match import agreed_matches_steps, prepare_match_steps
-from ..services.targets import Outcome, each_target_steps
+from ..services.match import agree_matches, prepare_match
+from ..services.targets import Outcome, each_target
 from ..storage import stored_match
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, SteppedOperator):
+class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
     bl_idname = "zoomout.match"
     bl_label = "Match"
     bl_description = (
@@ -33,14 +32,14 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, SteppedOperator):
         """A match takes too long to follow each change of an option."""
         self.layout.label(text="Change the options in the sidebar, then match again")
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         active = context.active_object.name
         source_of, options = sources_of_targets(context, self.source), self.match_options() | self.redo_options()
-        outcome = yield from each_target_steps(
+        outcome = await each_target(
             list(source_of),
-            lambda target: prepare_match_steps(context, source_of[target], target, seen=target == active, **options),
-            partial(agreed_matches_steps, options.get("detail", "balanced"), options.get("k_final", 0))
+            lambda target: prepare_match(context, source_of[target], target, seen=target == active, **options),
+            partial(agree_matches, options.get("detail", "balanced"), options.get("k_final", 0))
             if self.initial == "AUTO"
             else None,
         )

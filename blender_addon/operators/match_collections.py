@@ -6,17 +6,15 @@ from collections.abc import Sequence
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
-from ..services.collection_match import match_collections_steps
+from ..services.collection_match import match_collections_async
 from ..services.transfer import and_others
 from ..storage import stored_match
 from ..translations import translated
 from . import activity
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_match_collections(SteppedOperator):
+class ZOOMOUT_OT_match_collections(ModalOperator):
     bl_idname = "zoomout.match_collections"
     bl_label = "Match Collections"
     bl_description = (
@@ -37,10 +35,10 @@ class ZOOMOUT_OT_match_collections(SteppedOperator):
             cls.poll_message_set(translated(reason))
         return not reason
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         settings = context.scene.zoomout
         names = settings.source_collection.name, settings.target_collection.name
-        matches = yield from match_collections_steps(context, *names, detail=settings.detail.lower())
+        matches = await match_collections_async(context, *names, detail=settings.detail.lower())
         pairs = ", ".join(
             f"'{target}' with '{source}'{and_others(match.others)}" for target, (source, match) in matches.items()
         )

@@ -6,10 +6,10 @@ from bpy.types import Context
 
 from ..storage import stored_match
 from ..translations import translated
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class MatchedOperator(SteppedOperator):
+class MatchedOperator(ModalOperator):
     """The base of operators that need the match of the active mesh."""
 
     @classmethod

@@ -6,21 +6,19 @@ Property annotations are read by Blender as they are, so this module does withou
 from bpy.props import EnumProperty
 from bpy.types import Context, Operator, OperatorProperties
 
-from zoomout_core.runtime.stepping import Steps
-
 from ..scene.pair import check_unedited
-from ..scene.stored_pair import read_stored_match_steps
+from ..scene.stored_pair import read_stored_match
 from ..services import previews
 from ..translations import translated
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_MATCH, OF_SYMMETRY
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 # An asymmetry has options, and so an operator of its own.
 KINDS = {name: kind for name, kind in (OF_MATCH | OF_SYMMETRY).items() if name != ASYMMETRY}
 
 
-class ZOOMOUT_OT_preview(SteppedOperator):
+class ZOOMOUT_OT_preview(ModalOperator):
     bl_idname = "zoomout.preview"
     bl_label = "Show Match or Symmetry"
     bl_description = (
@@ -40,13 +38,13 @@ class ZOOMOUT_OT_preview(SteppedOperator):
         """Of the kind that a button shows."""
         return translated(KINDS[properties.kind].description)
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         name = context.active_object.name
         if self.kind in OF_SYMMETRY:
-            preview.show((yield from previews.symmetry_steps(context, name, self.kind)))
+            preview.show(await previews.of_symmetry(context, name, self.kind))
             return f"Showing the symmetry of '{name}'"
-        pair, match = yield from read_stored_match_steps(context, name)
-        made = yield from previews.match_steps(context, pair, match, self.kind)
+        pair, match = await read_stored_match(context, name)
+        made = await previews.of_match(context, pair, match, self.kind)
         check_unedited(context, pair)
         preview.show(made)
         return f"Showing the match of '{name}'"

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
-from ..services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults_steps
+from ..services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults_async
 from .matched import MatchedOperator
 
 
@@ -18,8 +16,8 @@ class SelectOperator(MatchedOperator):
     # Which elements can be selected, as `ToolSettings.mesh_select_mode` has it: vertices, edges, faces.
     selecting = (True, False, False)
 
-    def steps(self, context: Context) -> Steps[str]:
-        result = yield from select_faults_steps(context, context.active_object.name, self.what)
+    async def work(self, context: Context) -> str:
+        result = await select_faults_async(context, context.active_object.name, self.what)
         context.tool_settings.mesh_select_mode = self.selecting  # Edit Mode would deselect what it does not select
         return result
 

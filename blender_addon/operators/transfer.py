@@ -7,21 +7,21 @@ from typing import Any
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
 
+from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
-from ..services.targets import Write, each_target_steps
-from ..services.transfer import prepare_transfer_steps, summary
+from ..services.targets import Write, each_target
+from ..services.transfer import prepare_transfer, summary
 from ..storage import stored_match
 from ..viewport import preview
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_transfer(
-    SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, BindChoice, BindOptions, SteppedOperator
+    SourceName, OwnSources, MatchOptions, TransferOptions, BlendOptions, BindChoice, BindOptions, ModalOperator
 ):
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
@@ -43,18 +43,18 @@ class ZOOMOUT_OT_transfer(
             for name in names:
                 column.prop(self, name)
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         source_of = _own_sources(context) if self.own_sources else sources_of_targets(context, self.source)
         data, settings, options = self.data(), self.settings(), self.match_options()
         binding = self.how_to_bind() if self.bind else None
 
-        def work(target: str) -> Steps[Write[dict[str, Any]]]:
-            return prepare_transfer_steps(
+        def work(target: str) -> Work[Write[dict[str, Any]]]:
+            return prepare_transfer(
                 context, source_of[target], target, data, settings, binding, self.options.is_repeat, **options
             )
 
-        outcome = yield from each_target_steps(list(source_of), work)
+        outcome = await each_target(list(source_of), work)
         preview.clear_passing()
         self.report_failed(outcome)
         return "; ".join(summary(report) for report in outcome.done.values())

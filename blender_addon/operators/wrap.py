@@ -6,19 +6,18 @@ from typing import Any
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
+from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.wrap import WrapOptions
 from ..scene.selection import sources_of_targets
-from ..services.targets import Write, each_target_steps
-from ..services.wrap import Wrapping, check_one_target, prepare_wrap_steps, summary
+from ..services.targets import Write, each_target
+from ..services.wrap import Wrapping, check_one_target, prepare_wrap, summary
 from ..viewport import preview
-from .stepped import SteppedOperator
+from .modal_operator import ModalOperator
 
 
-class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, SteppedOperator):
+class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
     bl_idname = "zoomout.wrap"
     bl_label = "Wrap"
     bl_description = (
@@ -33,17 +32,17 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, SteppedOperator):
         for name in WrapOptions.__annotations__:
             self.layout.prop(self, name)
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         source_of = sources_of_targets(context, self.source)
         wrapping, options = Wrapping(**self.wrap_options()), self.match_options()
         check_one_target(wrapping, source_of)
 
-        def work(target: str) -> Steps[Write[dict[str, Any]]]:
+        def work(target: str) -> Work[Write[dict[str, Any]]]:
             repeated = self.options.is_repeat
-            return prepare_wrap_steps(context, source_of[target], target, wrapping, repeated, **options)
+            return prepare_wrap(context, source_of[target], target, wrapping, repeated, **options)
 
-        outcome = yield from each_target_steps(list(source_of), work)
+        outcome = await each_target(list(source_of), work)
         preview.clear_passing()
         self.report_failed(outcome)
         return " ".join(summary(report) for report in outcome.done.values())

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable
 
 import bpy
 from bpy.types import Mesh, Object
 
-from zoomout_core.runtime.stepping import drain
-
-from ..mesh_data import MeshFacts, facts_steps
+from ..jobs import Job, run
+from ..mesh_data import MeshFacts, inspect_mesh
 from .redraw import redraw_views
 
-# Seconds without an edit after which meshes are inspected, and between two steps of that.
+# Seconds without an edit after which meshes are inspected, and between two slices of that.
 PAUSE, TICK = 0.3, 0.02
 
 # By the session's numbers of meshes: what is known, what is asked for, and how often each was edited.
 _known: dict[int, MeshFacts] = {}
 _wanted: dict[int, None] = {}
 _edits: dict[int, int] = {}
-_work: Generator[float, None, None] | None = None
+_job: Job[None] | None = None
 
 
 def facts(obj: Object) -> MeshFacts | None:
@@ -42,41 +41,39 @@ def forget(meshes: Iterable[Mesh]) -> None:
 
 def forget_all() -> None:
     """Clear the cache, and stop a running inspection."""
-    global _work
+    global _job
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
-    if _work is not None:
-        _work.close()
-        _work = None
+    if _job is not None:
+        _job.cancel()
+        _job = None
     for cache in (_known, _wanted, _edits):
         cache.clear()
 
 
 def inspect_now() -> None:
     """Inspect all meshes that were asked about."""
-    drain(_inspections())
+    run(_inspections())
 
 
 def _tick() -> float | None:
-    """Inspect meshes one step further; Blender calls this after as many seconds as it returns."""
-    global _work
-    _work = _work or _inspections()
-    try:
-        next(_work)
-    except StopIteration:
-        _work = None
+    """Go on inspecting meshes; Blender calls this after as many seconds as it returns."""
+    global _job
+    job, _job = _job or Job(_inspections()), None  # one that fails is not called again
+    if job.advance(0):
         redraw_views()
         return None
+    _job = job
     return TICK
 
 
-def _inspections() -> Generator[float, None, None]:
+async def _inspections() -> None:
     while _wanted:
         number, _ = _wanted.popitem()
         mesh = next((mesh for mesh in bpy.data.meshes if mesh.session_uid == number), None)
         if mesh is None or mesh.is_editmode:
             continue
         before = _edits.get(number, 0)
-        found = yield from facts_steps(mesh)
+        found = await inspect_mesh(mesh)
         if _edits.get(number, 0) == before:
             _known[number] = found

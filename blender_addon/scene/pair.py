@@ -18,13 +18,14 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Progress, Steps, drain
+from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
+from ..jobs import pause
 from ..mesh_data import Fingerprint, ObjectPair
 from ..mesh_data.arrays import hash_of
 
-READING = Progress(0.0, "Reading the meshes")
+READING = "Reading the meshes"
 
 
 def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
@@ -79,37 +80,38 @@ def check_distinct(source: Object, target: Object) -> None:
         )
 
 
-def read_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
-    """Read both objects of a match.
+async def read_pair(
+    context: Context, source_name: str, target_name: str, others: Sequence[str] = (), at_base: Collection[str] = ()
+) -> ObjectPair:
+    """Read both objects of a match; no Blender data is held while others work.
+
+    Fingerprints are read first, at once, so that all edits from then on are noticed.
+
+    Args:
+        context: Blender's.
+        source_name: the object that has the data.
+        target_name: the object that receives it.
+        others: more objects that the target receives from.
+        at_base: which sources are read as `Fingerprint.at_base` says.
 
     Raises:
         MeshError: one of them cannot be used, or the target cannot be written to.
-    """
-    return drain(read_pair_steps(context, source_name, target_name))
-
-
-def read_pair_steps(
-    context: Context, source_name: str, target_name: str, others: Sequence[str] = (), at_base: Collection[str] = ()
-) -> Steps[ObjectPair]:
-    """`read_pair` as a generator, which holds no Blender data while it is suspended.
-
-    Fingerprints are read before the first yield, so that all edits from then on are noticed. There may be others
-    that the target receives from besides the source. Sources `at_base` are read as `Fingerprint.at_base` says.
     """
     names = source_name, *others
     for name in names:
         check_distinct(find_mesh(context, name), find_mesh(context, target_name))
     fingerprints = tuple(fingerprint_source(context, name, name in at_base) for name in names)
     target_fingerprint = fingerprint_target(context, target_name)
-    yield READING
-    sources = []
-    for name in names:
-        read = mesh_data.read_target_surface if name in at_base else mesh_data.read_source_surface
-        sources.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
-        yield READING
-    target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
-    pair = ObjectPair(tuple(sources), target, fingerprints, target_fingerprint)
-    yield READING
+    with stage(READING, 0, 0):
+        await pause()
+        sources = []
+        for name in names:
+            read = mesh_data.read_target_surface if name in at_base else mesh_data.read_source_surface
+            sources.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
+            await pause()
+        target = mesh_data.read_target_surface(find_mesh(context, target_name), context.evaluated_depsgraph_get())
+        pair = ObjectPair(tuple(sources), target, fingerprints, target_fingerprint)
+        await pause()
     check_unedited(context, pair)
     return pair
 

@@ -5,30 +5,29 @@ from __future__ import annotations
 from bpy.types import Context
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps
 
 from ..mesh_data import ObjectPair
 from ..storage.stored_match import StoredMatch, description, others, read
-from .pair import find_mesh, fingerprint_source, read_pair_steps
+from .pair import find_mesh, fingerprint_source, read_pair
 from .selection import choose_source
 
 
-def stored_pair_steps(context: Context, source_name: str, target_name: str) -> Steps[ObjectPair]:
-    """`read_pair_steps` with the others that the target lies on by the match with the source stored on it.
+async def stored_pair(context: Context, source_name: str, target_name: str) -> ObjectPair:
+    """`read_pair` with the others that the target lies on by the match with the source stored on it.
 
     Raises:
         MeshError: one of them cannot be used, or the target cannot be written to.
     """
     stored = description(find_mesh(context, target_name).data)
     if stored is None:
-        return (yield from read_pair_steps(context, source_name, target_name))
+        return await read_pair(context, source_name, target_name)
     digests = {other["name"]: other["fingerprint"] for other in others(stored)}
     if stored["source"] != source_name and not _is_same(context, source_name, stored["source_fingerprint"]):
         digests = {}
     names = list(digests)
     digests[source_name] = stored["source_fingerprint"]
     at_base = [name for name, digest in digests.items() if _is_at_base(context, name, digest)]
-    return (yield from read_pair_steps(context, source_name, target_name, names, at_base))
+    return await read_pair(context, source_name, target_name, names, at_base)
 
 
 def _is_same(context: Context, name: str, digest: str) -> bool:
@@ -41,7 +40,7 @@ def _is_at_base(context: Context, name: str, digest: str) -> bool:
     return fingerprint_source(context, name).digest != digest and _is_same(context, name, digest)
 
 
-def read_stored_match_steps(context: Context, target_name: str) -> Steps[tuple[ObjectPair, StoredMatch]]:
+async def read_stored_match(context: Context, target_name: str) -> tuple[ObjectPair, StoredMatch]:
     """The match stored on a target, and its two objects as they are now.
 
     Raises:
@@ -53,7 +52,7 @@ def read_stored_match_steps(context: Context, target_name: str) -> Steps[tuple[O
         raise zo.MeshError(f"'{target_name}' was not matched yet: match it first.")
     renamed = stored["source"] not in context.scene.objects
     source_name = choose_source(context, target).name if renamed else stored["source"]
-    pair = yield from stored_pair_steps(context, source_name, target_name)
+    pair = await stored_pair(context, source_name, target_name)
     match = read(find_mesh(context, target_name).data, pair)
     if match is None:
         raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")

@@ -9,13 +9,13 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.matching.constraints import bent_to_points, missed_points
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 
+from ..jobs import compute, run
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
 from ..scene.pair import find_mesh, writing
-from ..scene.stored_pair import read_stored_match_steps
+from ..scene.stored_pair import read_stored_match
 from ..storage import stored_match
 from ..storage.stored_match import StoredMatch
 from ..viewport import preview
@@ -39,24 +39,23 @@ def bend_match(context: Context, target: Object) -> str:
         MeshError: there is no match as the two are now, no landmark on both, or the match misses one by so much that
             only matching again can find the place; nothing was changed.
     """
-    return drain(bend_match_steps(context, target.name))
+    return run(bend_match_async(context, target.name))
 
 
-def bend_match_steps(context: Context, target_name: str) -> Steps[str]:
-    """`bend_match` as a generator, which holds no Blender data while it is suspended."""
-    pair, match = yield from read_stored_match_steps(context, target_name)
+async def bend_match_async(context: Context, target_name: str) -> str:
+    """`bend_match` as a coroutine, which holds no Blender data while it waits."""
+    pair, match = await read_stored_match(context, target_name)
     landmarks = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, target_name))
     if not landmarks.numbers:
         raise zo.MeshError(f"'{pair.source_name}' and '{target_name}' have no landmark in common: place one on both.")
-    surface_map, most = yield from spread(
-        in_background(partial(_bent, pair, match, landmarks)), 0, 1, "Bending the match"
-    )
+    with stage("Bending the match"):
+        surface_map, most = await compute(partial(_bent, pair, match, landmarks))
     count = len(landmarks.numbers)
     what = landmarks_in_words(count)
     note = f"Bent to {what}."
     notes = (note, *(other for other in match.notes if not other.startswith("Bent to ")))
     result = replace(match, surface_map=surface_map, notes=notes)
-    following = yield from previews.following_steps(context, pair, result)
+    following = await previews.following(context, pair, result)
     with writing(context, pair) as (source, target):
         seen = {stored_match.LANDMARKS: landmarks_fingerprint(context.scene, source, target)}
         stored_match.write(target.data, result, pair, match.settings | seen)

@@ -16,8 +16,7 @@ from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.runtime.stepping import Steps, spread, within
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target
 from zoomout_core.transfer.rest_pose import PosedTarget, aligned, posed_target
 from zoomout_core.transfer.skinning import skinning_matrices
@@ -26,6 +25,7 @@ from zoomout_core.transfer.unpose import Rest, unposed
 from .. import mesh_data
 from ..adapters import Binding, Settings, TransferJob
 from ..adapters.vertex_groups import WeightAdapter
+from ..jobs import compute
 from ..mesh_data import Bones, ObjectPair
 from ..scene.pair import evaluated_sources, find_mesh, fingerprint_target, users_of_mesh
 from ..storage import stored_match
@@ -124,9 +124,9 @@ def _named(obj: Object) -> str:
     return ", ".join(f"'{armature.name}'" for armature in mesh_data.armatures_of(obj))
 
 
-def prepare_binding_steps(
+async def prepare_binding(
     context: Context, job: TransferJob, weights: WeightAdapter, untouched: WeightAdapter, binding: Binding
-) -> Steps[Bound]:
+) -> Bound:
     """Find the pose of a target, read its weights anew where it lies on the source at rest, and take it there.
 
     Args:
@@ -142,20 +142,12 @@ def prepare_binding_steps(
     pair = job.pair
     _check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
     rigged = _read_rigged(context, pair)
-    mapped = map_target(job.match, pair.source, pair.target, job.settings.fill_below)
-    fit = in_background(partial(posed_target, mapped, rigged.rest, rigged.weights, rigged.bones.parents))
-    posed = yield from spread(fit, 0, READING_ANEW, "Finding the pose")
-    if posed.mapped.surface_map is not mapped.surface_map:
-        anew = stored_match.StoredMatch(
-            posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
-        )
-        again = replace(untouched)
-        yield from within(again.transfer(job.along(anew)), READING_ANEW, TAKING)
-        weights.weights = again.weights
+    posed = await compute(partial(_pose, job, rigged, weights, untouched))
     if binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest):
         return Bound("keep_shape", pair.target.vertices, aligned(pair.target, posed.pose), ())
     own = _weights_of_target(context, pair, rigged.bones, weights.weights)
-    rest = yield from spread(in_background(partial(_at_rest, pair.target, posed, own, rigged)), TAKING, 1, "Unposing")
+    with stage("Unposing", TAKING, 1):
+        rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
     notes = [
         f"'{pair.target_name}' stood in another pose, where its bones are turned by {posed.pose.bend:.0f}° on average: "
         f"it was taken to the rest pose. Its shape key '{POSED_SHAPE}' has it as it stood."
@@ -163,6 +155,22 @@ def prepare_binding_steps(
     if rest.smoothed:
         notes.append(f"Unposing: {rest.smoothed} vertices, where bones would tear them, follow their surroundings.")
     return Bound("rest_pose", pair.target.vertices, rest, tuple(notes))
+
+
+def _pose(job: TransferJob, rigged: _Rigged, weights: WeightAdapter, untouched: WeightAdapter) -> PosedTarget:
+    """The pose of a target; weights are read anew where it moves the target elsewhere on the source."""
+    mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
+    with stage("Finding the pose", 0, READING_ANEW):
+        posed = posed_target(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
+    if posed.mapped.surface_map is not mapped.surface_map:
+        anew = stored_match.StoredMatch(
+            posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
+        )
+        again = replace(untouched)
+        with portion(READING_ANEW, TAKING):
+            again.transfer(job.along(anew))
+        weights.weights = again.weights
+    return posed
 
 
 def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> None:

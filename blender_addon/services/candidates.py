@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,9 @@ from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.colors import DARK, LIGHT, place_colors
 from zoomout_core.matching.candidate_differences import differences
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.symmetry.detect import DETECTION
 
+from ..jobs import compute
 from ..mesh_data import ObjectPair
 from ..mesh_data.arrays import hash_of
 from ..storage import stored_candidates, stored_match
@@ -122,11 +123,11 @@ def is_cached(listing: CandidateList) -> bool:
     return listing.key in _cache
 
 
-def result_steps(listing: CandidateList, place: int) -> Steps[zo.MatchResult]:
+async def result_of(listing: CandidateList, place: int) -> zo.MatchResult:
     """The full result of the candidate at an index of a list that `is_cached`."""
     number, cached = listing.candidates[place].number, _cache[listing.key]
     if number not in cached:
-        result = yield from next(iter(cached.values())).use_steps(number)
+        result = await compute(partial(next(iter(cached.values())).use, number))
         cache_result(listing.key, result)
     return _cache[listing.key][number]
 

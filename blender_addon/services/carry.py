@@ -10,16 +10,16 @@ from bpy.types import Context, Depsgraph, Object
 
 import zoomout_core as zo
 from zoomout_core.runtime.outputs import check_output, is_same_file
-from zoomout_core.runtime.stepping import Steps, drain
 
 from .. import mesh_data
 from ..adapters import Binding, Settings
+from ..jobs import Work, run
 from ..scene.files import Brought, kept_as_blend, open_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
-from .collection_match import KnownMatch, Parts, prepare_parts_steps
-from .targets import Outcome, Write, each_target_steps
-from .transfer import prepare_transfer_steps
+from .collection_match import KnownMatch, Parts, prepare_parts
+from .targets import Outcome, Write, each_target
+from .transfer import prepare_transfer
 
 # How the objects of a file are read: as those that have data, by what their modifiers leave, or as those that receive
 # it, by their own meshes.
@@ -97,12 +97,12 @@ def carry(
     sources = Parts.of([fingerprint_source(context, name) for name in brought.names], list(surfaces.values()))
     targets = Parts.of([fingerprint_target(context, name) for name in own], list(own.values()))
     known = KnownMatch.load(map_file, sources.joined, targets.joined) if map_file else None
-    matches = drain(prepare_parts_steps(context, sources, targets, known, detail))()
+    matches = run(prepare_parts(context, sources, targets, known, detail))()
 
-    def work(name: str) -> Steps[Write[dict[str, Any]]]:
-        return _prepare_steps(context, matches[name][0], name, data, settings, binding)
+    def work(name: str) -> Work[Write[dict[str, Any]]]:
+        return _prepare(context, matches[name][0], name, data, settings, binding)
 
-    outcome = drain(each_target_steps(list(own), work))
+    outcome = run(each_target(list(own), work))
     for name in own:  # a match with objects that are in another file
         stored_match.remove(bpy.data.objects[name].data)
         stored_candidates.remove(bpy.data.objects[name].data)
@@ -110,17 +110,17 @@ def carry(
     return outcome
 
 
-def _prepare_steps(
+async def _prepare(
     context: Context, source: str, target: str, data: Collection[str], settings: Settings, binding: Binding | None
-) -> Steps[Write[dict[str, Any]]]:
+) -> Write[dict[str, Any]]:
     """A transfer that binds where it can, and says where it cannot."""
     unbound = ""
     if binding is not None:
         try:
-            return (yield from prepare_transfer_steps(context, source, target, data, settings, binding))
+            return await prepare_transfer(context, source, target, data, settings, binding)
         except zo.MeshError as error:
             unbound = f"'{target}' was not bound to a rig: {error}"
-    write = yield from prepare_transfer_steps(context, source, target, data, settings)
+    write = await prepare_transfer(context, source, target, data, settings)
     if not unbound:
         return write
 

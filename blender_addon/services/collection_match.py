@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,10 +20,11 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.runtime.stepping import Steps, drain, spread, within
+from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.threads import for_each
 
 from .. import mesh_data
+from ..jobs import compute, pause, run
 from ..mesh_data import Fingerprint, ObjectPair
 from ..scene.pair import (
     READING,
@@ -102,32 +104,32 @@ def match_collections(
     Raises:
         MeshError: an object cannot be used; nothing was written.
     """
-    return drain(match_collections_steps(context, source.name, target.name, **options))
+    return run(match_collections_async(context, source.name, target.name, **options))
 
 
-def match_collections_steps(
+async def match_collections_async(
     context: Context, source: str, target: str, **options: Any
-) -> Steps[dict[str, tuple[str, StoredMatch]]]:
-    """`match_collections` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from prepare_collections_steps(context, source, target, **options)
+) -> dict[str, tuple[str, StoredMatch]]:
+    """`match_collections` as a coroutine, which holds no Blender data while it waits."""
+    write = await prepare_collections(context, source, target, **options)
     return write()
 
 
-def prepare_collections_steps(
+async def prepare_collections(
     context: Context, source: str, target: str, detail: str = "balanced", **options: Any
-) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
-    """`match_collections_steps` without the writing: returns a function that stores the matches."""
-    sources = yield from _read_steps(context, source, fingerprint_source, mesh_data.read_source_surface)
-    targets = yield from _read_steps(context, target, fingerprint_target, mesh_data.read_target_surface)
+) -> Write[dict[str, tuple[str, StoredMatch]]]:
+    """`match_collections_async` without the writing: returns a function that stores the matches."""
+    sources = await _read(context, source, fingerprint_source, mesh_data.read_source_surface)
+    targets = await _read(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
         raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
-    return (yield from prepare_parts_steps(context, sources, targets, None, detail, **options))
+    return await prepare_parts(context, sources, targets, None, detail, **options)
 
 
-def prepare_parts_steps(
+async def prepare_parts(
     context: Context, sources: Parts, targets: Parts, known: KnownMatch | None, detail: str = "balanced", **options: Any
-) -> Steps[Write[dict[str, tuple[str, StoredMatch]]]]:
-    """`prepare_collections_steps` of objects that are read already.
+) -> Write[dict[str, tuple[str, StoredMatch]]]:
+    """`prepare_collections` of objects that are read already.
 
     Args:
         context: Blender's.
@@ -137,17 +139,7 @@ def prepare_parts_steps(
         detail: of the match that is made if not.
         options: of that.
     """
-    namesakes = paired_by_name(sources.names, targets.names)
-    result: zo.MatchResult | KnownMatch
-    if known is not None:
-        result = known
-    else:
-        arguments = DETAIL[detail] | {"regions": _regions(sources, targets, namesakes)} | options
-        result = yield from within(zo.match_steps(sources.joined, targets.joined, **arguments), 0, MATCHING)
-    pairing = for_each(
-        lambda i: _match_of_target(result, sources, targets, i, namesakes), range(len(targets.fingerprints))
-    )
-    matches = yield from spread(pairing, MATCHING, 1, "Pairing the objects")
+    matches = await compute(partial(_matches, sources, targets, known, DETAIL[detail] | options))
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
         written = [_unedited(context, pair) for pair, _ in matches]
@@ -159,6 +151,24 @@ def prepare_parts_steps(
     return write
 
 
+def _matches(
+    sources: Parts, targets: Parts, known: KnownMatch | None, options: dict[str, Any]
+) -> list[tuple[ObjectPair, StoredMatch]]:
+    """Each target with the sources that it lies on, and the match with these."""
+    namesakes = paired_by_name(sources.names, targets.names)
+    result: zo.MatchResult | KnownMatch
+    if known is not None:
+        result = known
+    else:
+        arguments = {"regions": _regions(sources, targets, namesakes)} | options
+        with portion(0, MATCHING):
+            result = zo.match(sources.joined, targets.joined, **arguments)
+    with stage("Pairing the objects", MATCHING, 1):
+        return for_each(
+            lambda i: _match_of_target(result, sources, targets, i, namesakes), range(len(targets.fingerprints))
+        )
+
+
 def _unedited(context: Context, pair: ObjectPair) -> Object:
     """The target of a pair, which can be written to, and which is still what it was."""
     source, target = check_unedited(context, pair)
@@ -166,12 +176,12 @@ def _unedited(context: Context, pair: ObjectPair) -> Object:
     return target
 
 
-def _read_steps(
+async def _read(
     context: Context,
     collection: str,
     fingerprint: Callable[[Context, str], Fingerprint],
     read: Callable[[Object, Depsgraph], zo.Surface],
-) -> Steps[Parts]:
+) -> Parts:
     """The meshes of a collection that have faces; of those that share one, the first."""
     found = context.blend_data.collections.get(collection)
     if found is None:
@@ -180,13 +190,14 @@ def _read_steps(
     names = [obj.name for obj in reversed(objects.values())]
     if not names:
         raise zo.MeshError(f"There is no mesh in the collection '{collection}': choose another one.")
-    del found, objects  # Blender data, which may be freed after a yield
+    del found, objects  # Blender data, which may be freed in a pause
     fingerprints, surfaces = [], []
-    for name in names:
-        fingerprints.append(fingerprint(context, name))
-        yield READING
-        surfaces.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
-        yield READING
+    with stage(READING, 0, 0):
+        for name in names:
+            fingerprints.append(fingerprint(context, name))
+            await pause()
+            surfaces.append(read(find_mesh(context, name), context.evaluated_depsgraph_get()))
+            await pause()
     return Parts.of(fingerprints, surfaces)
 
 

@@ -6,7 +6,7 @@ Everything here is a soft constraint, which `zoomout_core` weighs: where it cont
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager
 from dataclasses import fields, replace
 from functools import partial
@@ -20,10 +20,10 @@ import zoomout_core as zo
 from zoomout_core.matching.options import SMALLEST_FINAL
 from zoomout_core.matching.pair import LandmarkError
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.runtime.stepping import Steps, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
+from ..jobs import compute, pause
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
 from ..scene.pair import find_mesh, source_mesh, target_mesh
@@ -54,7 +54,7 @@ OF_VERTICES = frozenset({"regions", "initial_map"})
 NamedRegions = dict[tuple[str, str], np.ndarray]
 
 
-def matching_steps(
+async def match_pair(
     context: Context,
     pair: ObjectPair,
     names: bool = True,
@@ -66,10 +66,10 @@ def matching_steps(
     detail: str = "balanced",
     k_final: int = 0,
     **options: Any,
-) -> Steps[Match]:
-    """`zoomout_core.match_steps` with the constraints that two objects give, which the result's notes name.
+) -> Match:
+    """`zoomout_core.match` with the constraints that two objects give, which the result's notes name.
 
-    With initial="nearest" it is `zoomout_core.match_by_proximity_steps`, and with "same_order" each vertex has its own
+    With initial="nearest" it is `zoomout_core.match_by_proximity`, and with "same_order" each vertex has its own
     on the source; neither weighs constraints. With "landmarks" the landmarks alone are constraints, and with "file"
     there are none: the match starts from `map_file`.
 
@@ -93,9 +93,10 @@ def matching_steps(
     """
     initial = options.pop("initial", "auto")
     if initial == "nearest":
-        return (yield from zo.match_by_proximity_steps(pair.source, pair.target, **options))
+        return await compute(partial(zo.match_by_proximity, pair.source, pair.target, **options))
     if initial == "same_order":
-        return (yield from spread(in_background(partial(same_order, pair)), 0, 1, "Comparing the order"))
+        with stage("Comparing the order"):
+            return await compute(partial(same_order, pair))
     arguments: dict[str, Any] = DETAIL[detail] | {"initial": initial}
     if k_final:
         arguments["k_final"] = max(k_final, SMALLEST_FINAL)
@@ -109,14 +110,14 @@ def matching_steps(
         arguments["exact_landmarks"] = True
     whole = _whole_target(context, pair) if initial in OF_LANDMARKS and not OF_VERTICES & options.keys() else None
     if initial == "auto":
-        constraints, of_constraints = yield from _constraints_steps(
+        constraints, of_constraints = await _constraints(
             context, pair, names and whole is None, same_up, from_last and whole is None, len(landmarks.numbers)
         )
         arguments |= constraints
         notes = of_constraints + notes
     try:
         target = pair.target if whole is None else whole
-        result = yield from zo.match_steps(pair.source, target, **arguments | options)
+        result = await compute(partial(zo.match, pair.source, target, **arguments | options))
     except LandmarkError as error:
         name = pair.source_name if error.role == "source" else pair.target_name
         number = landmarks.numbers[error.number] if landmarks.numbers else error.number
@@ -138,15 +139,15 @@ def _whole_target(context: Context, pair: ObjectPair) -> zo.Surface | None:
 
 
 def check_options(options: Collection[str]) -> None:
-    """See that each is an option of `matching_steps`, which a match that is stored already would not be made with."""
-    functions = matching_steps, zo.match_by_proximity
+    """See that each is an option of `match_pair`, which a match that is stored already would not be made with."""
+    functions = match_pair, zo.match_by_proximity
     known = {field.name for field in fields(zo.MatchOptions)}.union(*(signature(each).parameters for each in functions))
     if unknown := set(options).difference(known):
         raise TypeError(f"A match has no option called {', '.join(sorted(unknown))}.")
 
 
 def settings_to_store(context: Context, pair: ObjectPair, options: dict[str, Any]) -> dict[str, Any]:
-    """What `matching_steps` is called with, and which landmarks it then finds, so that a change of them is noticed."""
+    """What `match_pair` is called with, and which landmarks it then finds, so that a change of them is noticed."""
     weighed = options.get("use_landmarks", True) and "landmarks" not in options
     if not weighed or options.get("initial", "auto") not in OF_LANDMARKS:
         return options
@@ -172,16 +173,16 @@ def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -
     return found
 
 
-def _constraints_steps(
+async def _constraints(
     context: Context, pair: ObjectPair, names: bool, same_up: bool, from_last: bool, landmarks: int
-) -> Steps[tuple[dict[str, Any], list[str]]]:
+) -> tuple[dict[str, Any], list[str]]:
     """Arguments of `zoomout_core.match`, and sentences about them and a number of landmarks."""
     arguments: dict[str, Any] = {}
     used, notes = [], []
     if landmarks:
         used.append(landmarks_in_words(landmarks))
     if names:
-        regions, received = yield from shared_regions_steps(context, pair)
+        regions, received = await shared_regions(context, pair)
         if regions:
             arguments["regions"] = list(regions.values())
             used += _counted(regions)
@@ -203,9 +204,9 @@ def _constraints_steps(
     return arguments, notes
 
 
-def shared_regions_steps(
+async def shared_regions(
     context: Context, pair: ObjectPair
-) -> Steps[tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]]:
+) -> tuple[dict[tuple[str, str], tuple[np.ndarray, np.ndarray]], bool]:
     """The regions of the same name on both objects, each a part of either, the largest first.
 
     Returns:
@@ -217,10 +218,9 @@ def shared_regions_steps(
             return {}, False  # reading weights takes long
         written = (transfer_report(target) or {"written": {}})["written"]
     received = {GROUP: written.get("vertex_groups", ()), MATERIAL: written.get("materials", ())}
-    read_source = _regions_steps(partial(source_mesh, context, pair), pair.source)
-    read_target = _regions_steps(partial(target_mesh, context, pair), pair.target)
-    of_source = yield from spread(read_source, 0, 0, "Reading names")
-    of_target = yield from spread(read_target, 0, 0, "Reading names")
+    with stage("Reading names", 0, 0):
+        of_source = await _regions(partial(source_mesh, context, pair), pair.source)
+        of_target = await _regions(partial(target_mesh, context, pair), pair.target)
     shared = {region: (of_source[region], of_target[region]) for region in of_source if region in of_target}
     own = [(what, name) for what, name in shared if name not in received[what]]
     size = {region: _smaller_share(shared[region], pair) for region in own}
@@ -228,12 +228,12 @@ def shared_regions_steps(
     return {region: shared[region] for region in largest}, len(own) < len(shared)
 
 
-def _regions_steps(
+async def _regions(
     fetch: Callable[[], AbstractContextManager[tuple[Object, Mesh]]], surface: zo.Surface
-) -> Generator[float, None, NamedRegions]:
-    """What an object's vertex groups and materials cover, where that is a part of it; yields the fraction done."""
+) -> NamedRegions:
+    """What an object's vertex groups and materials cover, where that is a part of it."""
     regions: NamedRegions = {}
-    weights = yield from mesh_data.read_weights_steps(fetch)
+    weights = await mesh_data.read_weights_in_pieces(fetch)
     members = (weights.values >= MEMBER).tocsc()
     for column, name in enumerate(weights.labels):
         regions[GROUP, name] = members.indices[slice(*members.indptr[column : column + 2])]
@@ -241,7 +241,7 @@ def _regions_steps(
         names, face_slots = mesh_data.read_materials(obj, mesh)
     corner_slot = np.repeat(face_slots.values, np.diff(surface.face_start))
     for name in filter(None, dict.fromkeys(names)):
-        yield 1.0
+        await pause()
         slots = [slot for slot, other in enumerate(names) if other == name]
         regions[MATERIAL, name] = np.unique(surface.corner_vertex[np.isin(corner_slot, slots)])
     return {region: found for region, found in regions.items() if 0 < len(found) < len(surface.vertices)}

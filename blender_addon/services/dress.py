@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,23 +13,24 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.runtime.stepping import Progress, Steps, drain, within
-from zoomout_core.transfer import Dressed, Manner, carry_steps, shape_of_source_steps
+from zoomout_core.runtime.progress import portion, stage
+from zoomout_core.transfer import Dressed, Manner, carry, shape_of_source
 
 from .. import mesh_data
+from ..jobs import compute, pause, run
 from ..mesh_data import ObjectPair, Worn
 from ..scene.pair import check_unedited, edited, find_mesh
-from ..scene.stored_pair import stored_pair_steps
+from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from .binding import read_sources_at_rest
 from .candidates import store_match
 from .constraints import check_options
-from .made_match import made_match_steps
+from .made_match import make_match
 from .targets import Write
 
 # Parts of the progress bar that matching takes, where there is no match yet, and giving the source the target's shape.
 MATCHING, SHAPING = 0.6, 0.8
-READING = Progress(0.0, "Reading what is worn")
+READING = "Reading what is worn"
 
 
 @dataclass(frozen=True)
@@ -97,12 +99,10 @@ def dress(
         TypeError: a match has no option of a name.
     """
     names = [obj.name for obj in accessories]
-    return drain(
-        prepare_dress_steps(context, source.name, target.name, names, dressing or Dressing(), **match_options)
-    )()
+    return run(prepare_dress(context, source.name, target.name, names, dressing or Dressing(), **match_options))()
 
 
-def prepare_dress_steps(
+async def prepare_dress(
     context: Context,
     source_name: str,
     target_name: str,
@@ -110,8 +110,8 @@ def prepare_dress_steps(
     dressing: Dressing,
     adjusted: bool = False,
     **match_options: Any,
-) -> Steps[Write[dict[str, Any]]]:
-    """`dress` as a generator, which holds no Blender data while it is suspended; returns what writes.
+) -> Write[dict[str, Any]]:
+    """`dress` as a coroutine, which holds no Blender data while it waits; returns what writes.
 
     Args:
         context: Blender's; the objects are in its scene.
@@ -123,19 +123,20 @@ def prepare_dress_steps(
         match_options: those of `match_objects`.
     """
     check_options(match_options)
-    pair = yield from stored_pair_steps(context, source_name, target_name)
+    pair = await stored_pair(context, source_name, target_name)
     left_out: dict[str, str] = {}
-    fitting = yield from _read_steps(context, pair, things, left_out)
+    fitting = await _read_fitting(context, pair, things, left_out)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     match: stored_match.Match
     begin = 0.0
     if stored is None:
-        making, begin = made_match_steps(context, pair, adjusted, match_options), MATCHING
-        match, made_with = yield from within(making, 0, begin)
+        begin = MATCHING
+        with portion(0, begin):
+            match, made_with = await make_match(context, pair, adjusted, match_options)
     else:
         match, made_with = stored, stored.settings
-    steps = within(_carried_steps(match, fitting, dressing), begin, 1)
-    moved, dressed = yield from steps
+    with portion(begin, 1):
+        moved, dressed = await compute(partial(_carry, match, fitting, dressing))
 
     def write() -> dict[str, Any]:
         check_unedited(context, pair)
@@ -155,7 +156,7 @@ def prepare_dress_steps(
     return write
 
 
-def taken_to_rest_steps(context: Context, pair: ObjectPair, at_rest: Floats) -> Steps[Write[None]]:
+async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> Write[None]:
     """Take what a target wears along to the rest pose; what is returned binds it as what it is copied from is bound.
 
     Args:
@@ -164,13 +165,14 @@ def taken_to_rest_steps(context: Context, pair: ObjectPair, at_rest: Floats) -> 
         at_rest: (n_t, 3) where its vertices will be, in world space.
     """
     target, worn = find_mesh(context, pair.target_name), list[Worn]()
-    for copy in mesh_data.worn_copies(target):
-        yield READING
-        worn.append(_read(context, copy.name, False))
+    with stage(READING, 0, 0):
+        for copy in mesh_data.worn_copies(target):
+            await pause()
+            worn.append(_read(context, copy.name, False))
     if not worn:
         return lambda: None
     skin, shapes = pair.target.with_vertices(at_rest), [each.shape for each in worn]
-    dressed = yield from carry_steps(pair.target, at_rest, skin, shapes, manners=["automatic"] * len(worn))
+    dressed = await compute(partial(carry, pair.target, at_rest, skin, shapes, manners=["automatic"] * len(worn)))
 
     def write() -> None:
         check_unchanged(context, worn)
@@ -196,7 +198,7 @@ def check_unchanged(context: Context, worn: Iterable[Worn]) -> None:
             raise edited(each.name)
 
 
-def _read_steps(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> Steps[_Fitting]:
+async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str], left_out: dict[str, str]) -> _Fitting:
     """Read what is worn, in the rest pose where the target hangs on the source's armature.
 
     Raises:
@@ -224,12 +226,13 @@ def _read_steps(context: Context, pair: ObjectPair, names: Sequence[str], left_o
         if any(system.settings.type == "HAIR" for system in each.particle_systems)
     )
     worn = []
-    for name in chosen:
-        yield READING
-        try:
-            worn.append(_read(context, name, at_rest))
-        except zo.MeshError as error:
-            left_out[name] = str(error)
+    with stage(READING, 0, 0):
+        for name in chosen:
+            await pause()
+            try:
+                worn.append(_read(context, name, at_rest))
+            except zo.MeshError as error:
+                left_out[name] = str(error)
     if not worn:
         raise zo.MeshError(next(iter(left_out.values())))
     worn_too = [name in chosen for name in pair.source_names]
@@ -246,23 +249,24 @@ def _read(context: Context, name: str, at_rest: bool) -> Worn:
     return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
 
 
-def _carried_steps(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> Steps[tuple[Floats, Dressed]]:
+def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> tuple[Floats, Dressed]:
     """How the body moves, as the matrix (4, 4) of a similarity, and what it wears."""
-    shape = yield from within(shape_of_source_steps(match, fitting.source, fitting.target), 0, SHAPING)
+    with portion(0, SHAPING):
+        shape = shape_of_source(match, fitting.source, fitting.target)
     body, shape = _part(fitting.source, shape, fitting.is_body)
     manners: list[Manner] = [
         "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
     ]
-    steps = carry_steps(
-        body,
-        shape,
-        fitting.target,
-        [each.shape for each in fitting.worn],
-        manners=manners,
-        stiffness=dressing.stiffness,
-        gap=dressing.gap,
-    )
-    dressed = yield from within(steps, SHAPING, 1)
+    with portion(SHAPING, 1):
+        dressed = carry(
+            body,
+            shape,
+            fitting.target,
+            [each.shape for each in fitting.worn],
+            manners=manners,
+            stiffness=dressing.stiffness,
+            gap=dressing.gap,
+        )
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
     return moved, dressed

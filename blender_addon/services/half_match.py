@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
-from zoomout_core.runtime.stepping import Steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +45,6 @@ class HalfResult(zo.MatchResult):
         own = vertices < len(self.half.vertices)
         return vertices[own], images[own]
 
-    def use_steps(self, candidate: int) -> Steps[zo.MatchResult]:
+    def use(self, candidate: int) -> zo.MatchResult:
         """The result of another candidate, by its number."""
-        return HalfResult.of((yield from self.whole.use_steps(candidate)), self.half)
+        return HalfResult.of(self.whole.use(candidate), self.half)

@@ -6,17 +6,15 @@ from typing import Any
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ..mesh_data import ObjectPair
 from ..storage.stored_match import Match
 from .candidates import cache_made, last_made
-from .constraints import matching_steps, settings_to_store
+from .constraints import match_pair, settings_to_store
 
 
-def made_match_steps(
+async def make_match(
     context: Context, pair: ObjectPair, adjusted: bool, match_options: dict[str, Any]
-) -> Steps[tuple[Match, dict[str, Any]]]:
+) -> tuple[Match, dict[str, Any]]:
     """Match two objects, and keep the match in memory; returns it with the settings to store.
 
     Args:
@@ -27,6 +25,6 @@ def made_match_steps(
     """
     settings = settings_to_store(context, pair, match_options)
     made = last_made(pair) if adjusted else None
-    match = made or (yield from matching_steps(context, pair, **match_options))
+    match = made or await match_pair(context, pair, **match_options)
     cache_made(pair, match)
     return match, settings

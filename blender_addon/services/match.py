@@ -10,19 +10,19 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.collection.agree import agreed_steps
+from zoomout_core.collection.agree import agree
 from zoomout_core.matching.options import SMALLEST_FINAL
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 
+from ..jobs import compute, run
 from ..mesh_data import ObjectPair
-from ..scene.pair import read_pair_steps, writing
+from ..scene.pair import read_pair, writing
 from ..storage import stored_match
 from ..viewport import preview
 from . import previews
 from .candidates import store_match
-from .constraints import matching_steps, settings_to_store
+from .constraints import match_pair, settings_to_store
 from .redo_match import kept_match, read_mask, redone_match
 
 NOTHING_KEPT = "There was no match to keep, so all of it was matched, not only what Redo Only says."
@@ -35,22 +35,22 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
         context: Blender's; both objects are in its scene.
         source: has the data; read as its modifiers leave it.
         target: receives the data.
-        options: those of `prepare_match_steps`, of `constraints.matching_steps`, and of `zoomout_core.match`; or
+        options: those of `prepare_match`, of `constraints.match_pair`, and of `zoomout_core.match`; or
             initial="nearest", and those of `zoomout_core.match_by_proximity`.
 
     Raises:
         MeshError: an object cannot be used; nothing was written.
     """
-    return drain(match_steps(context, source.name, target.name, **options))
+    return run(match(context, source.name, target.name, **options))
 
 
-def match_steps(context: Context, source_name: str, target_name: str, **options: Any) -> Steps[stored_match.Match]:
-    """`match_objects` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from prepare_match_steps(context, source_name, target_name, **options)
+async def match(context: Context, source_name: str, target_name: str, **options: Any) -> stored_match.Match:
+    """`match_objects` as a coroutine, which holds no Blender data while it waits."""
+    write = await prepare_match(context, source_name, target_name, **options)
     return write()
 
 
-def prepare_match_steps(
+async def prepare_match(
     context: Context,
     source_name: str,
     target_name: str,
@@ -58,8 +58,8 @@ def prepare_match_steps(
     redo_group: str = "",
     redo_keeps: bool = False,
     **options: Any,
-) -> Steps[PreparedMatch]:
-    """`match_steps` without the writing: returns a function that stores the match on the target.
+) -> PreparedMatch:
+    """`match` without the writing: returns a function that stores the match on the target.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -71,17 +71,17 @@ def prepare_match_steps(
         redo_keeps: whether it says the opposite, what is kept.
         options: those of `match_objects`.
     """
-    pair = yield from read_pair_steps(context, source_name, target_name)
+    pair = await read_pair(context, source_name, target_name)
     settings = settings_to_store(context, pair, options)
     kept = kept_match(context, pair) if redo_group else None
     mask = read_mask(context, pair, redo_group, redo_keeps) if kept is not None else None
-    result = yield from matching_steps(context, pair, **options)
+    result = await match_pair(context, pair, **options)
     if kept is not None and mask is not None:
-        blending = in_background(partial(redone_match, pair, kept, result, mask))
-        result = yield from spread(blending, 1, 1, "Keeping the rest")
+        with stage("Keeping the rest", 1, 1):
+            result = await compute(partial(redone_match, pair, kept, result, mask))
     elif redo_group:
         result = replace(result, notes=(NOTHING_KEPT, *result.notes))
-    return (yield from _prepared_steps(context, pair, result, settings, seen))
+    return await _prepare(context, pair, result, settings, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +112,14 @@ class PreparedMatch:
         return self.result
 
 
-def _prepared_steps(
+async def _prepare(
     context: Context, pair: ObjectPair, result: stored_match.Match, settings: dict[str, Any], seen: bool
-) -> Steps[PreparedMatch]:
-    following = yield from previews.following_steps(context, pair, result, preview.PLACES if seen else None)
+) -> PreparedMatch:
+    following = await previews.following(context, pair, result, preview.PLACES if seen else None)
     return PreparedMatch(context, pair, result, settings, seen, following)
 
 
-def agreed_matches_steps(
-    detail: str, k_final: int, prepared: Mapping[str, PreparedMatch]
-) -> Steps[dict[str, PreparedMatch]]:
+async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, PreparedMatch]) -> dict[str, PreparedMatch]:
     """Matches of several targets, those with one source brought to agree: see `collection.agree`.
 
     Args:
@@ -137,8 +135,8 @@ def agreed_matches_steps(
             for name, each in prepared.items()
             if each.pair.source_names == source and isinstance(each.result, zo.MatchResult)
         }
-        for name, result in (yield from agreed_steps(results, zo.MatchOptions(**sizes))).items():
+        for name, result in (await compute(partial(agree, results, zo.MatchOptions(**sizes)))).items():
             was = prepared[name]
             if result is not was.result:
-                agreed[name] = yield from _prepared_steps(was.context, was.pair, result, was.settings, was.seen)
+                agreed[name] = await _prepare(was.context, was.pair, result, was.settings, was.seen)
     return agreed

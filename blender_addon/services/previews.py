@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from bpy.types import Context, Mesh, Object
@@ -12,9 +13,8 @@ from bpy.types import Context, Mesh, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.colors import confidence_colors, partner_colors, place_colors
-from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
-from zoomout_core.transfer import map_target, transfer_steps
+from zoomout_core.runtime.progress import stage
+from zoomout_core.transfer import Attribute, map_target, transfer_along
 
 from ..colors import (
     asymmetry_colors,
@@ -22,6 +22,7 @@ from ..colors import (
     pair_colors,
     side_colors,
 )
+from ..jobs import compute, pause, run
 from ..mesh_data import (
     MATCH_ATTRIBUTES,
     ObjectPair,
@@ -32,7 +33,7 @@ from ..mesh_data import (
 )
 from ..mesh_data.arrays import hash_of
 from ..scene.pair import evaluated_sources, find_mesh
-from ..scene.stored_pair import read_stored_match_steps
+from ..scene.stored_pair import read_stored_match
 from ..storage import stored_symmetry
 from ..storage.stored_candidates import CandidateList
 from ..storage.stored_match import Match
@@ -41,33 +42,39 @@ from ..viewport.overlay import Overlay
 from ..viewport.preview import ASYMMETRY, CONFIDENCE, OF_MATCH, OF_SYMMETRY, PAIRS, PLACES, SIDES, Preview
 
 
-def match_steps(context: Context, pair: ObjectPair, match: Match, kind: str) -> Steps[Preview]:
+async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) -> Preview:
     """A match by colours on the target, and on the source where it is coloured as well.
 
     Raises:
         MeshError: for a checker, the source has no UV map.
     """
-    yield Progress(0.0, "Coloring")
-    on_source: Floats | None = None
-    if kind == CONFIDENCE:
-        on_target = confidence_colors(match.confidence, match.has_partner)
-        of_source = None if isinstance(match, zo.ProximityMatch) else match.source_has_partner
-        if of_source is not None and not of_source.all():
-            on_source = partner_colors(of_source)
-    elif kind == PLACES:
-        on_source = place_colors(pair.source.vertices, pair.source.vertices)
-        on_target = match.surface_map.interpolate(on_source)
-    else:
-        with evaluated_sources(context, pair) as sources:
-            uv = read_joined_active_uv_map(sources)
-        carrying = transfer_steps(uv, map_target(match, pair.source, pair.target))
-        on_source, on_target = uv.values, (yield from spread(carrying, 0.1, 1, "Laying the checker")).values
+    with stage("Coloring"):
+        await pause()
+        on_source: Floats | None = None
+        if kind == CONFIDENCE:
+            on_target = confidence_colors(match.confidence, match.has_partner)
+            of_source = None if isinstance(match, zo.ProximityMatch) else match.source_has_partner
+            if of_source is not None and not of_source.all():
+                on_source = partner_colors(of_source)
+        elif kind == PLACES:
+            on_source = place_colors(pair.source.vertices, pair.source.vertices)
+            on_target = match.surface_map.interpolate(on_source)
+        else:
+            with evaluated_sources(context, pair) as sources:
+                uv = read_joined_active_uv_map(sources)
+            with stage("Laying the checker", 0.1, 1):
+                carried = await compute(partial(_along, uv, match, pair))
+            on_source, on_target = uv.values, carried.values
     target = find_mesh(context, pair.target_name)
     overlays = [Overlay(target.session_uid, on_target, pair.target_fingerprint.content)]
     if on_source is not None:
         overlays.extend(_overlays_of_sources(context, pair, on_source))
     stored_hash = hash_of("", match.surface_map.triangle.astype(np.int32))
     return Preview(kind, target.session_uid, OF_MATCH[kind].legend, tuple(overlays), stored_hash)
+
+
+def _along(uv: Attribute, match: Match, pair: ObjectPair) -> Attribute:
+    return transfer_along(uv, map_target(match, pair.source, pair.target))
 
 
 @contextmanager
@@ -104,9 +111,7 @@ def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> 
     ]
 
 
-def following_steps(
-    context: Context, pair: ObjectPair, match: Match, otherwise: str | None = None
-) -> Steps[Preview | None]:
+async def following(context: Context, pair: ObjectPair, match: Match, otherwise: str | None = None) -> Preview | None:
     """The preview that is shown of a target, for a new match of it.
 
     Args:
@@ -117,20 +122,20 @@ def following_steps(
     """
     before = preview.shown(find_mesh(context, pair.target_name))
     if before is not None and before.kind in OF_MATCH:
-        return replace((yield from match_steps(context, pair, match, before.kind)), passing=before.passing)
+        return replace(await of_match(context, pair, match, before.kind), passing=before.passing)
     if otherwise is None or preview.current() is not None:
         return None
-    return replace((yield from match_steps(context, pair, match, otherwise)), passing=True)
+    return replace(await of_match(context, pair, match, otherwise), passing=True)
 
 
 def follow_match(context: Context, obj: Object) -> None:
     """Bring up to date what is shown of an object's match, after its mesh and its match were subdivided."""
     before = preview.shown(obj)
     if before is not None and before.kind in OF_MATCH:
-        preview.show(drain(_again_steps(context, obj, before.kind)))
+        preview.show(run(_again(context, obj, before.kind)))
 
 
-def symmetry_steps(context: Context, name: str, kind: str) -> Steps[Preview]:
+async def of_symmetry(context: Context, name: str, kind: str) -> Preview:
     """The symmetry stored on an object's mesh by colours.
 
     Raises:
@@ -141,12 +146,13 @@ def symmetry_steps(context: Context, name: str, kind: str) -> Steps[Preview]:
     width = context.scene.zoomout.symmetry.middle_width * np.sqrt(symmetry.surface.area)
     if kind == SIDES and not symmetry.has_sides:
         raise zo.MeshError("This symmetry has no left and right side: choose a reflection.")
-    yield Progress(0.0, "Coloring")
 
     def colors() -> Floats:
         return side_colors(symmetry.sides(width)) if kind == SIDES else pair_colors(symmetry, order)
 
-    return bare.with_colors((yield from spread(in_background(colors), 0, 1, "Coloring")))
+    with stage("Coloring"):
+        await pause()
+        return bare.with_colors(await compute(colors))
 
 
 def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
@@ -164,7 +170,7 @@ def follow_symmetry(context: Context, obj: Object) -> None:
         return
     sided = stored_symmetry.has_sides(obj.data)
     try:
-        preview.show(drain(symmetry_steps(context, obj.name, before.kind if sided else PAIRS)))
+        preview.show(run(of_symmetry(context, obj.name, before.kind if sided else PAIRS)))
     except zo.MeshError:  # the mesh was reshaped since
         preview.clear()
 
@@ -181,16 +187,16 @@ def follow_undo(context: Context) -> None:
         preview.outdate(before)
     elif _stored_hash(obj.data, before.kind) != before.stored_hash:
         try:
-            preview.show(drain(_again_steps(context, obj, before.kind)))
+            preview.show(run(_again(context, obj, before.kind)))
         except zo.MeshError:  # nothing is stored any more
             preview.clear()
 
 
-def _again_steps(context: Context, obj: Object, kind: str) -> Steps[Preview]:
+async def _again(context: Context, obj: Object, kind: str) -> Preview:
     if kind in OF_SYMMETRY:
-        return (yield from symmetry_steps(context, obj.name, kind))
-    pair, match = yield from read_stored_match_steps(context, obj.name)
-    return (yield from match_steps(context, pair, match, kind))
+        return await of_symmetry(context, obj.name, kind)
+    pair, match = await read_stored_match(context, obj.name)
+    return await of_match(context, pair, match, kind)
 
 
 def _of_mesh(obj: Object, kind: str) -> Preview:

@@ -12,11 +12,11 @@ import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.pair import PLACEMENT
-from zoomout_core.runtime.stepping import drain
 
+from ..jobs import run
 from ..mesh_data import ObjectPair, evaluated_mesh, extent, nearest_surface_point, positions_in_object
 from ..scene.landmarks import set_landmark, surface_points_on, world_positions
-from ..scene.stored_pair import read_stored_match_steps
+from ..scene.stored_pair import read_stored_match
 from ..storage import stored_match
 from ..storage.stored_match import StoredMatch
 
@@ -54,7 +54,7 @@ def _valid_match(context: Context, source: Object, target: Object) -> tuple[Obje
     if stored_match.description(target.data) is None:
         return None
     try:
-        pair, match = drain(read_stored_match_steps(context, target.name))
+        pair, match = run(read_stored_match(context, target.name))
     except zo.MeshError:  # one of them was edited since
         return None
     return (pair, match) if source.name in pair.source_names else None

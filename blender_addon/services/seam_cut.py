@@ -9,14 +9,14 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
 
-from ..mesh_data import ObjectPair, divided_steps, read_joined_active_uv_map, write_divided
+from ..jobs import compute, run
+from ..mesh_data import ObjectPair, divide, read_joined_active_uv_map, write_divided
 from ..scene.pair import check_unedited, evaluated_sources, find_mesh, fingerprint_target, writing
-from ..scene.stored_pair import stored_pair_steps
+from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from . import previews
 from .candidates import store_match
@@ -39,21 +39,23 @@ def cut_seams(context: Context, source: Object, target: Object) -> str:
     Raises:
         MeshError: there is no match, or no UV map; nothing was changed.
     """
-    return drain(cut_seams_steps(context, source.name, target.name))
+    return run(cut_seams_async(context, source.name, target.name))
 
 
-def cut_seams_steps(context: Context, source_name: str, target_name: str) -> Steps[str]:
-    """`cut_seams` as a generator, which holds no Blender data while it is suspended."""
-    pair = yield from stored_pair_steps(context, source_name, target_name)
+async def cut_seams_async(context: Context, source_name: str, target_name: str) -> str:
+    """`cut_seams` as a coroutine, which holds no Blender data while it waits."""
+    pair = await stored_pair(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     if stored is None:
         raise zo.MeshError(f"'{target_name}' was not matched with '{source_name}' yet: match them first.")
     with evaluated_sources(context, pair) as sources:
         uv = read_joined_active_uv_map(sources)
     mapped = map_target(stored, pair.source, pair.target)
-    cut = yield from spread(in_background(partial(seam_cut, uv, mapped)), 0, DIVIDING, "Following the seams")
+    with stage("Following the seams", 0, DIVIDING):
+        cut = await compute(partial(seam_cut, uv, mapped))
     _, target = check_unedited(context, pair)
-    divided = yield from spread(divided_steps(target.data, cut), DIVIDING, 1, "Dividing faces")
+    with stage("Dividing faces", DIVIDING, 1):
+        divided = await divide(target.data, cut)
     try:
         with writing(context, pair) as (_, target):
             before = len(target.data.polygons)

@@ -12,14 +12,14 @@ import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.evaluation import flipped_triangles
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .. import mesh_data
+from ..jobs import compute, run
 from ..mesh_data import ObjectPair
 from ..scene.pair import check_unedited, find_mesh
-from ..scene.stored_pair import read_stored_match_steps
+from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import LOW_CONFIDENCE, StoredMatch
 
 # What can be selected.
@@ -43,14 +43,14 @@ def select_faults(context: Context, target: Object, what: str) -> str:
         MeshError: there is no match, or one of the two was edited since, or partners are not known; nothing was
             selected.
     """
-    return drain(select_faults_steps(context, target.name, what))
+    return run(select_faults_async(context, target.name, what))
 
 
-def select_faults_steps(context: Context, target_name: str, what: str) -> Steps[str]:
-    """`select_faults` as a generator, which holds no Blender data while it is suspended."""
-    pair, match = yield from read_stored_match_steps(context, target_name)
-    computing = in_background(partial(FAULTS[what], pair, match))
-    select = yield from spread(computing, 0.1, 1.0, "Selecting")
+async def select_faults_async(context: Context, target_name: str, what: str) -> str:
+    """`select_faults` as a coroutine, which holds no Blender data while it waits."""
+    pair, match = await read_stored_match(context, target_name)
+    with stage("Selecting", 0.1, 1.0):
+        select = await compute(partial(FAULTS[what], pair, match))
     check_unedited(context, pair)
     return select(context)
 

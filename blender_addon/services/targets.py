@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import portion, renaming, stage
 
+from ..jobs import Work, pause
 from ..mesh_data import all_or_nothing
 
 Result = TypeVar("Result")
 Prepared = TypeVar("Prepared", bound=Callable[[], Any])
 
-WRITING = Progress(1.0, "Writing")
+WRITING = "Writing"
 
 # Writes a prepared result, and returns it.
 Write: TypeAlias = Callable[[], Result]
@@ -40,11 +42,11 @@ class Outcome(Generic[Result]):
             raise zo.MeshError(several if len(self.failed) > 1 else reason)
 
 
-def each_target_steps(
+async def each_target(
     names: Sequence[str],
-    work: Callable[[str], Steps[Prepared]],
-    together: Callable[[dict[str, Prepared]], Steps[dict[str, Prepared]]] | None = None,
-) -> Steps[Outcome[Any]]:
+    work: Callable[[str], Work[Prepared]],
+    together: Callable[[dict[str, Prepared]], Work[dict[str, Prepared]]] | None = None,
+) -> Outcome[Any]:
     """Do some work for each of several targets; nothing is written before all of it is done.
 
     Args:
@@ -56,12 +58,14 @@ def each_target_steps(
     writes: dict[str, Prepared] = {}
     for i, name in enumerate(names):
         try:
-            writes[name] = yield from _one_of(work(name), i, names)
+            with _place(i, names):
+                writes[name] = await work(name)
         except zo.MeshError as error:
             outcome.failed[name] = str(error)
     if together is not None and len(writes) > 1:
-        writes = yield from together(writes)
-    yield WRITING
+        writes = await together(writes)
+    with stage(WRITING, 1):
+        await pause()
     with all_or_nothing():  # what is no fault of one target is none of the others', but leaves all as they were
         for name, write in writes.items():
             try:
@@ -71,12 +75,12 @@ def each_target_steps(
     return outcome
 
 
-def _one_of(steps: Steps[Result], i: int, names: Sequence[str]) -> Steps[Result]:
-    """The i-th of several computations that are alike, whose progress says which it is."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as finished:
-            return finished.value
-        place = f"'{names[i]}', {i + 1} of {len(names)}: {progress.stage}"
-        yield Progress((i + progress.fraction) / len(names), place if len(names) > 1 else progress.stage)
+@contextmanager
+def _place(i: int, names: Sequence[str]) -> Iterator[None]:
+    """The i-th of several pieces of work that are alike, whose progress says which it is."""
+
+    def placed(title: str) -> str:
+        return f"'{names[i]}', {i + 1} of {len(names)}: {title}" if len(names) > 1 else title
+
+    with portion(i / len(names), (i + 1) / len(names)), renaming(placed):
+        yield

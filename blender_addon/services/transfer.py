@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, within
+from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 
 from ..adapters import (
@@ -24,9 +25,10 @@ from ..adapters import (
     Settings,
     TransferJob,
     TransferRequest,
-    transfer_all_steps,
+    transfer_all,
 )
 from ..adapters.vertex_groups import WeightAdapter
+from ..jobs import compute, pause, run
 from ..mesh_data import ObjectPair
 from ..properties.match import option_label
 from ..scene.pair import (
@@ -37,13 +39,13 @@ from ..scene.pair import (
     users_of_mesh,
     writing,
 )
-from ..scene.stored_pair import stored_pair_steps
+from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
-from .binding import Bound, check_binding, keep_match, prepare_binding_steps, write_bound
+from .binding import Bound, check_binding, keep_match, prepare_binding, write_bound
 from .candidates import store_match
 from .constraints import check_options
-from .dress import taken_to_rest_steps
-from .made_match import made_match_steps
+from .dress import take_to_rest
+from .made_match import make_match
 from .targets import Write
 
 # Part of the progress bar that matching takes, where there is no match yet, in [0, 1].
@@ -77,7 +79,7 @@ def transfer_objects(
         MeshError: something cannot be transferred; nothing was written.
         TypeError: a match has no option of a name.
     """
-    return drain(transfer_steps(context, source.name, target.name, data, settings, binding, **match_options))
+    return run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
 
 
 def bind_to_rig(
@@ -111,7 +113,7 @@ def bind_to_rig(
     return transfer_objects(context, source, target, (), settings, binding or Binding(), **match_options)
 
 
-def transfer_steps(
+async def transfer(
     context: Context,
     source_name: str,
     target_name: str,
@@ -119,15 +121,13 @@ def transfer_steps(
     settings: Settings = DEFAULT,
     binding: Binding | None = None,
     **match_options: Any,
-) -> Steps[dict[str, Any]]:
-    """`transfer_objects` as a generator, which holds no Blender data while it is suspended."""
-    write = yield from prepare_transfer_steps(
-        context, source_name, target_name, data, settings, binding, **match_options
-    )
+) -> dict[str, Any]:
+    """`transfer_objects` as a coroutine, which holds no Blender data while it waits."""
+    write = await prepare_transfer(context, source_name, target_name, data, settings, binding, **match_options)
     return write()
 
 
-def prepare_transfer_steps(
+async def prepare_transfer(
     context: Context,
     source_name: str,
     target_name: str,
@@ -136,8 +136,8 @@ def prepare_transfer_steps(
     binding: Binding | None = None,
     adjusted: bool = False,
     **match_options: Any,
-) -> Steps[Write[dict[str, Any]]]:
-    """`transfer_steps` without the writing: returns a function that writes the data to the target.
+) -> Write[dict[str, Any]]:
+    """`transfer` without the writing: returns a function that writes the data to the target.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -153,13 +153,13 @@ def prepare_transfer_steps(
     if binding is not None:
         check_binding(context, source_name, target_name, binding, settings)
         data = {*data, "vertex_groups"}
-    pair = yield from stored_pair_steps(context, source_name, target_name)
+    pair = await stored_pair(context, source_name, target_name)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
-    adapters, remarks, blend = yield from _collected_steps(context, pair, data, settings)
+    adapters, remarks, blend = await _collect(context, pair, data, settings)
     match: stored_match.Match
     if stored is None:
-        making = made_match_steps(context, pair, adjusted, match_options)
-        match, made_with = yield from within(making, 0, MATCHING)
+        with portion(0, MATCHING):
+            match, made_with = await make_match(context, pair, adjusted, match_options)
     else:
         match = stored
         remarks.notes.extend(_unused_settings(stored, match_options))
@@ -167,13 +167,15 @@ def prepare_transfer_steps(
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
     weights = [(one, replace(one)) for one in adapters if isinstance(one, WeightAdapter)]
-    yield from within(transfer_all_steps(adapters, job), begun, done)
+    with portion(begun, done):
+        await compute(partial(transfer_all, adapters, job))
     if binding is not None:
         if not weights:
             raise zo.MeshError(f"All vertex groups of '{target_name}' that bones would move are locked: unlock them.")
-        bound = yield from within(prepare_binding_steps(context, job, *weights[0], binding), done, 1)
+        with portion(done, 1):
+            bound = await prepare_binding(context, job, *weights[0], binding)
         remarks.notes.extend(bound.notes)
-        bind_worn = yield from taken_to_rest_steps(context, pair, bound.rest.positions)
+        bind_worn = await take_to_rest(context, pair, bound.rest.positions)
 
     def write() -> dict[str, Any]:
         with writing(context, pair) as (_, target):
@@ -205,19 +207,20 @@ def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any])
     return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
 
 
-def _collected_steps(
+async def _collect(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
-) -> Steps[tuple[list[Adapter], Remarks, Blend]]:
+) -> tuple[list[Adapter], Remarks, Blend]:
     """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     adapters, remarks = list[Adapter](), Remarks()
     with target_mesh(context, pair) as (target, _):
         blend = settings.blend(target)
-    for collect in COLLECTORS:
-        yield READING
-        with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
-            adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
+    with stage(READING, 0, 0):
+        for collect in COLLECTORS:
+            await pause()
+            with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
+                adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
     if not adapters:
         raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")
     return adapters, remarks, blend

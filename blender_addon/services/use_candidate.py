@@ -7,16 +7,17 @@ from dataclasses import replace
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, within
+from zoomout_core.runtime.progress import portion
 
+from ..jobs import run
 from ..mesh_data import ObjectPair
 from ..scene.pair import find_mesh, writing
-from ..scene.stored_pair import read_stored_match_steps
+from ..scene.stored_pair import read_stored_match
 from ..storage import stored_candidates, stored_match
 from ..storage.stored_candidates import CandidateList
 from ..viewport import preview
 from . import candidates, previews
-from .constraints import matching_steps
+from .constraints import match_pair
 
 # Part of the progress bar that matching again takes, where results are no longer in memory, in [0, 1].
 MATCHING = 0.7
@@ -33,19 +34,19 @@ def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResul
     Raises:
         MeshError: there is no match, or one of them was edited since; nothing was written.
     """
-    return drain(use_candidate_steps(context, target.name, place))
+    return run(use_candidate_async(context, target.name, place))
 
 
-def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps[zo.MatchResult]:
-    """`use_candidate` as a generator, which holds no Blender data while it is suspended."""
+async def use_candidate_async(context: Context, target_name: str, place: int) -> zo.MatchResult:
+    """`use_candidate` as a coroutine, which holds no Blender data while it waits."""
     target = find_mesh(context, target_name)
     listing = stored_list(target)
     note = f"Candidate {place + 1} of {len(listing.candidates)} was chosen."
     with previews.approximate_candidate(target, listing, place):
-        pair, stored = yield from read_stored_match_steps(context, target_name)
-        result = yield from _result_steps(context, pair, listing, place, stored)
+        pair, stored = await read_stored_match(context, target_name)
+        result = await _result(context, pair, listing, place, stored)
         result = replace(result, notes=(note, *result.notes))
-        following = yield from previews.following_steps(context, pair, result)
+        following = await previews.following(context, pair, result)
         with writing(context, pair) as (_, target):
             candidates.store_match(target.data, result, pair, stored.settings)
     if following is not None:
@@ -53,20 +54,22 @@ def use_candidate_steps(context: Context, target_name: str, place: int) -> Steps
     return result
 
 
-def _result_steps(
+async def _result(
     context: Context, pair: ObjectPair, listing: CandidateList, place: int, stored: stored_match.StoredMatch
-) -> Steps[zo.MatchResult]:
+) -> zo.MatchResult:
     """The result of a candidate; where it is not cached, the two are matched anew, as they were before."""
     if candidates.is_cached(listing):
-        return (yield from candidates.result_steps(listing, place))
+        return await candidates.result_of(listing, place)
     settings = stored.settings | {"initial": "auto", "from_last": False}
     settings.pop(stored_match.LANDMARKS, None)
-    anew = yield from within(matching_steps(context, pair, **settings), 0, MATCHING)
+    with portion(0, MATCHING):
+        anew = await match_pair(context, pair, **settings)
     assert isinstance(anew, zo.MatchResult)  # an automatic start
     found = candidates.list_candidates(anew, pair)
     candidates.cache_result(found.key, anew)
     alike = candidates.most_similar(place, listing, found)
-    return (yield from within(candidates.result_steps(found, alike), MATCHING, 1))
+    with portion(MATCHING, 1):
+        return await candidates.result_of(found, alike)
 
 
 def stored_list(target: Object) -> CandidateList:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -12,20 +13,21 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.runtime.stepping import Steps, drain, within
-from zoomout_core.transfer import reversed_match_steps, wrap_steps
+from zoomout_core.runtime.progress import portion
+from zoomout_core.transfer import reversed_match
 
 from .. import mesh_data
 from ..adapters import Settings, check_takes_keys
+from ..jobs import compute, run
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import LandmarkPairs, landmark_pairs
 from ..scene.pair import check_writable, find_mesh, fingerprint_source, fingerprint_target, writing
-from ..scene.stored_pair import stored_pair_steps
+from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from . import previews
 from .candidates import store_match
 from .constraints import check_options
-from .made_match import made_match_steps
+from .made_match import make_match
 from .targets import Write
 
 # Parts of the progress bar that matching takes, where there is no match yet, and turning a match round, in [0, 1].
@@ -98,18 +100,18 @@ def wrap(
         MeshError: something cannot be wrapped; nothing was written.
         TypeError: a match has no option of a name.
     """
-    return drain(prepare_wrap_steps(context, source.name, target.name, wrapping or Wrapping(), **match_options))()
+    return run(prepare_wrap(context, source.name, target.name, wrapping or Wrapping(), **match_options))()
 
 
-def prepare_wrap_steps(
+async def prepare_wrap(
     context: Context,
     source_name: str,
     target_name: str,
     wrapping: Wrapping,
     adjusted: bool = False,
     **match_options: Any,
-) -> Steps[Write[dict[str, Any]]]:
-    """`wrap` as a generator, which holds no Blender data while it is suspended; returns what writes.
+) -> Write[dict[str, Any]]:
+    """`wrap` as a coroutine, which holds no Blender data while it waits; returns what writes.
 
     Args:
         context: Blender's; both objects are in its scene.
@@ -120,17 +122,19 @@ def prepare_wrap_steps(
         match_options: those of `match_objects`.
     """
     check_options(match_options)
-    pair = yield from stored_pair_steps(context, source_name, target_name)
+    pair = await stored_pair(context, source_name, target_name)
     given = _given(context, pair, wrapping)
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     match: stored_match.Match
     begin = 0.0
     if stored is None:
-        making, begin = made_match_steps(context, pair, adjusted, match_options), MATCHING
-        match, made_with = yield from within(making, 0, begin)
+        begin = MATCHING
+        with portion(0, begin):
+            match, made_with = await make_match(context, pair, adjusted, match_options)
     else:
         match, made_with = stored, stored.settings
-    wrapped = yield from within(_wrapped_steps(match, pair, given, wrapping), begin, 1)
+    with portion(begin, 1):
+        wrapped = await compute(partial(_wrap, match, pair, given, wrapping))
     notes = [*wrapped.notes, *(given.landmarks.notes if given.landmarks else ())]
 
     def write() -> dict[str, Any]:
@@ -235,18 +239,19 @@ def _landmarks(
     return replace(pairs, source=moved) if wrapping.reverse else replace(pairs, target=moved)
 
 
-def _wrapped_steps(match: stored_match.Match, pair: ObjectPair, given: _Given, wrapping: Wrapping) -> Steps[zo.Wrapped]:
+def _wrap(match: stored_match.Match, pair: ObjectPair, given: _Given, wrapping: Wrapping) -> zo.Wrapped:
     landmarks = None
     if given.landmarks is not None and given.landmarks.numbers:
         landmarks = given.landmarks.source, given.landmarks.target
     options: dict[str, Any] = {"smoothness": wrapping.smoothness, "detail": wrapping.detail, "mask": given.mask}
     options["subdivided"] = given.is_cage
     if not wrapping.reverse:
-        return (yield from wrap_steps(match, given.onto, given.rest, landmarks=landmarks, **options))
-    turned = yield from within(reversed_match_steps(match, pair.source, pair.target), 0, TURNING_ROUND)
+        return zo.wrap(match, given.onto, given.rest, landmarks=landmarks, **options)
+    with portion(0, TURNING_ROUND):
+        turned = reversed_match(match, pair.source, pair.target)
     landmarks = None if landmarks is None else landmarks[::-1]
-    steps = wrap_steps(turned, given.onto, given.rest, landmarks=landmarks, **options)
-    return (yield from within(steps, TURNING_ROUND, 1))
+    with portion(TURNING_ROUND, 1):
+        return zo.wrap(turned, given.onto, given.rest, landmarks=landmarks, **options)
 
 
 def _write(

@@ -11,7 +11,7 @@ from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.runtime.progress import portion
 from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
 
 if TYPE_CHECKING:
@@ -47,23 +47,24 @@ MATCHING = (
 )
 
 
-def match_steps(source: Layer, target: Layer, candidate: int, **matching: Any) -> Steps[zo.MatchResult]:
+def match_layers(source: Layer, target: Layer, candidate: int, **matching: Any) -> zo.MatchResult:
     """The correspondence of two layers, by the parameters MATCHING."""
-    arguments = _arguments(**matching)
-    result = yield from within(zo.match_steps(source.shape, target.shape, **arguments), 0.0, 0.85)
+    with portion(0.0, 0.85):
+        result = zo.match(source.shape, target.shape, **_arguments(**matching))
     if candidate:
-        result = yield from within(result.use_steps(candidate), 0.85, 1.0)
+        with portion(0.85, 1.0):
+            result = result.use(candidate)
     return result
 
 
-def stored_or_new_steps(
+def find_correspondence(
     ms: MeshSet, source: Layer, target: Layer, targetmesh: int, correspondence: str, **matching: Any
-) -> Steps[tuple[Correspondence | zo.MatchResult, dict[str, Any]]]:
+) -> tuple[Correspondence | zo.MatchResult, dict[str, Any]]:
     """The correspondence of two layers, by the parameters STORED_OR_NEW and MATCHING, and what to say of it."""
     if correspondence:
         stored = read_stored(ms.mesh(targetmesh), correspondence, source)
         return stored, {"confidence": stored.confidence, "notes": []}
-    found = yield from match_steps(source, target, **matching)
+    found = match_layers(source, target, **matching)
     return found, report_on(found)
 
 

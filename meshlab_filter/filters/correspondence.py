@@ -16,9 +16,9 @@ from meshlab_filter.filters.common import (
     STORED,
     STORED_OR_NEW,
     TARGET,
-    match_steps,
+    find_correspondence,
+    match_layers,
     report_on,
-    stored_or_new_steps,
 )
 from meshlab_filter.mesh_data import (
     Layer,
@@ -36,7 +36,7 @@ from zoomout_core.matching.confidence import cycle_error
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.runtime.stepping import Progress, Steps, within
+from zoomout_core.runtime.progress import portion, stage
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 )
 def compute_correspondence_by_zoomout(
     ms: MeshSet, *, sourcemesh: int, targetmesh: int, name: str, **matching: Any
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Find for every vertex of the target the point on the source that it corresponds to.
 
     It is stored on the target, in the custom attributes NAME_triangle (number of the source's face),
@@ -70,7 +70,7 @@ def compute_correspondence_by_zoomout(
     """
     source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh)
     check_names(ms.mesh(targetmesh), [*attribute_names(name), partner_name(name)])
-    result = yield from match_steps(source, target, **matching)
+    result = match_layers(source, target, **matching)
     store(ms.mesh(targetmesh), name, Correspondence(result.surface_map, result.confidence, result.has_partner), source)
     report = report_on(result)
     return {**report, "triangle": result.surface_map.triangle, "barycentric": result.surface_map.barycentric}
@@ -79,7 +79,7 @@ def compute_correspondence_by_zoomout(
 @mesh_filter(SOURCE, TARGET, STORED)
 def compute_color_by_correspondence(
     ms: MeshSet, *, sourcemesh: int, targetmesh: int, correspondence: str
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Colour both meshes so that corresponding places have the same colour.
 
     The source's vertices are coloured by their places in its bounding box, x red, y green and z blue, and the
@@ -94,16 +94,16 @@ def compute_color_by_correspondence(
     source = read_layer(ms, sourcemesh)
     read_layer(ms, targetmesh)
     read_stored(ms.mesh(targetmesh), correspondence, source)
-    yield Progress(0.0, "Colouring")
     used = source.vertices[source.surface.triangles.ravel()]
     low, extent = used.min(axis=0), np.ptp(used, axis=0)
-    # "x", "y" and "z" are what MeshLab calls red, green and blue here.
-    for mesh_id, prefix in ((sourcemesh, ""), (targetmesh, f"{correspondence}_")):
-        colors = {
-            axis: f"rint(255*({prefix}{axis}-({float(low[i])!r}))/{float(extent[i]) or 1.0!r})"
-            for i, axis in enumerate("xyz")
-        }
-        apply_native(ms, mesh_id, "compute_color_by_function_per_vertex", **colors, a="255")
+    with stage("Colouring"):
+        # "x", "y" and "z" are what MeshLab calls red, green and blue here.
+        for mesh_id, prefix in ((sourcemesh, ""), (targetmesh, f"{correspondence}_")):
+            colors = {
+                axis: f"rint(255*({prefix}{axis}-({float(low[i])!r}))/{float(extent[i]) or 1.0!r})"
+                for i, axis in enumerate("xyz")
+            }
+            apply_native(ms, mesh_id, "compute_color_by_function_per_vertex", **colors, a="255")
     return {}
 
 
@@ -129,7 +129,7 @@ def compute_scalar_by_correspondence_error(
     name: str,
     detail: str,
     seed: int,
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Say by the target's quality how far a correspondence is off, vertex by vertex.
 
     Where the truth is known, it is the straight distance on the source from it. Else the way back is found on its
@@ -148,11 +148,11 @@ def compute_scalar_by_correspondence_error(
     check_names(mesh, [name])
     if truth:
         true = vertex_numbers(attribute_values(mesh, truth), len(source.vertices), f"The attribute '{truth}'")
-        yield Progress(0.0, "Comparing with the truth")
         places, notes = source.surface.vertices, list[str]()
-        error = np.linalg.norm(found.surface_map.interpolate(places) - places[true], axis=1)
+        with stage("Comparing with the truth"):
+            error = np.linalg.norm(found.surface_map.interpolate(places) - places[true], axis=1)
     else:
-        error, notes = yield from _there_and_back_steps(source, target, found, detail, seed)
+        error, notes = _there_and_back(source, target, found, detail, seed)
     mesh.add_vertex_custom_scalar_attribute(error, name)
     apply_native(ms, targetmesh, "compute_scalar_by_function_per_vertex", q=name)
     limit = absolute_length(selectabove, target.surface.vertices)
@@ -165,7 +165,7 @@ def compute_scalar_by_correspondence_error(
 @mesh_filter(SOURCE, TARGET, STORED_OR_NEW, *MATCHING)
 def apply_conform_by_zoomout(
     ms: MeshSet, *, sourcemesh: int, targetmesh: int, correspondence: str, **matching: Any
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Give the target's vertices and faces the shape of the source.
 
     The result is a new layer, and the current one: the target with all that it has, bent to lie on the source.
@@ -180,10 +180,10 @@ def apply_conform_by_zoomout(
     """
     source, target = read_layer(ms, sourcemesh), read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     check_target(target)
-    finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
-    found, report = yield from within(finding, 0.0, 0.95)
-    yield Progress(0.95, "Bending the target")
-    vertices = zo.conform(found, source.surface, target.surface)
+    with portion(0.0, 0.95):
+        found, report = find_correspondence(ms, source, target, targetmesh, correspondence, **matching)
+    with stage("Bending the target", 0.95):
+        vertices = zo.conform(found, source.surface, target.surface)
     new = replace(
         target,
         label=f"{target.label}_conformed",
@@ -195,12 +195,12 @@ def apply_conform_by_zoomout(
     return {**report, "mesh_id": add_layer(ms, new)}
 
 
-def _there_and_back_steps(
+def _there_and_back(
     source: Layer, target: Layer, found: Correspondence, detail: str, seed: int
-) -> Steps[tuple[Floats, list[str]]]:
+) -> tuple[Floats, list[str]]:
     """(n_t,) by how far going there and back misses the start, and what to say of the way back."""
     # The inverse is evidence, not the start: it distinguishes the sides, and the inverse map is computed independently.
     inverse = found.surface_map.invert(source.surface, target.surface)
     sizes: dict[str, Any] = {**DETAIL[detail]}
-    back = yield from zo.match_steps(target.shape, source.shape, initial_map=inverse, seed=seed, **sizes)
+    back = zo.match(target.shape, source.shape, initial_map=inverse, seed=seed, **sizes)
     return cycle_error(found.surface_map, back.surface_map, target.surface.vertices), list(back.notes)

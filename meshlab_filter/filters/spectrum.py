@@ -9,7 +9,7 @@ from meshlab_filter.catalogue import current_id, mesh_filter
 from meshlab_filter.mesh_data import apply_native, read_shape
 from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.stored import check_names
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import stage
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     Parameter("name", TEXT, "eigenfunction", "They are stored as custom attributes NAME_0, NAME_1, ..."),
     Parameter("seed", COUNT, 0, "Of the eigensolver."),
 )
-def compute_laplacian_eigenfunctions(
-    ms: MeshSet, *, functions: int, show: int, name: str, seed: int
-) -> Steps[dict[str, Any]]:
+def compute_laplacian_eigenfunctions(ms: MeshSet, *, functions: int, show: int, name: str, seed: int) -> dict[str, Any]:
     """Compute the first eigenfunctions of the current mesh's Laplacian, smooth functions that pose hardly changes.
 
     A layer without faces is taken for points of a surface.
@@ -45,8 +43,8 @@ def compute_laplacian_eigenfunctions(
         raise ValueError(f"'show' is {show}: give a number from 0 to {functions - 1}, of the functions asked for.")
     names = [f"{name}_{number}" for number in range(functions)]
     check_names(mesh, names)
-    yield Progress(0.0, "Computing eigenfunctions")
-    basis = zo.eigenbasis(shape, functions, seed)
+    with stage("Computing eigenfunctions"):
+        basis = zo.eigenbasis(shape, functions, seed)
     for number, attribute in enumerate(names):
         mesh.add_vertex_custom_scalar_attribute(basis.eigenvectors[:, number].astype(float), attribute)
     apply_native(ms, mesh_id, "compute_scalar_by_function_per_vertex", q=names[show])

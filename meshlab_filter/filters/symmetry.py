@@ -11,7 +11,6 @@ from meshlab_filter.mesh_data import apply_native, read_layer
 from meshlab_filter.parameters import CHOICE, COUNT, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.runtime.stepping import Steps
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -37,7 +36,7 @@ DIM, BRIGHT = 70, 235
 )
 def compute_symmetry_by_zoomout(
     ms: MeshSet, *, left: str, candidate: int, colorsides: bool, name: str, detail: str, seed: int
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Find the symmetry of the current mesh, in any pose, and its left and right side.
 
     It is stored as a correspondence is, and in the custom attribute NAME_side, which becomes the quality, too: the
@@ -55,7 +54,7 @@ def compute_symmetry_by_zoomout(
     layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
     check_names(mesh, [*attribute_names(name), f"{name}_side"])
     sizes: dict[str, Any] = {**DETAIL[detail]}
-    found = yield from zo.detect_symmetry_steps(layer.shape, left=DIRECTIONS[left], seed=seed, **sizes)
+    found = zo.detect_symmetry(layer.shape, left=DIRECTIONS[left], seed=seed, **sizes)
     if not found:
         raise zo.MeshError(f"No symmetry was found of layer '{layer.label}': it may have none.")
     if candidate >= len(found):

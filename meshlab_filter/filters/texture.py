@@ -10,13 +10,13 @@ import numpy as np
 
 import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
-from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, stored_or_new_steps
+from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, find_correspondence
 from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
 from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.textures import Textures, image_of, pixels
-from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Attribute, Domain, Kind, map_target
-from zoomout_core.transfer.uv.bake import Picture, bake_steps
+from zoomout_core.transfer.uv.bake import Picture, bake
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -44,7 +44,7 @@ def transfer_texture_by_zoomout(
     texth: int,
     correspondence: str,
     **matching: Any,
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Bake the source's textures into an image for the target's own texture coordinates, without a seam in sight.
 
     The result is a new layer, and the current one: a copy of the target with the image as its texture. Each texel is
@@ -66,10 +66,11 @@ def transfer_texture_by_zoomout(
     uv, picture = _picture(source)
     atlas = _atlas(target)
     check_target(target)
-    finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
-    found, report = yield from within(finding, 0.0, 0.7)
+    with portion(0.0, 0.7):
+        found, report = find_correspondence(ms, source, target, targetmesh, correspondence, **matching)
     mapped = map_target(found, source.surface, target.surface)
-    baked = yield from within(bake_steps(mapped, uv, picture, atlas, textw, texth), 0.7, 1.0)
+    with portion(0.7, 1.0):
+        baked = bake(mapped, uv, picture, atlas, textw, texth)
     name = f"{Path(textname).stem or 'baked'}.png"
     number = np.zeros(len(target.faces), dtype=np.int64)
     new = replace(

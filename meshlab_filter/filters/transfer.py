@@ -10,7 +10,7 @@ import numpy as np
 
 import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
-from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, stored_or_new_steps
+from meshlab_filter.filters.common import MATCHING, SOURCE, STORED_OR_NEW, TARGET, find_correspondence
 from meshlab_filter.mesh_data import (
     TEXCOORD,
     Layer,
@@ -22,7 +22,7 @@ from meshlab_filter.mesh_data import (
 )
 from meshlab_filter.parameters import NAMES, SWITCH, Parameter
 from meshlab_filter.stored import Correspondence
-from zoomout_core.runtime.stepping import Progress, Steps, within
+from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def transfer_attributes_by_zoomout(
     customattributes: Sequence[str],
     correspondence: str,
     **matching: Any,
-) -> Steps[dict[str, Any]]:
+) -> dict[str, Any]:
     """Transfer attributes between meshes that correspond, whatever their poses and their triangles.
 
     The result is a new layer, and the current one: a copy of the target on which what the source has takes
@@ -105,9 +105,10 @@ def transfer_attributes_by_zoomout(
     check_target(target)
     source, homeless = _held_by(target, source)
 
-    finding = stored_or_new_steps(ms, source, target, targetmesh, correspondence, **matching)
-    found, report = yield from within(finding, 0.0, 0.8)
-    received = yield from within(_transfer_steps(source, target, found), 0.8, 1.0)
+    with portion(0.0, 0.8):
+        found, report = find_correspondence(ms, source, target, targetmesh, correspondence, **matching)
+    with portion(0.8, 1.0):
+        received = _transfer(source, target, found)
     new = _merged(target, source, received)
     notes = [note for attribute in received for note in attribute.notes]
     notes += [f"Layer '{source.label}' has no {name}." for name in missing]
@@ -146,13 +147,13 @@ def _custom_wanted(ms: MeshSet, mesh_id: int, names: str | Sequence[str] | None)
     return [name for name in names or () if name]
 
 
-def _transfer_steps(source: Layer, target: Layer, found: zo.MatchResult | Correspondence) -> Steps[list[Attribute]]:
+def _transfer(source: Layer, target: Layer, found: zo.MatchResult | Correspondence) -> list[Attribute]:
     """All attributes of the source on the target: components, then custom attributes."""
     attributes = [*source.components.values(), *source.custom]
     received = []
     for number, attribute in enumerate(attributes):
-        yield Progress(number / len(attributes), f"Transferring {attribute.name}")
-        received.append(transfer(attribute, found, source.surface, target.surface))
+        with stage(f"Transferring {attribute.name}", number / len(attributes), (number + 1) / len(attributes)):
+            received.append(transfer(attribute, found, source.surface, target.surface))
     return received
 
 

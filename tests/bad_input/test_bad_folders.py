@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import blender_addon
 from blender_addon import cli
 from meshlab_filter.commands import main as meshlab
 from zoomout_core.cli import main as zoomout
-from zoomout_core.runtime import stepping
+from zoomout_core.runtime import progress
 
 Pair = tuple[Path, Path]
 DOORS: dict[str, Callable[[Pair, Path], tuple[Any, ...]]] = {
@@ -50,7 +51,7 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
     def begun(*_: object, **__: object) -> None:
         raise AssertionError("the work has begun")
 
-    monkeypatch.setattr(stepping.Progress, "__init__", begun)
+    monkeypatch.setattr(progress, "_report", ContextVar("report", default=begun))
 
 
 @pytest.mark.parametrize("door", DOORS)

@@ -25,29 +25,29 @@ MAP = zo.SurfaceMap.from_vertices(np.zeros(260, dtype=int), SOURCE)
 VALUES = zo.Attribute("a", zo.Domain.POINT, zo.Kind.SCALAR, np.zeros(260))
 NUMBERS = {"k_final": 20, "samples": 60, "initial": "proximity"}
 CORE: dict[str, tuple[Callable[[], object], str]] = {
-    "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.match:dense_steps"),
-    "match while carrying over": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.match:lifted"),
-    "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.match:kept_working_mesh"),
+    "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.dense_map:refine"),
+    "match while carrying over": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.result:lift"),
+    "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:kept_working_mesh"),
     "nearest points": (lambda: zo.match_by_proximity(SOURCE, TARGET), "matching.proximity:closest_points"),
-    "symmetry": (lambda: zo.detect_symmetry(SOURCE, k_final=20), "symmetry.detect:rank_steps"),
+    "symmetry": (lambda: zo.detect_symmetry(SOURCE, k_final=20), "symmetry.detect:rank"),
     "transfer": (lambda: zo.transfer(VALUES, MAP, SOURCE, TARGET), "transfer.rules:transfer_along"),
     "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conformed"),
     "wrap": (lambda: zo.wrap(MAP, SOURCE, TARGET), "transfer.wrapping.wrap:map_target"),
-    "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:carry_steps"),
+    "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:carry"),
 }
 COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
     "match": (
         ("match", "source.ply", "target.ply", "--initial", "proximity", "-o", "map.npz"),
-        "matching.match:lifted",
+        "matching.result:lift",
     ),
     "match nearest": (
         ("match", "source.ply", "target.ply", "--initial", "nearest", "-o", "map.npz"),
         "matching.proximity:closest_points",
     ),
     "match, reading": (("match", "source.ply", "target.ply", "-o", "map.npz"), "mesh.files:read_polygons"),
-    "symmetry": (("symmetry", "source.ply", "-o", "map.npz"), "symmetry.detect:rank_steps"),
+    "symmetry": (("symmetry", "source.ply", "-o", "map.npz"), "symmetry.detect:rank"),
     "info": (("info", "source.ply"), "assets.files:existing"),
-    "transfer": (("transfer", "source.ply", "target.ply", "-o", "out.ply"), "cli.transfer_command:match_steps"),
+    "transfer": (("transfer", "source.ply", "target.ply", "-o", "out.ply"), "cli.transfer_command:match"),
 }
 
 
@@ -115,7 +115,7 @@ def test_the_command_itself_ends_with_a_sentence(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of the address space")
 def test_a_limited_process_ends_with_a_sentence(meshes: tuple[Path, Path]) -> None:
     code = f"""
-import resource, zoomout_core.matching.match, zoomout_core.cli
+import resource, zoomout_core.matching.pipeline, zoomout_core.cli
 pages = int(open("/proc/self/statm").read().split()[0])
 resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (30 << 20),) * 2)
 zoomout_core.cli.main(["match", {str(meshes[0])!r}, {str(meshes[1])!r}, "-o", {str(meshes[0].with_name("map.npz"))!r}])

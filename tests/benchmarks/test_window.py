@@ -11,12 +11,12 @@ import pytest
 from conftest import write_off
 from creatures import creature
 
-import zoomout_core as zo
 from benchmarks import window
 from benchmarks.window import scene, undo
 from benchmarks.window.watching import watched
 from blender_addon.demo import Size
-from blender_addon.operators import stepped
+from blender_addon.jobs import pause
+from blender_addon.operators import modal_operator
 
 SMALL = Size(cell=0.05, voxel=0.04, target_vertices=1500)
 BENDS = {"michael0": 0.0, "michael10": 0.9, "horse0": 0.0, "horse6": 0.6}
@@ -72,13 +72,12 @@ def test_escape_is_pressed_at_moments_of_the_match(tables: dict[str, list[window
 def test_a_watched_operator_that_is_escaped_writes_nothing() -> None:
     written = []
 
-    def steps() -> zo.Steps[str]:
-        while len(written) < 1000:
-            yield zo.Progress(0.5, "Working")
+    async def work() -> str:
+        await pause()
         written.append("all")
         return "Done"
 
-    seen = watched(lambda: stepped.drain(steps()), escape_after=0.0)
+    seen = watched(lambda: modal_operator.run(work()), escape_after=0.0)
     assert not written
     assert not seen.steps
     assert seen.closing > 0

@@ -13,6 +13,7 @@ ADDON = Path(blender_addon.__file__).parent
 ROOMS = (
     "translations",
     "colors",
+    "jobs",
     "mesh_data",
     "storage",
     "adapters",

@@ -22,26 +22,26 @@ from scenes import (
 )
 from symmetric import LEFT, RIGHT, add_key, bumps
 from true_match import keep_true_match
+from turns import turns
 
 import blender_addon
 import zoomout_core as zo
-from blender_addon import api, watch
+from blender_addon import api, jobs, watch
 from blender_addon.adapters import DATA
 from blender_addon.mesh_data import writing as room
 from blender_addon.mesh_data.surface_points import surface_point_of_vertex
 from blender_addon.scene.landmarks import set_landmark
-from blender_addon.services.bend_match import bend_match_steps
-from blender_addon.services.dress import Dressing, prepare_dress_steps
-from blender_addon.services.seam_cut import cut_seams_steps
-from blender_addon.services.symmetry.layers import mirror_attributes_steps
-from blender_addon.services.symmetry.sculpt import mirror_sculpt_steps
-from blender_addon.services.symmetry.shape_keys import mirror_shape_key_steps
+from blender_addon.services.bend_match import bend_match_async
+from blender_addon.services.dress import Dressing, prepare_dress
+from blender_addon.services.seam_cut import cut_seams_async
+from blender_addon.services.symmetry.layers import mirror_attributes_async
+from blender_addon.services.symmetry.sculpt import mirror_sculpt_async
+from blender_addon.services.symmetry.shape_keys import mirror_shape_key_async
 from blender_addon.services.symmetry.sides import name_sides
-from blender_addon.services.symmetry.weights import symmetrise_weights_steps
-from blender_addon.services.targets import each_target_steps
-from blender_addon.services.transfer import prepare_transfer_steps
-from blender_addon.services.wrap import Wrapping, prepare_wrap_steps
-from zoomout_core.runtime.stepping import drain
+from blender_addon.services.symmetry.weights import symmetrise_weights_async
+from blender_addon.services.targets import each_target
+from blender_addon.services.transfer import prepare_transfer
+from blender_addon.services.wrap import Wrapping, prepare_wrap
 
 ADDON = str(Path(blender_addon.__file__).parent)
 # What does the taking back, and is not to fail itself.
@@ -151,17 +151,13 @@ def fails_nowhere_halfway(work, least, every=1):
     assert state() != before
 
 
-def cancels_anywhere(steps):
-    """What steps return; and that nothing is to be seen of them before, so that they can be ended anywhere."""
-    before, count = state(), 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            assert not differences(before, state())
-            return end.value
-        count += 1
-        assert count % 8 or not differences(before, state())
+def cancels_anywhere(coroutine):
+    """What a coroutine returns; and that nothing is to be seen of it before, so that it can be ended anywhere."""
+    job, before = jobs.Job(coroutine), state()
+    for _ in turns(job):
+        assert not differences(before, state())
+    assert not differences(before, state())
+    return job.result
 
 
 @pytest.fixture(autouse=True)
@@ -207,7 +203,7 @@ def rich():
 
 def test_a_transfer(rich):
     _, target = rich
-    write = cancels_anywhere(prepare_transfer_steps(bpy.context, "Source", "Target", DATA, **NEAREST))
+    write = cancels_anywhere(prepare_transfer(bpy.context, "Source", "Target", DATA, **NEAREST))
     fails_nowhere_halfway(write, 100)
     assert target.data.name == "Target"
     assert (
@@ -229,8 +225,8 @@ def test_binding_to_a_rig_with_what_is_worn():
     bpy.context.view_layer.update()
     api.dress(bpy.context, source, target, [hat])
     binding = api.Binding(replace=True)
-    steps = prepare_transfer_steps(bpy.context, "Source", "Target", (), binding=binding)
-    fails_nowhere_halfway(drain(steps), 100)
+    prepared = prepare_transfer(bpy.context, "Source", "Target", (), binding=binding)
+    fails_nowhere_halfway(jobs.run(prepared), 100)
     assert target.parent == armature
 
 
@@ -240,8 +236,8 @@ def test_wrapping(result):
     target = ellipsoid("Target", 3)
     target.data.transform(Matrix.Scale(1.1, 4))
     bpy.context.view_layer.update()
-    steps = prepare_wrap_steps(bpy.context, "Source", "Target", Wrapping(result=result), **NEAREST)
-    fails_nowhere_halfway(cancels_anywhere(steps), 40)
+    prepared = prepare_wrap(bpy.context, "Source", "Target", Wrapping(result=result), **NEAREST)
+    fails_nowhere_halfway(cancels_anywhere(prepared), 40)
 
 
 def test_dressing_anew():
@@ -251,14 +247,14 @@ def test_dressing_anew():
         hat.location.z = 1
     bpy.context.view_layer.update()
 
-    def steps():
-        return prepare_dress_steps(bpy.context, "Source", "Target", ("Hat", "Cap"), Dressing(), **NEAREST)
+    def prepared():
+        return prepare_dress(bpy.context, "Source", "Target", ("Hat", "Cap"), Dressing(), **NEAREST)
 
-    fails_nowhere_halfway(cancels_anywhere(steps()), 30)
+    fails_nowhere_halfway(cancels_anywhere(prepared()), 30)
     names = sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys())
     bpy.data.objects["Hat on Target"].location.x = 7  # so that what is made anew differs
     bpy.context.view_layer.update()
-    fails_nowhere_halfway(cancels_anywhere(steps()), 30)
+    fails_nowhere_halfway(cancels_anywhere(prepared()), 30)
     assert names == (sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys()))
 
 
@@ -272,13 +268,13 @@ def test_symmetry(body):
         set_weights(body, name, side * 0.7)
     add_key(body, "Smile", bumps(LEFT * np.linspace(0, 1, count)))
     for work, least in (
-        (lambda: symmetrise_weights_steps(bpy.context, "Creature", "left_to_right"), 12),
-        (lambda: mirror_shape_key_steps(bpy.context, "Creature", "Smile", "split", "left_to_right", 0.05), 20),
+        (lambda: symmetrise_weights_async(bpy.context, "Creature", "left_to_right"), 12),
+        (lambda: mirror_shape_key_async(bpy.context, "Creature", "Smile", "split", "left_to_right", 0.05), 20),
     ):
-        fails_nowhere_halfway(lambda work=work: drain(work()), least, every=2)
+        fails_nowhere_halfway(lambda work=work: jobs.run(work()), least, every=2)
     fails_nowhere_halfway(
-        lambda: drain(
-            mirror_attributes_steps(bpy.context, "Creature", ("attributes", "edges"), "left_to_right", "own")
+        lambda: jobs.run(
+            mirror_attributes_async(bpy.context, "Creature", ("attributes", "edges"), "left_to_right", "own")
         ),
         12,
     )
@@ -289,7 +285,7 @@ def test_a_mirrored_sculpt(body):
     moved = positions(body.data) + bumps(LEFT * 1.0)
     body.data.vertices.foreach_set("co", moved.ravel().astype(np.float32))
     body.data.update()
-    fails_nowhere_halfway(lambda: drain(mirror_sculpt_steps(bpy.context, "Creature", "left_to_right")), 8)
+    fails_nowhere_halfway(lambda: jobs.run(mirror_sculpt_async(bpy.context, "Creature", "left_to_right")), 8)
 
 
 def test_cutting_and_bending():
@@ -305,8 +301,8 @@ def test_cutting_and_bending():
     nearer = next(vertex for edge in target.data.edges for vertex in edge.vertices if near in edge.vertices)
     for obj, vertex in ((source, 10), (target, nearer)):
         set_landmark(bpy.context.scene, obj, surface_point_of_vertex(obj, vertex, depsgraph), 1)
-    fails_nowhere_halfway(lambda: drain(bend_match_steps(bpy.context, "Target")), 15, every=7)
-    fails_nowhere_halfway(lambda: drain(cut_seams_steps(bpy.context, "Source", "Target")), 15, every=7)
+    fails_nowhere_halfway(lambda: jobs.run(bend_match_async(bpy.context, "Target")), 15, every=7)
+    fails_nowhere_halfway(lambda: jobs.run(cut_seams_async(bpy.context, "Source", "Target")), 15, every=7)
 
 
 def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_one_is_its_own(source, target):
@@ -317,8 +313,8 @@ def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_on
     before = state()
 
     def outcome(error):
-        def work(name):
-            write = yield from prepare_transfer_steps(bpy.context, "Source", name, ("vertex_groups",))
+        async def work(name):
+            write = await prepare_transfer(bpy.context, "Source", name, ("vertex_groups",))
 
             def written():
                 report = write()
@@ -328,7 +324,7 @@ def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_on
 
             return written
 
-        return drain(each_target_steps(["Target", "Second", "Third"], work))
+        return jobs.run(each_target(["Target", "Second", "Third"], work))
 
     with pytest.raises(RuntimeError):
         outcome(RuntimeError())

@@ -29,6 +29,7 @@ def test_the_example_runs(objects):
     names = {
         "hat": hat,
         "api": api,
+        "zo": zo,
         "context": bpy.context,
         **dict(zip(("hero", "scan"), objects, strict=True)),
         "body": body,

@@ -8,6 +8,7 @@ from test_landmarks import add
 from true_match import keep_true_match
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.landmarks import landmark_pairs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.bend_match import bend_match
@@ -18,7 +19,7 @@ HERE, THERE = np.array([0.2, 0.6, 0.3]), np.array([0.4, 0.55, 0.3])
 
 
 def images(target):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     return stored_match.read(target.data, pair).surface_map.interpolate(pair.source.vertices)
 
 
@@ -46,7 +47,7 @@ def test_the_match_meets_the_landmark_and_stays_far_from_it(source, marked):
 
 
 def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source, marked):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     stored_match.write(marked.data, stored_match.read(marked.data, pair), pair, {stored_match.LANDMARKS: "other"})
     assert outdated(bpy.context, marked)
     said = bend_match(bpy.context, marked)
@@ -63,7 +64,7 @@ def test_a_far_landmark_is_met_by_a_wide_bend_that_turns_nothing_over(source, ta
     add(source, 1, -0.55, 0.45, 0.3)
     add(target, 1, -0.2, 0.6, 0.3)
     bend_match(bpy.context, target)
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     bent = stored_match.read(target.data, pair).surface_map
     assert zo.evaluation.flipped_share(bent, pair.source, pair.target) == 0
 

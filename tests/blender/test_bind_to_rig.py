@@ -12,12 +12,11 @@ from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, sn
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import api
-from blender_addon.scene.pair import read_pair_steps
+from blender_addon import api, jobs
+from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer import summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.runtime.stepping import drain
 
 PLACES = {
     "at the origin": (None, None, None),
@@ -224,7 +223,7 @@ def test_a_target_that_lies_on_two_objects_is_bound_as_by_both():
         part.modifiers.new("Armature", "ARMATURE").object = armature
         parts.append(part)
     bpy.context.view_layer.update()
-    pair = drain(read_pair_steps(bpy.context, "Below", "Target", ["Above"]))
+    pair = jobs.run(read_pair(bpy.context, "Below", "Target", ["Above"]))
     found = zo.SurfaceMap(
         *closest_points(at_rest.astype(float), pair.source.vertices, pair.source.triangles), pair.source.triangles
     )

@@ -9,6 +9,7 @@ from creatures import creature, mirrored_vertex, true_vertex
 from scenes import activate, from_pydata, positions, snapshot_file, values
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services import candidates
 from blender_addon.services.match import match_objects
@@ -37,7 +38,7 @@ def target(source):
 def error(target, truth):
     """Mean distance on the source between where the kept match leads and where it should."""
     rest = positions(bpy.data.objects["Source"].data)
-    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     return np.linalg.norm(kept.surface_map.interpolate(rest) - rest[truth(RESTING, BENT)], axis=1).mean()
 
 
@@ -73,7 +74,10 @@ def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(s
 
 
 def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_sides(source, target):
-    result, pair = match_objects(bpy.context, source, target, k_final=60), read_pair(bpy.context, "Source", "Target")
+    result, pair = (
+        match_objects(bpy.context, source, target, k_final=60),
+        jobs.run(read_pair(bpy.context, "Source", "Target")),
+    )
 
     def listing(certainty, reverses_orientation):
         changed = {"certainty": certainty}
@@ -98,7 +102,7 @@ def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch
     match_objects(bpy.context, source, target, k_final=60)
     first = target.data[stored_match.PROPERTY], values(target.data, "zoomout_triangle").tolist()
     use_candidate(bpy.context, target, 1)
-    monkeypatch.setattr(zo.MatchResult, "use_steps", None)
+    monkeypatch.setattr(zo.MatchResult, "use", None)
     use_candidate(bpy.context, target, 0)
     assert values(target.data, "zoomout_triangle").tolist() == first[1]
 

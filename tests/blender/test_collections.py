@@ -20,6 +20,7 @@ from scenes import (
 )
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.scene.selection import own_sources
 from blender_addon.services.collection_match import match_collections
@@ -80,7 +81,7 @@ def test_each_part_is_matched_with_its_counterpart(hero, scan):
     }
     for obj in (body, left, right):
         source = bpy.data.objects[found[obj.name][0]]
-        kept = stored_match.read(obj.data, read_pair(bpy.context, source.name, obj.name))
+        kept = stored_match.read(obj.data, jobs.run(read_pair(bpy.context, source.name, obj.name)))
         image = kept.surface_map.interpolate(positions(source.data))
         assert np.linalg.norm(image - positions(obj.data), axis=1).mean() < 0.03
     report = transfer_objects(bpy.context, bpy.data.objects["Eye.L"], left, ["vertex_groups"])
@@ -157,7 +158,6 @@ def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
         trousers, _ = regions[0]
         triangles = np.flatnonzero(np.isin(source.triangles, trousers).all(axis=1))
         found, barycentric = closest_points(target.vertices, source.vertices, source.triangles[triangles])
-        yield zo.Progress(1.0, "Matching")
         surface_map = zo.SurfaceMap(triangles[found], barycentric, source.triangles)
         masks = (surface.vertices[:, 0] < 0.1 for surface in (target, source))
         return SimpleNamespace(
@@ -168,7 +168,7 @@ def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
             notes=(),
         )
 
-    monkeypatch.setattr(zo, "match_steps", all_on_trousers)
+    monkeypatch.setattr(zo, "match", all_on_trousers)
     found = match_collections(bpy.context, hero, scan)
     assert found["Casual_Legs"][0] == "King_Legs"
     boots, match = found["Casual_Boots"]

@@ -9,6 +9,7 @@ from scenes import add_attribute, decimated, ellipsoid, from_pydata, positions, 
 from true_match import keep_true_match
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
@@ -72,14 +73,14 @@ def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target)
     moved = np.empty(3 * len(now), np.float32)
     target.data.shape_keys.key_blocks["Up"].data.foreach_get("co", moved)
     np.testing.assert_allclose(moved.reshape(-1, 3)[:, 2], now + 1, atol=1e-5)
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     images = kept.surface_map.interpolate(pair.source.vertices)
     assert np.linalg.norm(images - pair.target.vertices, axis=1).max() < 0.05
 
 
 def test_a_new_vertex_has_a_partner_where_all_around_it_have(source, target):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     right = pair.target.vertices[:, 0] > 0
     of_source = pair.source.vertices[:, 0] > 0
     kept = stored_match.read(target.data, pair)
@@ -87,7 +88,7 @@ def test_a_new_vertex_has_a_partner_where_all_around_it_have(source, target):
     stored_match.write(target.data, known, pair, {})
     before = len(target.data.vertices)
     cut_seams(bpy.context, source, target)
-    now = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    now = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     np.testing.assert_array_equal(now.has_partner[:before], right)
     new, x = now.has_partner[before:], positions(target.data)[before:, 0]
     assert new[x > 0.1].all()

@@ -7,7 +7,7 @@ from mathutils import Matrix
 from scenes import ellipsoid, key_shape, linked, positions
 from true_match import keep_true_match
 
-from blender_addon import api
+from blender_addon import api, jobs
 from blender_addon.mesh_data.matrices import world_matrix
 from blender_addon.mesh_data.surface_points import surface_point_of_vertex
 from blender_addon.scene.landmarks import landmark_pairs, set_landmark
@@ -43,7 +43,7 @@ def test_what_hangs_from_something_far_is_where_it_is_beside_it(source, target):
     for obj, x in ((source, 0.0), (target, 0.03)):
         obj.location, obj.rotation_euler, obj.parent = (x, 0.01, 0), (0, 0, 0.3), parent
     put(FAR["a million units away"], parent)
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     wanted = np.broadcast_to([0.03, 0, 0], pair.source.vertices.shape)
     np.testing.assert_allclose(pair.target.vertices - pair.source.vertices, wanted, atol=1e-6)
     assert np.abs(np.array(target.matrix_world.translation) - np.array(source.matrix_world.translation))[0] != 0.03

@@ -6,6 +6,7 @@ import pytest
 from scenes import activate, linked, positions, values
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
 from blender_addon.storage import stored_match
@@ -25,7 +26,7 @@ def target(source):
 
 def test_in_the_same_order_each_vertex_has_its_own(source, target):
     assert bpy.ops.zoomout.match(initial="SAME_ORDER") == {"FINISHED"}
-    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     np.testing.assert_array_equal(kept.surface_map.vertex, np.arange(len(positions(target.data))))
     np.testing.assert_array_equal(kept.surface_map.interpolate(positions(source.data)), positions(source.data))
     np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), 1)
@@ -62,13 +63,13 @@ def test_meshes_of_another_count_or_order_are_refused_in_one_sentence(source, ta
 
 def test_a_match_can_start_from_a_file_of_the_command_line(source, target, tmp_path):
     path = tmp_path / "map.npz"
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     # A half turn, which no other start would find.
     turned = positions(source.data) * [-1, -1, 1]
     vertex = np.linalg.norm(positions(source.data)[:, None] - turned, axis=2).argmin(axis=0)
     zo.SurfaceMap.from_vertices(vertex, pair.source).save(path)
     assert bpy.ops.zoomout.match(initial="FILE", map_file=str(path)) == {"FINISHED"}
-    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     image = kept.surface_map.interpolate(positions(source.data))
     # The bump, which has no place after the turn, draws it aside; the shapes' own map is 1.2 away.
     assert np.linalg.norm(image - turned, axis=1).mean() < 0.3

@@ -18,6 +18,7 @@ from scenes import (
 )
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
@@ -40,7 +41,7 @@ def target(source):
 
 def keep_match(target, places):
     """Keep the match that lays each vertex at the nearest point to its place (n, 3) on the source's own mesh."""
-    pair = read_pair(bpy.context, "Source", target.name)
+    pair = jobs.run(read_pair(bpy.context, "Source", target.name))
     source = positions(bpy.data.objects["Source"].data).astype(float)
     if len(source) == len(pair.source.vertices):
         surface_map = zo.SurfaceMap(*closest_points(places, source, pair.source.triangles), pair.source.triangles)

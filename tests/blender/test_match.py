@@ -1,6 +1,7 @@
 """Matching two objects and keeping the result."""
 
 import json
+from itertools import islice
 
 import bpy
 import numpy as np
@@ -16,15 +17,17 @@ from scenes import (
     values,
     weight_array,
 )
+from turns import finish, turns
 
 import zoomout_core as zo
+from blender_addon import jobs
+from blender_addon.jobs import Job
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.constraints import shared_regions_steps
-from blender_addon.services.match import match_objects, match_steps
+from blender_addon.services.constraints import shared_regions
+from blender_addon.services.match import match, match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.runtime.stepping import drain
 
 KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
 
@@ -97,7 +100,7 @@ def test_a_source_with_modifiers_is_matched_as_they_leave_it(source, target):
 
 def test_what_is_kept_is_the_match_itself(source, target):
     result = match_objects(bpy.context, source, target, k_final=40)
-    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     np.testing.assert_array_equal(kept.surface_map.triangle, result.surface_map.triangle)
     np.testing.assert_allclose(kept.surface_map.barycentric, result.surface_map.barycentric, atol=1e-6)
     np.testing.assert_allclose(kept.surface_map.barycentric.sum(axis=1), 1, atol=1e-12)
@@ -125,9 +128,8 @@ def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, t
     def spy(source, target, **options):
         seen.append(options)
         raise zo.MeshError("Enough.")
-        yield
 
-    monkeypatch.setattr("blender_addon.services.constraints.zo.match_steps", spy)
+    monkeypatch.setattr("blender_addon.services.constraints.zo.match", spy)
     activate(target, source)
     bpy.context.scene.zoomout.k_final = 77
     bpy.context.scene.zoomout.initial = "PROXIMITY"
@@ -164,8 +166,8 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
     name_a_region(source, (0, 0.7, 0), "On the source only")
     source.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
     bpy.context.view_layer.update()
-    pair = read_pair(bpy.context, "Source", "Target")
-    regions, _ = drain(shared_regions_steps(bpy.context, pair))
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
+    regions, _ = jobs.run(shared_regions(bpy.context, pair))
     assert set(regions) == {("vertex group", "Nose"), ("material", "Skin")}
     for (what, _), (of_source, of_target) in regions.items():
         place = (1, 0, 0) if what == "vertex group" else (-1, 0, 0)
@@ -195,8 +197,8 @@ def test_names_from_an_earlier_transfer_prove_nothing(source, target):
         name_a_region(obj, (-1, 0, 0), "MATERIAL")
     transfer_objects(bpy.context, source, target, ["vertex_groups"], k_final=30)
     assert (weight_array(target, "Nose") > 0.5).sum() > 10
-    pair = read_pair(bpy.context, "Source", "Target")
-    regions, received = drain(shared_regions_steps(bpy.context, pair))
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
+    regions, received = jobs.run(shared_regions(bpy.context, pair))
     assert set(regions) == {("material", "Skin")}
     assert received
 
@@ -216,9 +218,8 @@ def test_the_up_axis_and_the_last_match_are_evidence_where_they_are_chosen(sourc
         def spy(source, target, **given):
             arguments.update(given)
             raise zo.MeshError("Enough.")
-            yield
 
-        monkeypatch.setattr("blender_addon.services.constraints.zo.match_steps", spy)
+        monkeypatch.setattr("blender_addon.services.constraints.zo.match", spy)
         with pytest.raises(RuntimeError, match=r"Enough\."):
             bpy.ops.zoomout.match(**options)
         return arguments
@@ -263,26 +264,22 @@ def test_a_failed_match_is_one_sentence_and_leaves_the_scene_untouched(source, t
         assert snapshot_file() == before
 
 
-def test_nothing_is_written_before_the_last_step_so_a_cancelled_match_leaves_the_scene_untouched(source, target):
+def test_nothing_is_written_before_the_end_so_a_cancelled_match_leaves_the_scene_untouched(source, target):
     before = snapshot_file()
-    steps = match_steps(bpy.context, "Source", "Target", k_final=30)
-    for _ in range(5):
-        next(steps)
-    steps.close()
-    assert snapshot_file() == before
-
-    taken = 0
-    for _ in match_steps(bpy.context, "Source", "Target", k_final=30):
+    for number in range(1, 5):
+        job = Job(match(bpy.context, "Source", "Target", k_final=30))
+        assert len([*islice(turns(job), number)]) == number
         assert snapshot_file() == before
-        taken += 1
-    assert taken >= 10
+        job.cancel()
+        assert snapshot_file() == before
+    finish(Job(match(bpy.context, "Source", "Target", k_final=30)))
     assert snapshot_file() != before
 
 
 @pytest.mark.parametrize("edit", ["target moved", "source moved", "target gone"])
 def test_objects_that_change_during_a_match_are_not_written_to(source, target, edit):
-    steps = match_steps(bpy.context, "Source", "Target", k_final=30)
-    next(steps)
+    job = Job(match(bpy.context, "Source", "Target", k_final=30))
+    next(turns(job))
     if edit == "target gone":
         bpy.data.objects.remove(target)
     else:
@@ -290,7 +287,7 @@ def test_objects_that_change_during_a_match_are_not_written_to(source, target, e
         bpy.context.view_layer.update()
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match="Target" if edit.startswith("target") else "Source"):
-        zo.drain(steps)
+        finish(job)
     assert snapshot_file() == before
 
 
@@ -303,7 +300,7 @@ def test_a_match_is_recognised_after_renaming_posing_and_painting(source, target
     source.data.shape_keys.key_blocks["Key"].value = 1
     add_attribute(source.data, "paint", "FLOAT", "POINT", np.ones(len(source.data.vertices)))
     bpy.context.view_layer.update()
-    assert stored_match.read(target.data, read_pair(bpy.context, "Hero", "Target")) is not None
+    assert stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Hero", "Target"))) is not None
 
 
 def folding_pose(source):
@@ -330,7 +327,7 @@ def test_a_match_with_a_subdivided_source_outlives_a_pose_that_folds_quads(sourc
     before = match_objects(bpy.context, source, target, k_final=30).surface_map
     pose.value = 1
     bpy.context.view_layer.update()
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     assert not np.array_equal(pair.source.triangles, before.source_triangles)
     after = stored_match.read(target.data, pair).surface_map
     moved = np.linalg.norm(after.interpolate(pair.source.vertices) - before.interpolate(pair.source.vertices), axis=1)
@@ -347,7 +344,7 @@ def test_a_match_outlives_a_pose_that_folds_quads(source, target):
     bpy.context.view_layer.update()
     evaluated = source.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert not np.array_equal(triangles(evaluated), triangles(source.data))
-    assert stored_match.read(target.data, read_pair(bpy.context, "Source", "Target")) is not None
+    assert stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target"))) is not None
 
 
 @pytest.mark.parametrize("edited", ["Source", "Target"])
@@ -374,13 +371,13 @@ def test_a_match_of_meshes_that_were_edited_since_is_refused(source, target, edi
         bpy.ops.object.mode_set(mode="OBJECT")
     bpy.context.view_layer.update()
     with pytest.raises(zo.MeshError, match=f"'{edited}' was edited"):
-        stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+        stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
 
 
 def test_a_match_with_another_source_does_not_count(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     ellipsoid("Other", 3)
-    assert stored_match.read(target.data, read_pair(bpy.context, "Other", "Target")) is None
+    assert stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Other", "Target"))) is None
 
 
 def test_a_target_of_another_file_is_refused(source, target, tmp_path):

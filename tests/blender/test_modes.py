@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import activate, ellipsoid, linked, positions, set_weights
 from test_landmarks import select_vertices
-from test_stepped import ESCAPE, TICK, Window, Work
+from test_modal_operator import ESCAPE, TICK, Window, Work
 
 import zoomout_core as zo
 from blender_addon.operators import modal, modes
@@ -157,10 +157,10 @@ class InBlender(Window):
 
 @pytest.fixture
 def window(monkeypatch):
-    stepped = "blender_addon.operators.stepped."
-    monkeypatch.setattr(stepped + "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
-    monkeypatch.setattr(stepped + "redraw_sidebars", lambda: None)
-    monkeypatch.setattr(stepped + "SLICE", 0.0)  # one step a tick
+    modal_operator = "blender_addon.operators.modal_operator."
+    monkeypatch.setattr(modal_operator + "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    monkeypatch.setattr(modal_operator + "redraw_sidebars", lambda: None)
+    monkeypatch.setattr(modal_operator + "SLICE", 0.0)  # one pause a tick
     monkeypatch.setattr(modal, "_running", [])
     found = InBlender()
     del found.active_object

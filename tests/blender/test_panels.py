@@ -21,7 +21,7 @@ from blender_addon.services.use_candidate import use_candidate
 from blender_addon.storage import stored_candidates, stored_match, stored_symmetry
 from blender_addon.ui import panels
 from blender_addon.viewport import preview
-from zoomout_core.runtime.stepping import Progress
+from zoomout_core.runtime.progress import Progress
 
 
 def drawn():

@@ -22,6 +22,7 @@ from scenes import (
 )
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.adapters import Settings
 from blender_addon.operators.match import _summary
 from blender_addon.scene.pair import read_pair
@@ -41,7 +42,7 @@ from zoomout_core.tuning import retuned
 def target(source):
     """The same mesh again; one end has no partner, and is mapped to the other end by a map that is sure of itself."""
     obj = ellipsoid("Target", 4)
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     vertex = np.arange(len(pair.target.vertices))
     vertex[alone(obj)] = np.argmin(positions(obj.data)[:, 0])
     match = stored_match.StoredMatch(
@@ -69,7 +70,7 @@ def transfer(source, target, *data, **settings):
 
 
 def test_what_has_no_partner_is_kept_with_the_match(source, target):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     np.testing.assert_array_equal(kept.has_partner, ~alone(target))
     np.testing.assert_array_equal(kept.source_has_partner, ~alone(source))
@@ -100,7 +101,7 @@ def test_confidence_shows_what_has_no_partner_in_a_colour_of_its_own_on_both(sou
 
 
 def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     everywhere = np.ones(len(source.data.vertices), dtype=bool)
     stored_match.write(
@@ -114,7 +115,7 @@ def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
 
 
 def test_the_operator_says_it_where_it_is_much(source, target):
-    kept = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     said = _summary("Source", Outcome({"Target": kept}, {}))
     assert said.endswith("; 12% of the target and 34% of the source have no partner")
     for little in (None, (0.01, 0.02)):
@@ -133,7 +134,7 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
         retuned(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         result = match_objects(bpy.context, source, target, k_final=60, samples=400)
-    stored = stored_match.read(target.data, read_pair(bpy.context, "Source", "Target"))
+    stored = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     np.testing.assert_array_equal(stored.source_has_partner, result.source_has_partner)
     overlap = stored.source_has_partner & in_lower_half(whole)
     assert overlap.sum() > 0.85 * (stored.source_has_partner | in_lower_half(whole)).sum()

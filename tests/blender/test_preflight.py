@@ -4,7 +4,10 @@ import bpy
 import numpy as np
 import pytest
 from scenes import activate, ellipsoid, from_pydata, linked, positions
+from turns import turns
 
+from blender_addon import jobs
+from blender_addon.jobs import Job
 from blender_addon.mesh_data import content_hash
 from blender_addon.scene import mesh_facts
 from blender_addon.scene.pair import read_pair
@@ -167,7 +170,7 @@ def test_facts_are_kept_until_an_edit(target):
 def test_an_edit_during_a_look_makes_it_void(target):
     bpy.context.view_layer.update()
     mesh_facts.facts(target)
-    looking = mesh_facts._inspections()
+    looking = turns(Job(mesh_facts._inspections()))
     next(looking)
     target.data.vertices[0].co.x += 1
     bpy.context.view_layer.update()
@@ -215,4 +218,4 @@ def test_posing_and_painting_leave_a_match_up_to_date(source, target):
     preflight.stale(bpy.context, target)
     mesh_facts.inspect_now()
     assert preflight.stale(bpy.context, target) == ""
-    read_pair(bpy.context, "Source", "Target")
+    jobs.run(read_pair(bpy.context, "Source", "Target"))

@@ -4,19 +4,19 @@ import bpy
 import numpy as np
 import pytest
 from scenes import activate, add_uv_map, ellipsoid, positions, snapshot_file, values
+from turns import turns
 
 import blender_addon
 import zoomout_core as zo
-from blender_addon import watch
+from blender_addon import jobs, watch
 from blender_addon.scene import mesh_facts
 from blender_addon.scene.pair import read_pair
 from blender_addon.services import previews
 from blender_addon.services.match import match_objects
-from blender_addon.services.use_candidate import use_candidate, use_candidate_steps
+from blender_addon.services.use_candidate import use_candidate, use_candidate_async
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import confidence_colors, place_colors
-from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def target(source):
     obj = ellipsoid("Target", 4)
     obj.location.x = 3
     bpy.context.view_layer.update()
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     vertex = np.arange(len(pair.target.vertices))
     match = stored_match.StoredMatch(
         zo.SurfaceMap.from_vertices(vertex, pair.source), np.linspace(0, 1, len(vertex)), ()
@@ -120,7 +120,7 @@ def test_showing_and_clearing_changes_nothing_in_the_file(source, target):
 def test_a_new_match_and_another_candidate_are_seen_at_once(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     result = match_objects(bpy.context, source, target, k_final=40)
-    around = read_pair(bpy.context, "Source", "Target").source.vertices
+    around = jobs.run(read_pair(bpy.context, "Source", "Target")).source.vertices
     colors = place_colors(around, around)
     np.testing.assert_allclose(shown()["Target"], result.surface_map.interpolate(colors))
     other = use_candidate(bpy.context, target, 1)
@@ -218,18 +218,20 @@ def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target
     bpy.ops.zoomout.preview(kind="PLACES")
     match_objects(bpy.context, source, target, k_final=40)
     before = preview.shown(target)
-    steps = use_candidate_steps(bpy.context, "Target", 1)
-    next(steps)
+    job = jobs.Job(use_candidate_async(bpy.context, "Target", 1))
+    next(turns(job))
     rough = shown()["Target"]
-    steps.close()
+    job.cancel()
     assert preview.shown(target) is before
-    drain(use_candidate_steps(bpy.context, "Target", 1))
+    jobs.run(use_candidate_async(bpy.context, "Target", 1))
     final = shown()["Target"]
     assert np.abs(rough - final).mean() < 0.05
     assert np.abs(before.overlays[0].values - final).mean() > 0.1
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
-    next(use_candidate_steps(bpy.context, "Target", 0))
+    job = jobs.Job(use_candidate_async(bpy.context, "Target", 0))
+    next(turns(job))
     assert preview.shown(target).kind == "CONFIDENCE"
+    job.cancel()
 
 
 def test_what_is_undone_is_shown_as_it_was(source, target):

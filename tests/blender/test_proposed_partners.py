@@ -10,6 +10,7 @@ from scenes import activate, decimated, ellipsoid, positions
 from test_landmarks import Placing, Screen, add, numbers, world
 from true_match import keep_true_match
 
+from blender_addon import jobs
 from blender_addon.operators import modal
 from blender_addon.scene.landmarks import landmark_pairs, landmarks_fingerprint, surface_points_on, world_positions
 from blender_addon.scene.pair import read_pair
@@ -78,7 +79,7 @@ def test_nothing_is_proposed_without_a_partner_a_match_or_after_an_edit(source, 
     objects = [source, matched]
     add(source, 1, 0.9, 0.2, 0.1)
     add(matched, 2, 0.9, 0.2, 0.1)
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(matched.data, pair)
     none = {
         "has_partner": np.zeros(len(pair.target.vertices), bool),

@@ -7,6 +7,7 @@ from scenes import positions, set_weights, values
 from true_match import keep_true_match
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.match import match_objects
 from blender_addon.storage import stored_candidates, stored_match
@@ -15,7 +16,7 @@ NEAREST = {"initial": "proximity", "k_final": 30}
 
 
 def images(target):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     return stored_match.read(target.data, pair).surface_map.interpolate(pair.source.vertices)
 
 

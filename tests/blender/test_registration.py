@@ -15,7 +15,7 @@ from scenes import activate, ellipsoid, from_pydata
 import blender_addon
 from blender_addon.operators import activity
 from blender_addon.ui import menus
-from zoomout_core.runtime.stepping import Progress
+from zoomout_core.runtime.progress import Progress
 
 
 def traces():

@@ -10,6 +10,7 @@ from scenes import activate, positions, values
 from true_match import keep_true_match
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults
 from blender_addon.storage import stored_match
@@ -31,7 +32,7 @@ def selected(obj):
 
 def keep(target, **parts):
     """Store the match anew with other parts."""
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     stored_match.write(target.data, replace(kept, **parts), pair, {})
 
@@ -53,7 +54,9 @@ def test_vertices_of_low_confidence_are_selected_and_no_others(source, target):
 
 def test_the_sentence_says_how_many_and_of_what_share(source, target):
     keep_true_match(target, doubtful=40)
-    area = read_pair(bpy.context, "Source", "Target").target.share_of_area(np.arange(len(target.data.vertices)) < 40)
+    area = jobs.run(read_pair(bpy.context, "Source", "Target")).target.share_of_area(
+        np.arange(len(target.data.vertices)) < 40
+    )
     said = select_faults(bpy.context, target, DOUBTFUL)
     assert said == f"In doubt: 40 vertices of 'Target', {area:.1%} of its area"
     assert select_faults(bpy.context, target, FLIPPED) == "Turned over: no faces of 'Target', 0.0% of its area"
@@ -66,14 +69,14 @@ def test_faces_that_face_against_most_are_selected(source, target, mirrored):
     weights = values(target.data, "zoomout_barycentric").copy()
     points = positions(target.data)
     if mirrored:  # all are turned over: each vertex goes to where its mirror image is
-        pair = read_pair(bpy.context, "Source", "Target")
+        pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
         triangle, weights = closest_points(points * [1, -1, 1], pair.source.vertices, pair.source.triangles)
     tip = points[:, 0].argmax()
     around = next(edge for edge in target.data.edges if tip in edge.vertices[:])
     other = around.vertices[0] if around.vertices[1] == tip else around.vertices[1]
     triangle[[tip, other]], weights[[tip, other]] = triangle[[other, tip]], weights[[other, tip]]
     surface_map = zo.SurfaceMap(
-        triangle, weights.astype(float), read_pair(bpy.context, "Source", "Target").source.triangles
+        triangle, weights.astype(float), jobs.run(read_pair(bpy.context, "Source", "Target")).source.triangles
     )
     keep(target, surface_map=surface_map)
     assert bpy.ops.zoomout.select_flipped() == {"FINISHED"}
@@ -107,7 +110,7 @@ def test_a_source_whose_modifiers_make_other_vertices_is_left_as_it_is(source, t
     source.modifiers.new("Finer", "SUBSURF").levels = 1
     bpy.context.view_layer.update()
     keep_true_match(target)
-    finer = len(read_pair(bpy.context, "Source", "Target").source.vertices)
+    finer = len(jobs.run(read_pair(bpy.context, "Source", "Target")).source.vertices)
     keep(target, has_partner=np.ones(len(target.data.vertices), bool), source_has_partner=np.arange(finer) > 9)
     said = select_faults(bpy.context, target, WITHOUT_PARTNER)
     assert said == "Without a partner: no vertices of 'Target', 0.0% of its area"

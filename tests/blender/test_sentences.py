@@ -17,12 +17,12 @@ from drawing import Context, Layout
 import blender_addon
 import zoomout_core
 from blender_addon import translations
-from blender_addon.operators import activity, stepped
+from blender_addon.operators import activity, modal_operator
 from blender_addon.services import transfer
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.translations import in_language
 from blender_addon.ui.panels import sidebar
-from zoomout_core.runtime.stepping import Progress
+from zoomout_core.runtime.progress import Progress
 
 # A language that lacks more is no help: whoever adds sentences may leave a few to those who know it.
 MOST_MISSING = 0.1
@@ -34,7 +34,7 @@ OF_CORE = (
     "maps/surface_map.py",
     "matching/components/lift.py",
     "matching/components/main_parts.py",
-    "matching/match.py",
+    "matching/notes.py",
     "matching/pair.py",
     "matching/proximity.py",
     "symmetry/detect.py",
@@ -57,7 +57,7 @@ SAYING = {
     "report",
     "reported",
     "sentences",
-    "spread",
+    "stage",
     "status_text_set",
     "translated",
 }
@@ -307,11 +307,11 @@ def test_progress_is_shown_in_the_language_that_is_read(in_german: None, monkeyp
     everything: list[tuple[str, str, object]] = []
     monkeypatch.setattr(activity, "running", None)
     context = SimpleNamespace(workspace=SimpleNamespace(status_text_set=said.append))
-    stepped._show_progress(context, Progress(0.5, "'A', 2 of 3: Refining"))
+    modal_operator._show_progress(context, Progress(0.5, "'A', 2 of 3: Refining"))
     sidebar.main_button(Layout(everything), "zoomout.match", "Match", "NONE", True)
     assert said == ["'A', 2 von 3: Verfeinern: 50% (ESC bricht ab)"]
     assert ("progress", "'A', 2 von 3: Verfeinern") in [entry[:2] for entry in everything]
-    stepped._show_progress(context, None)
+    modal_operator._show_progress(context, None)
     assert said[1:] == [None]
 
 

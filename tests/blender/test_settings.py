@@ -21,6 +21,7 @@ from scenes import (
 )
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.adapters import Settings, parse_group_names, parse_names
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer import transfer_objects
@@ -42,7 +43,7 @@ def target(source):
 
 
 def keep_match(target):
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     vertex = np.arange(len(pair.target.vertices))
     vertex[doubtful(target)] = 0
     confidence = np.where(doubtful(target), 0.01, 0.9)

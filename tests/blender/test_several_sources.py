@@ -21,8 +21,9 @@ from scenes import (
 )
 
 import zoomout_core as zo
-from blender_addon.scene.pair import read_pair_steps
-from blender_addon.scene.stored_pair import read_stored_match_steps
+from blender_addon import jobs
+from blender_addon.scene.pair import read_pair
+from blender_addon.scene.stored_pair import read_stored_match
 from blender_addon.services import preflight, previews
 from blender_addon.services.seam_cut import cut_seams
 from blender_addon.services.transfer import transfer_objects
@@ -47,7 +48,7 @@ def half(name, side):
 
 
 def joined_pair():
-    return zo.drain(read_pair_steps(bpy.context, "Front", "Whole", ["Back"]))
+    return jobs.run(read_pair(bpy.context, "Front", "Whole", ["Back"]))
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def transfer(front, whole, *data):
 def test_the_match_is_read_with_all_its_sources(whole):
     kept = stored_match.read(whole.data, joined_pair())
     assert kept.others == ("Back",)
-    assert zo.drain(read_stored_match_steps(bpy.context, "Whole"))[0].source_names == ("Front", "Back")
+    assert jobs.run(read_stored_match(bpy.context, "Whole"))[0].source_names == ("Front", "Back")
 
 
 def test_vertex_groups_are_united_by_name(front, back, whole):
@@ -238,9 +239,9 @@ def test_another_source_that_was_edited_or_removed_is_noticed(front, back, whole
 def test_previews_color_all_sources_and_seams_are_cut_of_all(front, back, whole):
     for obj in (front, back):
         add_uv_map(obj.data, "UVMap")
-    pair, match = zo.drain(read_stored_match_steps(bpy.context, "Whole"))
+    pair, match = jobs.run(read_stored_match(bpy.context, "Whole"))
     for kind in (preview.PLACES, preview.CHECKER):
-        shown = zo.drain(previews.match_steps(bpy.context, pair, match, kind))
+        shown = jobs.run(previews.of_match(bpy.context, pair, match, kind))
         assert [overlay.find(one.object_uid).name for one in shown.overlays] == ["Whole", "Front", "Back"]
     assert "Cut 'Whole' along the seams of 'UVMap'" in cut_seams(bpy.context, front, whole)
     assert stored_match.read(whole.data, joined_pair()).others == ("Back",)

@@ -7,7 +7,8 @@ from scenes import add_uv_map, set_weights, snapshot_file, values, weight_array
 from test_target_modifiers import add_modifier
 
 import zoomout_core as zo
-from blender_addon.scene.stored_pair import read_stored_match_steps
+from blender_addon import jobs
+from blender_addon.scene.stored_pair import read_stored_match
 from blender_addon.services import preflight
 from blender_addon.services.match import match_objects
 from blender_addon.services.transfer import transfer_objects
@@ -55,10 +56,10 @@ def test_a_modifier_added_to_the_source_outdates_nothing_and_the_same_data_arriv
 
 def test_the_surface_that_is_read_is_the_one_that_was_matched(dressed, target):
     match = match_objects(bpy.context, dressed, target, **NEAREST)
-    images = match.surface_map.interpolate(zo.drain(read_stored_match_steps(bpy.context, "Target"))[0].source.vertices)
+    images = match.surface_map.interpolate(jobs.run(read_stored_match(bpy.context, "Target"))[0].source.vertices)
     add_modifier(dressed, "SUBSURF")
     bpy.context.view_layer.update()
-    pair, stored = zo.drain(read_stored_match_steps(bpy.context, "Target"))
+    pair, stored = jobs.run(read_stored_match(bpy.context, "Target"))
     np.testing.assert_allclose(stored.surface_map.interpolate(pair.source.vertices), images, atol=1e-6)
 
 
@@ -68,7 +69,7 @@ def test_previews_and_cuts_go_on_by_it(dressed, target):
     for kind in ("PLACES", "CHECKER", "CONFIDENCE"):
         assert bpy.ops.zoomout.preview(kind=kind) == {"FINISHED"}
     assert bpy.ops.zoomout.cut_seams(source="Source") == {"FINISHED"}
-    assert zo.drain(read_stored_match_steps(bpy.context, "Target"))[0].source_fingerprints[0].at_base
+    assert jobs.run(read_stored_match(bpy.context, "Target"))[0].source_fingerprints[0].at_base
 
 
 def test_a_source_that_was_renamed_may_get_a_modifier(dressed, target):

@@ -21,16 +21,17 @@ from scenes import (
     weights,
 )
 from symmetric import BENT, LEFT, RIGHT, TIP, X, add_key, bumps, edges_between, key_offsets, new_object, off_by
+from turns import finish, turns
 
 import zoomout_core as zo
-from blender_addon import mesh_data
-from blender_addon.services.symmetry.check import check_symmetry_steps
-from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_steps
-from blender_addon.services.symmetry.layers import mirror_attributes, mirror_attributes_steps
-from blender_addon.services.symmetry.sculpt import mirror_sculpt, mirror_sculpt_steps
-from blender_addon.services.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_steps
+from blender_addon import jobs, mesh_data
+from blender_addon.services.symmetry.check import check_symmetry_async
+from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry, detect_symmetry_async
+from blender_addon.services.symmetry.layers import mirror_attributes, mirror_attributes_async
+from blender_addon.services.symmetry.sculpt import mirror_sculpt, mirror_sculpt_async
+from blender_addon.services.symmetry.shape_keys import mirror_shape_key, mirror_shape_key_async
 from blender_addon.services.symmetry.sides import name_sides, select_symmetry_line
-from blender_addon.services.symmetry.weights import symmetrise_weights, symmetrise_weights_steps
+from blender_addon.services.symmetry.weights import symmetrise_weights, symmetrise_weights_async
 from blender_addon.storage import stored_symmetry
 
 
@@ -66,43 +67,43 @@ def test_cancelling_or_editing_meanwhile_leaves_the_mesh_as_it_was():
     obj = new_object()
     activate(obj)
     before = snapshot(obj)
-    steps = detect_symmetry_steps(bpy.context, obj.name)
-    next(steps)
-    steps.close()
+    job = jobs.Job(detect_symmetry_async(bpy.context, obj.name))
+    next(turns(job))
+    job.cancel()
     assert snapshot(obj) == before
-    steps = detect_symmetry_steps(bpy.context, obj.name)
-    next(steps)
+    job = jobs.Job(detect_symmetry_async(bpy.context, obj.name))
+    next(turns(job))
     obj.data.vertices[0].co.x += 1
     before = snapshot(obj)
     with pytest.raises(zo.MeshError, match="was edited while it was being worked on"):
-        zo.drain(steps)
+        finish(job)
     assert snapshot(obj) == before
 
 
 OPERATIONS = {
-    "weights": lambda: symmetrise_weights_steps(bpy.context, "Creature", "left_to_right"),
-    "key": lambda: mirror_shape_key_steps(bpy.context, "Creature", "Smile.L", "mirror", "left_to_right", 0.1),
-    "attributes": lambda: mirror_attributes_steps(bpy.context, "Creature", ("uv_maps",), "left_to_right", "own"),
-    "sculpt": lambda: mirror_sculpt_steps(bpy.context, "Creature", "left_to_right"),
-    "check": lambda: check_symmetry_steps(bpy.context, "Creature", "weights", ""),
+    "weights": lambda: symmetrise_weights_async(bpy.context, "Creature", "left_to_right"),
+    "key": lambda: mirror_shape_key_async(bpy.context, "Creature", "Smile.L", "mirror", "left_to_right", 0.1),
+    "attributes": lambda: mirror_attributes_async(bpy.context, "Creature", ("uv_maps",), "left_to_right", "own"),
+    "sculpt": lambda: mirror_sculpt_async(bpy.context, "Creature", "left_to_right"),
+    "check": lambda: check_symmetry_async(bpy.context, "Creature", "weights", ""),
 }
 
 
 @pytest.mark.parametrize("taken", [1, 2])
 @pytest.mark.parametrize("work", OPERATIONS)
-def test_an_edit_between_two_steps_is_noticed_and_nothing_is_written(body, work, taken):
+def test_an_edit_between_two_turns_is_noticed_and_nothing_is_written(body, work, taken):
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
     add_uv_map(body.data, "Atlas")
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
     if work == "sculpt":
         mesh_data.move_vertices(body.data, bumps(np.clip(X, 0, 1)))
     for edit in (moved, delete_vertex):
-        steps = OPERATIONS[work]()
-        assert len([*islice(steps, taken)]) == taken
+        job = jobs.Job(OPERATIONS[work]())
+        assert len([*islice(turns(job), taken)]) == taken
         edit(body)
         before = snapshot(body)
         with pytest.raises(zo.MeshError, match="'Creature' was edited while it was being worked on: start again"):
-            zo.drain(steps)
+            finish(job)
         assert snapshot(body) == before
         if edit is moved:
             mesh_data.move_vertices(body.data, -MOVE)

@@ -10,18 +10,18 @@ from scenes import set_weights, snapshot
 from symmetric import BENT, LEFT, RIGHT, X, add_key, bumps
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.colors import PALENESS, asymmetry_colors, pair_colors
 from blender_addon.colors import SIDES as SIDE_COLORS
 from blender_addon.scene import mesh_facts
 from blender_addon.services.preflight import is_reshaped
-from blender_addon.services.symmetry.check import asymmetry_steps, check_symmetry
+from blender_addon.services.symmetry.check import check_symmetry, measure_asymmetry
 from blender_addon.services.symmetry.detect import choose_symmetry, detect_symmetry
 from blender_addon.services.symmetry.weights import symmetrise_weights
 from blender_addon.storage import stored_symmetry
 from blender_addon.ui import thumbnails
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import place_colors
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.self_map import SelfMap
 
 # An arbitrary vertex for each.
@@ -60,7 +60,7 @@ def test_red_stands_for_the_same_from_one_check_to_the_next(body):
     for slope in (0.1, 0.4):
         set_weights(body, "Arm.L", 0.5 + slope * X)
         assert check_symmetry(bpy.context, body, "weights", red_weight=0.8).endswith("red is 80% and more")
-        values = drain(asymmetry_steps(bpy.context, body.name, "weights"))
+        values = jobs.run(measure_asymmetry(bpy.context, body.name, "weights"))
         np.testing.assert_allclose(colors(), asymmetry_colors(values, 0.8), atol=1e-6)
 
 

@@ -4,13 +4,16 @@ import bpy
 import numpy as np
 import pytest
 from scenes import activate, add_attribute, decimated, ellipsoid, linked, positions, snapshot_file, values
+from turns import turns
 
 import zoomout_core as zo
+from blender_addon.jobs import Job, pause
 from blender_addon.scene.selection import chosen_targets
-from blender_addon.services.match import prepare_match_steps
-from blender_addon.services.targets import each_target_steps
+from blender_addon.services.match import prepare_match
+from blender_addon.services.targets import each_target
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
+from zoomout_core.runtime.progress import stage
 
 
 @pytest.fixture
@@ -68,22 +71,19 @@ def test_one_that_fails_is_named_and_loses_none_of_the_others(source, targets, c
 def test_nothing_is_written_before_all_are_worked_out(source, targets):
     written, order = [], []
 
-    def work(name):
-        yield zo.Progress(0.5, "Working")
+    async def work(name):
+        with stage("Working", 0.5):
+            await pause()
         order.append(name)
         assert not written
         if name == "B":
             raise zo.MeshError("It is broken.")
         return lambda: written.append(name) or name
 
-    steps, progress = each_target_steps(["A", "B", "C"], work), []
-    while True:
-        try:
-            progress.append(next(steps))
-        except StopIteration as finished:
-            outcome = finished.value
-            break
-    assert [round(step.fraction, 3) for step in progress] == [0.167, 0.5, 0.833, 1.0]
+    job = Job(each_target(["A", "B", "C"], work))
+    progress = [*turns(job)]
+    outcome = job.result
+    assert [round(one.fraction, 3) for one in progress] == [0.167, 0.5, 0.833, 1.0]
     assert progress[1].stage == "'B', 2 of 3: Working"
     assert order == ["A", "B", "C"]
     assert outcome.done == {"A": "A", "C": "C"}
@@ -93,11 +93,11 @@ def test_nothing_is_written_before_all_are_worked_out(source, targets):
 def test_a_cancelled_run_leaves_all_of_them_as_they_were(source, targets):
     before = snapshot_file()
     names = [obj.name for obj in targets]
-    steps = each_target_steps(names, lambda name: prepare_match_steps(bpy.context, "Source", name, k_final=30))
-    for progress in steps:
+    job = Job(each_target(names, lambda name: prepare_match(bpy.context, "Source", name, k_final=30)))
+    for progress in turns(job):
         if progress.fraction > 0.7:
             break
-    steps.close()
+    job.cancel()
     assert snapshot_file() == before
 
 
@@ -121,12 +121,11 @@ def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkey
 
     asked = {}
 
-    def agreed_steps(results, options):
+    def agree(results, options):
         asked.update(results)
-        yield zo.Progress(1.0, "Asking other targets")
         return {**results, "B": replace(results["B"], notes=("Another candidate was taken.",))}
 
-    monkeypatch.setattr(service, "agreed_steps", agreed_steps)
+    monkeypatch.setattr(service, "agree", agree)
     assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
     assert sorted(asked) == ["A", "B", "C"]
     notes = {obj.name: stored_match.description(obj.data)["notes"] for obj in targets}
@@ -137,6 +136,6 @@ def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkey
 def test_a_single_target_asks_nobody(source, targets, monkeypatch):
     from blender_addon.services import match as service
 
-    monkeypatch.setattr(service, "agreed_steps", lambda *_: pytest.fail("asked"))
+    monkeypatch.setattr(service, "agree", lambda *_: pytest.fail("asked"))
     activate(targets[0])
     assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}

@@ -2,6 +2,7 @@
 
 import json
 from functools import partial
+from itertools import islice
 from types import SimpleNamespace
 
 import bpy
@@ -25,19 +26,22 @@ from scenes import (
     weights,
 )
 from true_match import keep_true_match
+from turns import turns
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.adapters import DATA
+from blender_addon.jobs import Job
 from blender_addon.operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from blender_addon.operators.match import ZOOMOUT_OT_match
 from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
 from blender_addon.properties.match import MatchOptions
 from blender_addon.scene.selection import own_sources
+from blender_addon.services import transfer as service
 from blender_addon.services.match import match_objects
-from blender_addon.services.transfer import prepare_transfer_steps, transfer_objects, transfer_steps
+from blender_addon.services.transfer import prepare_transfer, transfer_objects
 from blender_addon.storage import stored_match
 from blender_addon.storage.stored_report import transfer_report
-from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture
@@ -294,20 +298,20 @@ def test_a_transfer_that_fails_on_the_last_of_many_leaves_the_scene_untouched(so
     assert snapshot_file() == before
 
 
-def test_a_transfer_writes_nothing_before_its_last_step(source, target):
+def test_a_transfer_writes_nothing_before_its_end(source, target):
     dress(source)
     for name in list(target.data.attributes.keys()):
         if name.startswith("zoomout_"):  # so that it has to match first
             target.data.attributes.remove(target.data.attributes[name])
     before = snapshot_file()
-    steps = transfer_steps(bpy.context, "Source", "Target", ("uv_maps", "materials"), k_final=30)
-    for _ in range(5):
-        next(steps)
-    steps.close()
+    job = Job(prepare_transfer(bpy.context, "Source", "Target", ("uv_maps", "materials"), k_final=30))
+    assert len([*islice(turns(job), 5)]) == 5
+    job.cancel()
     assert snapshot_file() == before
 
     fractions = []
-    for progress in transfer_steps(bpy.context, "Source", "Target", ("uv_maps", "vertex_groups"), k_final=30):
+    job = Job(service.transfer(bpy.context, "Source", "Target", ("uv_maps", "vertex_groups"), k_final=30))
+    for progress in turns(job):
         fractions.append(progress.fraction)
         assert snapshot_file() == before
     assert fractions == sorted(fractions)
@@ -378,7 +382,7 @@ def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypa
     assert np.abs(values(target_without.data, "height") - positions(target_without.data)[:, 2]).mean() < 0.02
     assert stored_match.description(target_without.data)["source"] == "Source"
 
-    monkeypatch.setattr("zoomout_core.match_steps", None)
+    monkeypatch.setattr("zoomout_core.match", None)
     transfer(source, target, "attributes")
     assert np.abs(values(target.data, "height") - positions(target.data)[:, 2]).max() < 0.01
 
@@ -419,17 +423,17 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, targe
     transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
     confidence = values(target.data, "zoomout_confidence")
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
-    monkeypatch.setattr("zoomout_core.match_steps", None)
-    adjusted = partial(prepare_transfer_steps, bpy.context, "Source", "Target", ["vertex_groups"], adjusted=True)
-    report = drain(adjusted())()
+    monkeypatch.setattr("zoomout_core.match", None)
+    adjusted = partial(prepare_transfer, bpy.context, "Source", "Target", ["vertex_groups"], adjusted=True)
+    report = jobs.run(adjusted())()
     assert report["source"] == "Source"
     np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), confidence)
     # Of other meshes it is none.
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     target.data.vertices[0].co.x += 0.1
     bpy.context.view_layer.update()
-    with pytest.raises(TypeError, match="not callable"):
-        drain(adjusted())
+    with pytest.raises(TypeError, match="callable"):
+        jobs.run(adjusted())
 
 
 def test_only_what_can_be_adjusted_is_drawn_and_no_match(target):

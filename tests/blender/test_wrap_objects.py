@@ -1,6 +1,7 @@
 """Wrapping objects: as a key, as the mesh itself, as a new object, and the other way round."""
 
 from functools import partial
+from itertools import islice
 from types import SimpleNamespace
 
 import bpy
@@ -19,16 +20,16 @@ from scenes import (
     snapshot_file,
 )
 from scipy.spatial import cKDTree
+from turns import turns
 
 import zoomout_core as zo
-from blender_addon import api
+from blender_addon import api, jobs
 from blender_addon.operators.wrap import ZOOMOUT_OT_wrap
 from blender_addon.properties.wrap import WrapOptions
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.wrap import prepare_wrap_steps, summary
+from blender_addon.services.wrap import prepare_wrap, summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.transfer.wrapping.subdivision import limit_points
 
 PLACE = Matrix.LocRotScale((3, -1, 2), Euler((0.5, 0, 0.3)), (2, 2, 2))
@@ -58,7 +59,7 @@ def target(source):
 
 
 def keep_match_by_direction(target, has_partner=None):
-    pair = read_pair(bpy.context, "Source", target.name)
+    pair = jobs.run(read_pair(bpy.context, "Source", target.name))
     inverse = np.array(PLACE.inverted())
     around = pair.source.vertices @ inverse[:3, :3].T + inverse[:3, 3]
     around /= np.linalg.norm(around, axis=1, keepdims=True)
@@ -122,7 +123,7 @@ def test_the_mesh_itself_is_moved_and_its_keys_and_its_match_with_it(source, tar
     assert not report["key"]
     assert off(moved_to(target, source), source).max() < 1e-5
     np.testing.assert_allclose(key_shape(target.data, "Up"), positions(target.data) + np.array([0, 0, 1]), atol=1e-5)
-    pair = read_pair(bpy.context, "Source", "Target")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     assert np.linalg.norm(kept.surface_map.interpolate(pair.source.vertices)
                           - moved_to(target, source), axis=1).mean() < 0.2  # fmt: skip
@@ -143,7 +144,7 @@ def test_a_new_object_lies_on_the_source(source, target):
     assert not made.modifiers
     assert made.data.shape_keys is None
     assert snapshot(target) == before
-    assert stored_match.read(made.data, read_pair(bpy.context, "Source", made.name)) is not None
+    assert stored_match.read(made.data, jobs.run(read_pair(bpy.context, "Source", made.name))) is not None
     normals = np.array([polygon.normal for polygon in made.data.polygons])
     middles = np.array([polygon.center for polygon in made.data.polygons])
     assert (np.einsum("nx,nx->n", normals, middles) < 0).mean() in (0, 1)
@@ -158,7 +159,7 @@ def test_the_source_can_be_wrapped_onto_the_target(source, target, result):
     assert made.name == ("Source on Target" if result == "object" else "Source")
     assert off(moved_to(made, target), target).max() < 1e-5
     if result == "mesh":  # the match is known to hold for the new shape
-        assert stored_match.read(target.data, read_pair(bpy.context, "Source", "Target")) is not None
+        assert stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target"))) is not None
     else:
         assert snapshot(target) == before
 
@@ -210,7 +211,7 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
 
 
 def test_the_limit_is_that_of_the_modifier(target):
-    surface = read_pair(bpy.context, "Source", "Target").target
+    surface = jobs.run(read_pair(bpy.context, "Source", "Target")).target
     target.modifiers.new("Subdivision", "SUBSURF").levels = 1
     wanted = cKDTree(seen_positions(target))
     assert wanted.query(limit_points(surface).limit @ surface.vertices)[0].max() < 1e-5
@@ -254,10 +255,10 @@ def test_a_target_that_was_not_matched_yet_is_matched_first(source):
 
 def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, monkeypatch):
     copy = ellipsoid("Copy", 4)
-    steps = partial(prepare_wrap_steps, bpy.context, "Source", "Copy", initial="same_order")
-    drain(steps(api.Wrapping()))  # as if it had been undone
-    monkeypatch.setattr("blender_addon.services.made_match.matching_steps", None)
-    drain(steps(api.Wrapping(detail=0.5), adjusted=True))()
+    prepare = partial(prepare_wrap, bpy.context, "Source", "Copy", initial="same_order")
+    jobs.run(prepare(api.Wrapping()))  # as if it had been undone
+    monkeypatch.setattr("blender_addon.services.made_match.match_pair", None)
+    jobs.run(prepare(api.Wrapping(detail=0.5), adjusted=True))()
     assert copy.data.shape_keys is not None
 
 
@@ -269,10 +270,15 @@ def test_only_what_can_be_adjusted_is_drawn():
 
 def test_closed_halfway_it_changes_nothing(source, target):
     before = snapshot_file()
-    steps = prepare_wrap_steps(bpy.context, "Source", "Target", api.Wrapping())
-    fractions = [next(steps).fraction for _ in range(12)]
+    job = jobs.Job(prepare_wrap(bpy.context, "Source", "Target", api.Wrapping()))
+    fractions = []
+    for progress in turns(job):
+        fractions.append(progress.fraction)
+        assert snapshot_file() == before
     assert fractions == sorted(fractions)
-    steps.close()
+    job = jobs.Job(prepare_wrap(bpy.context, "Source", "Target", api.Wrapping()))
+    assert len([*islice(turns(job), len(fractions))]) == len(fractions)
+    job.cancel()
     assert snapshot_file() == before
 
 
@@ -314,7 +320,7 @@ def test_data_of_other_files_is_refused(source, target, tmp_path):
     linked_source, linked_target = to.objects
     refused(linked_source, linked_target, "linked from another file")
     own = ellipsoid("Own", 3)
-    pair = read_pair(bpy.context, "Source", "Own")
+    pair = jobs.run(read_pair(bpy.context, "Source", "Own"))
     found = closest_points(pair.target.vertices, pair.source.vertices, pair.source.triangles)
     match = stored_match.StoredMatch(zo.SurfaceMap(*found, pair.source.triangles), np.ones(len(found[0])), ())
     stored_match.write(own.data, match, pair, {})

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
@@ -18,7 +19,7 @@ def keep_true_match(target, still=None, doubtful=0, notes=()):
         doubtful: so many of its first vertices are of confidence 0.1, all others of 1.
         notes: of the match.
     """
-    pair = read_pair(bpy.context, "Source", target.name)
+    pair = jobs.run(read_pair(bpy.context, "Source", target.name))
     points = pair.target.vertices if still is None else still
     found = closest_points(points, pair.source.vertices, pair.source.triangles)
     confidence = np.where(np.arange(len(points)) < doubtful, 0.1, 1.0)

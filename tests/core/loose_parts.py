@@ -9,12 +9,11 @@ from creatures import directions
 from scipy.spatial import ConvexHull
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 Place = tuple[float, float, float]
 # Of the body, so that lengths are those at unit area.
@@ -52,7 +51,7 @@ BODY = ball(RADIUS, count=200)
 
 def shape_of(surface: Surface, number: int = 0, functions: int = 20) -> ShapeAnalysis:
     """The component of that number as the body of a surface."""
-    return drain(analysis_steps(surface.working.part(number)[0], functions, 40, 0))
+    return analyse(surface.working.part(number)[0], functions, 40, 0)
 
 
 def identity(shape: ShapeAnalysis) -> SurfaceMap:

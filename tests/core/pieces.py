@@ -8,11 +8,10 @@ import numpy as np
 from creatures import Creature, creature, true_vertex
 
 from zoomout_core.arrays import Booleans, Integers
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 FUNCTIONS, SAMPLES = 60, 400
 
@@ -27,7 +26,7 @@ def piece_of(made: Creature, kept: Booleans) -> Creature:
 
 
 def analysed(made: Creature) -> ShapeAnalysis:
-    return drain(analysis_steps(made.surface.working.part(0)[0], FUNCTIONS, SAMPLES, 0))
+    return analyse(made.surface.working.part(0)[0], FUNCTIONS, SAMPLES, 0)
 
 
 @dataclass(frozen=True, eq=False)

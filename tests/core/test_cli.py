@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -103,12 +102,11 @@ def test_what_is_known_of_the_map_reaches_the_match(
 ) -> None:
     seen: dict[str, Any] = {}
 
-    def spy(source: zo.Surface, target: zo.Surface, **options: Any) -> Iterator[zo.Progress]:
+    def spy(source: zo.Surface, target: zo.Surface, **options: Any) -> None:
         seen.update(options)
         raise zo.MeshError("Enough.")
-        yield
 
-    monkeypatch.setattr("zoomout_core.cli.match_command.match_steps", spy)
+    monkeypatch.setattr("zoomout_core.cli.match_command.match_shapes", spy)
     truth = true_vertex(resting, bent)
     zo.SurfaceMap.from_vertices(truth, resting.surface).save(files / "known.npz")
     points = resting.surface.vertices[truth[:3]], bent.surface.vertices[:3]

@@ -270,23 +270,32 @@ def test_labels_and_booleans_invent_nothing(seed: int) -> None:
     assert set(np.unique(found.values)) <= set(labels.tolist())
 
 
-# --- steps --------------------------------------------------------------------------------------------------
+# --- progress -----------------------------------------------------------------------------------------------
 
 
-def test_a_match_may_be_given_up_after_any_step_and_the_next_is_as_ever() -> None:
+def test_a_match_may_be_cancelled_at_any_progress_and_the_next_is_as_ever() -> None:
     source, target = creature(220).surface, creature(200, seed=1, bend=0.2).surface
     options: dict[str, Any] = {"initial": "proximity", "k_final": 20, "samples": 100}
     zo.forget_shapes()
     expected = zo.match(source, target, **options).surface_map
     zo.forget_shapes()
-    count = sum(1 for _ in zo.match_steps(source, target, **options))
+    told: list[zo.Progress] = []
+    zo.match(source, target, **options, progress=told.append)
+    count = len(told)
     assert count > 10
+    assert [one.fraction for one in told] == sorted(one.fraction for one in told)
     for most in np.unique(np.geomspace(1, count - 1, 8).astype(int)):
         zo.forget_shapes()
-        steps = zo.match_steps(source, target, **options)
-        for _, _ in zip(range(most), steps, strict=False):
-            pass
-        steps.close()
+        left = most
+
+        def listen(_: zo.Progress) -> None:
+            nonlocal left
+            left -= 1
+            if left <= 0:
+                raise zo.Cancelled
+
+        with pytest.raises(zo.Cancelled), zo.progress(listen):
+            zo.match(source, target, **options)
         again = zo.match(source, target, **options).surface_map
         np.testing.assert_array_equal(again.triangle, expected.triangle)
         np.testing.assert_array_equal(again.barycentric, expected.barycentric)

@@ -130,10 +130,11 @@ def test_a_match_finds_the_true_points(pair):
 def test_a_match_that_is_cancelled_leaves_the_file_as_it_was(pair):
     before = snapshot_file()
     services = importlib.import_module(f"{EXTENSION}.services.match")
-    steps = services.match_steps(bpy.context, "Source", "Target")
-    taken = [next(steps) for _ in range(5)]
-    steps.close()
-    assert taken[-1].fraction < 1
+    jobs = importlib.import_module(f"{EXTENSION}.jobs")
+    job = jobs.Job(services.match(bpy.context, "Source", "Target"))
+    assert not any(job.advance(0) for _ in range(5))
+    assert job.progress.fraction < 1
+    job.cancel()
     assert snapshot_file() == before
 
 

@@ -160,7 +160,7 @@ def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, shapes, name, 
     def give_up(*_arguments, **_options):
         raise MeshError("The core gives up.")
 
-    for function in ("match_steps", "detect_symmetry_steps", "eigenbasis", "conform"):
+    for function in ("match", "detect_symmetry", "eigenbasis", "conform"):
         monkeypatch.setattr(zo, function, give_up)
     monkeypatch.setattr("zoomout_core.maps.surface_map.SurfaceMap.interpolate", give_up)
     check_refusal(pair, "The core gives up", name)
@@ -206,7 +206,7 @@ def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pa
         asked.append(arguments)
         raise MeshError("Heard.")
 
-    monkeypatch.setattr(zo, "match_steps", listen)
+    monkeypatch.setattr(zo, "match", listen)
     (tmp_path / "pairs.txt").write_text("1 2\n3 4\n")
     np.savez(tmp_path / "map.npz", vertex=np.arange(5))
     in_files = {"landmarks": str(tmp_path / "pairs.txt"), "initial_map": str(tmp_path / "map.npz"), "common_axes": "-z"}

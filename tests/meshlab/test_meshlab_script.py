@@ -9,9 +9,8 @@ from click.testing import CliRunner
 from creature import SOURCE_POSE, TARGET_POSE, creature
 
 from meshlab_filter.commands import main
-from meshlab_filter.script import read_script, run_script_steps
+from meshlab_filter.script import read_script, run_script
 from zoomout_core.mesh.files import ply_columns
-from zoomout_core.runtime.stepping import drain
 
 HEAD = "<!DOCTYPE FilterScript>\n<FilterScript>\n"  # so that a filter begins in line 3
 SIZE = 14.2**0.5
@@ -56,7 +55,7 @@ def test_a_script_that_meshlab_saved_does_what_it_did(meshes, tmp_path):
     made.apply_filter("transfer_attributes_per_vertex", sourcemesh=0, targetmesh=1, qualitytransfer=True)
     made.save_filter_script(str(tmp_path / "saved.mlx"))
     ms = loaded(meshes)
-    reports = drain(run_script_steps(ms, tmp_path / "saved.mlx"))
+    reports = run_script(ms, tmp_path / "saved.mlx")
     assert len(reports) == 5
     np.testing.assert_allclose(ms.current_mesh().vertex_matrix(), made.current_mesh().vertex_matrix(), atol=1e-6)
     np.testing.assert_array_equal(ms.current_mesh().face_matrix(), made.current_mesh().face_matrix())
@@ -105,7 +104,7 @@ def test_lengths_in_percent_are_those_of_the_mesh(meshes, tmp_path):
         lines = param(iterations, "RichInt", 1) + param(threshold, "RichAbsPerc", "3%")
         path = script(tmp_path, f'<filter name="{name}">\n{lines}</filter>')
         ms = loaded(meshes[1:])
-        drain(run_script_steps(ms, path))
+        run_script(ms, path)
         assert ms.current_mesh().vertex_number() == made.current_mesh().vertex_number()
     own = '<filter name="compute_scalar_by_correspondence_error">\n' + param("selectabove", "RichAbsPerc", "2%")
     (call,) = read_script(script(tmp_path, own + "</filter>"))
@@ -203,7 +202,7 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
 def test_what_is_wrong_is_said_in_a_sentence_with_its_line(meshes, tmp_path, body, sentence):
     path = script(tmp_path, body)
     with pytest.raises(ValueError, match=sentence) as refusal:
-        drain(run_script_steps(loaded(meshes), path))
+        run_script(loaded(meshes), path)
     assert "\n" not in str(refusal.value)
 
 
@@ -226,7 +225,7 @@ def test_a_wrong_line_is_found_before_the_first_filter_runs(meshes, tmp_path):
 def test_a_script_that_leaves_no_mesh_says_so(meshes, tmp_path):
     path = script(tmp_path, '<filter name="delete_current_mesh"/>\n' * 3)
     with pytest.raises(ValueError, match=r"Line 5 of .*no mesh left"):
-        drain(run_script_steps(loaded(meshes), path))
+        run_script(loaded(meshes), path)
     path = script(tmp_path, '<filter name="delete_current_mesh"/>\n' * 2)
     ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(tmp_path / "a.ply")])
     assert ran.exit_code == 1

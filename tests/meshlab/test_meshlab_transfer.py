@@ -16,6 +16,7 @@ from creature import (
 from mesh_set_state import everything
 
 from meshlab_filter import compute_correspondence_by_zoomout, transfer_attributes_by_zoomout
+from zoomout_core import Cancelled
 
 pytestmark = pytest.mark.usefixtures("remembered_matches")
 
@@ -232,12 +233,14 @@ def test_work_that_is_given_up_leaves_the_mesh_set_as_it_is(coarse_source, coars
     ms = mesh_set(coarse_source, coarse_target)
     before = everything(ms)
     fractions = []
-    steps = transfer_attributes_by_zoomout.row.run(ms)
-    for progress in steps:
-        fractions.append(progress.fraction)
-        if progress.fraction > 0.8:
-            break
-    steps.close()
+
+    def give_up(fraction, _stage):
+        fractions.append(fraction)
+        if fraction > 0.8:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        transfer_attributes_by_zoomout(ms, callback=give_up)
     assert everything(ms) == before
     assert fractions == sorted(fractions)
 

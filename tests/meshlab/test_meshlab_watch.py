@@ -170,7 +170,7 @@ def looks(tmp_path):
     worked = []
     (tmp_path / "in").mkdir()
     work = Watch(tmp_path / "in", script=tmp_path / "merge.mlx")
-    return tmp_path / "in", watch(work, lambda path, _: worked.append(path.name), 0), worked
+    return tmp_path / "in", watch(work, lambda path: worked.append(path.name), 0), worked
 
 
 def test_nothing_is_read_while_it_is_being_written(looks):
@@ -215,12 +215,12 @@ def test_what_is_saved_while_it_is_worked_on_is_work_again(tmp_path):
     mesh.write_text(PLAIN)
     worked = []
 
-    def done(path, _):
+    def process(path):
         worked.append(path.name)
         if len(worked) == 1:
             mesh.write_text(PLAIN + "  ")
 
-    for _ in watch(Watch(tmp_path, script=tmp_path / "merge.mlx"), done, 0, once=True):
+    for _ in watch(Watch(tmp_path, script=tmp_path / "merge.mlx"), process, 0, once=True):
         assert len(worked) <= 2
     assert worked == ["a.ply", "a.ply"]
 

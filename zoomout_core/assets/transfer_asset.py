@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,12 +15,11 @@ from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.runtime.stepping import Progress, Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rest_pose import REST, aligned, posed_target
-from zoomout_core.transfer.rules import Match, map_target, transfer_along, transfer_steps
+from zoomout_core.transfer.rules import Match, map_target, transfer_along
 from zoomout_core.transfer.skinning import normalised, skinning_matrices
 from zoomout_core.transfer.unpose import Rest, unposed
 from zoomout_core.tuning import Tuning, tuned
@@ -62,26 +60,19 @@ class TransferredAsset(NamedTuple):
     notes: tuple[str, ...]
 
 
-def transfer_asset(
-    source: Asset, target: Asset, match: Match, kinds: Collection[str] = KINDS[:-1], **options: Any
-) -> TransferredAsset:
-    """`transfer_asset_steps`, all at once."""
-    return drain(transfer_asset_steps(source, target, match, kinds, **options))
-
-
 @memory_in_words
-def transfer_asset_steps(
+def transfer_asset(
     source: Asset,
     target: Asset,
     match: Match,
     kinds: Collection[str] = KINDS[:-1],
     shape: str = "automatic",
     fill_below: float | None = None,
-) -> Steps[TransferredAsset]:
+) -> TransferredAsset:
     """Carry what an asset has onto another mesh; what the target has of the same kind gives place.
 
     With a skin come the joints and what animates them: the target is taken to the rest pose, where it moves as the
-    source does. Yields progress.
+    source does.
 
     Args:
         source: that has the attributes.
@@ -108,8 +99,8 @@ def transfer_asset_steps(
     notes: list[str] = []
     for number, attribute in enumerate(chosen):
         start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
-        carrying = transfer_steps(attribute, mapped)
-        carried = yield from spread(carrying, start, end, f"Transferring {attribute.name}")
+        with stage(f"Transferring {attribute.name}", start, end):
+            carried = transfer_along(attribute, mapped)
         received[attribute.name] = carried
         notes += carried.notes
     asset = replace(target, attributes=tuple(received.values()), notes=())
@@ -118,11 +109,11 @@ def transfer_asset_steps(
         document = source.document if target.skin is None else target.document
         asset = replace(asset, materials=source.materials, document=document)
     if skin is not None:
-        binding = in_background(partial(_bound, source, skin, mapped, shape))
-        own, found = yield from spread(binding, 0.7, 1.0, "Binding to the joints")
+        with stage("Binding to the joints", 0.7, 1.0):
+            own, found = _bound(source, skin, mapped, shape)
         asset = replace(asset, skin=own, document=source.document)
         notes += found
-    yield Progress(1.0, "Done")
+    advance(1.0)
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes))
 
 

@@ -18,23 +18,23 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import FAILED, PARTLY, meshes_of
 from zoomout_core.cli.report import json_option
 from zoomout_core.cli.transfer_command import checked_kinds
-from zoomout_core.collection.carry import carry_steps
-from zoomout_core.collection.collection import CollectionResult, match_collection_steps
+from zoomout_core.collection.carry import carry
+from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.engine import Engine, InThisProcess, local_engine, remote_engine
 from zoomout_core.collection.pairs import read_pairs
-from zoomout_core.collection.pictures import drawn_steps
+from zoomout_core.collection.pictures import draw
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
-from zoomout_core.command_options import detail_options, with_progress_bar
+from zoomout_core.command_options import detail_options, progress_bar
 from zoomout_core.matching.options import PARTIAL, MatchOptions
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import check_output, is_same_file
-from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 
 # How many shapes each is matched with, when nothing else says which pairs.
@@ -71,7 +71,10 @@ MATCHED, DRAWN = 0.9, 0.95
 @click.option("--agree/--no-agree", default=True, show_default=True, help="Choose candidates that agree along cycles.")
 @click.option("--pictures/--no-pictures", default=True, show_default=True, help="Draw the shapes for the report.")
 @click.option(
-    "--transfer", "carry", is_flag=True, help="With --template: carry what it has onto every mesh, into OUTPUT/meshes."
+    "--transfer",
+    "transfers",
+    is_flag=True,
+    help="With --template: carry what it has onto every mesh, into OUTPUT/meshes.",
 )
 @click.option(
     "--kinds",
@@ -114,7 +117,7 @@ def collection(
     resume: bool,
     agree: bool,
     pictures: bool,
-    carry: bool,
+    transfers: bool,
     kinds: str,
     ending: str | None,
     blender: str | None,
@@ -137,7 +140,7 @@ def collection(
     try:
         if sum((template is not None, all_pairs, pairs is not None, neighbours is not None)) > 1:
             raise MeshError("Of --template, --all-pairs, --pairs and --neighbours give one.")
-        if carry and template is None:
+        if transfers and template is None:
             raise MeshError("--transfer carries the data of one shape: name it with --template.")
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
@@ -146,7 +149,7 @@ def collection(
         files = _files(shapes)
         names = [item.name for item in items_of(files)]
         ending = ending or _usual_ending(template)
-        carries = carry and _carried_by_blender(files, template, ending, blender)
+        carries = transfers and _carried_by_blender(files, template, ending, blender)
         choice: dict[str, Any] = {"template": template}
         if all_pairs or pairs is not None:
             choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
@@ -165,8 +168,8 @@ def collection(
                 "carries": carries,
                 "blender": blender,
             }
-            steps = _steps(files, output, how, pictures, chosen if carry else (), ending)
-            result, received = with_progress_bar(steps)
+            with progress_bar():
+                result, received = _match_all(files, output, how, pictures, chosen if transfers else (), ending)
         if cache is None:
             shutil.rmtree(output / CACHE, ignore_errors=True)
     except (ValueError, OSError, ImportError) as error:
@@ -230,26 +233,27 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
     return local_engine(workers, retries)
 
 
-def _steps(
+def _match_all(
     files: Sequence[Path],
     output: Path,
     how: dict[str, Any],
     pictures: bool,
     kinds: Sequence[str],
     ending: str,
-) -> Steps[tuple[CollectionResult, dict[str, list[str]] | None]]:
+) -> tuple[CollectionResult, dict[str, list[str]] | None]:
     """Match, transfer, draw, and write the report."""
-    result = yield from within(match_collection_steps(files, output, **how), 0.0, MATCHED)
+    with portion(0.0, MATCHED):
+        result = match_collection(files, output, **how)
     received, drawn = None, {}
     named = how.get("template")
     template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
     # What follows reads the results as files.
     engine = how["engine"] if how["engine"].sees([output]) else InThisProcess()
     if kinds and template is not None:
-        received = yield from within(
-            carry_steps(result, template, kinds, ending, engine, how["blender"]), MATCHED, DRAWN
-        )
+        with portion(MATCHED, DRAWN):
+            received = carry(result, template, kinds, ending, engine, how["blender"])
     if pictures and find_spec("matplotlib"):
-        drawn = yield from within(drawn_steps(result, template, engine), DRAWN, 1.0)
+        with portion(DRAWN, 1.0):
+            drawn = draw(result, template, engine)
     write_reports(result, drawn, received)
     return result, received

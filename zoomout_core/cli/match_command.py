@@ -8,10 +8,11 @@ import click
 
 from zoomout_core.cli.maps import check_map_output
 from zoomout_core.cli.report import json_option, match_figures, match_lines, say
-from zoomout_core.command_options import in_place_option, match_options, start_arguments, with_progress_bar
+from zoomout_core.command_options import in_place_option, match_options, progress_bar, start_arguments
 from zoomout_core.evaluation import flipped_share
-from zoomout_core.matching.match import MatchResult, match_steps
-from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE, ProximityMatch, match_by_proximity_steps
+from zoomout_core.matching.pipeline import match as match_shapes
+from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE, ProximityMatch, match_by_proximity
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError
@@ -67,10 +68,13 @@ def match(
         if options["initial"] == NEAREST:
             _check_nothing_else(options)
             surfaces = as_surface(shapes[0]), as_surface(shapes[1])
-            nearest = match_by_proximity_steps(*surfaces, most_distance, most_angle, either_side)
-            lines, figures = _save_nearest(with_progress_bar(nearest), output)
+            with progress_bar():
+                nearest = match_by_proximity(*surfaces, most_distance, most_angle, either_side)
+            lines, figures = _save_nearest(nearest, output)
         else:
-            result = with_progress_bar(match_steps(*shapes, **start_arguments(**options)))
+            arguments = start_arguments(**options)
+            with progress_bar():
+                result = match_shapes(*shapes, **arguments)
             result.surface_map.save(
                 output,
                 confidence=result.confidence,

@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from zoomout_core.matching.match import MatchResult
+from zoomout_core.matching.result import MatchResult
 
 # Confidence below which a vertex counts as doubtful.
 LOW = 0.5

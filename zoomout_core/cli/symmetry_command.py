@@ -8,11 +8,11 @@ import click
 
 from zoomout_core.cli.maps import check_map_output
 from zoomout_core.cli.report import json_option, say
-from zoomout_core.command_options import mesh_options, with_progress_bar
+from zoomout_core.command_options import mesh_options, progress_bar
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.symmetry.detect import Symmetry, detect_symmetry_steps
+from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 from zoomout_core.text_arguments import read_axis
 
 
@@ -45,7 +45,8 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, d
         check_map_output(output, [mesh])
         shape, direction = read_shape(mesh), read_axis(left, "--left")
         arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "left": direction}
-        found = with_progress_bar(detect_symmetry_steps(shape, **arguments))
+        with progress_bar():
+            found = detect_symmetry(shape, **arguments)
         if candidate > len(found):
             raise MeshError(f"There is no candidate {candidate}: {len(found)} were found.")
         chosen = found[candidate - 1]

@@ -11,23 +11,23 @@ import click
 
 from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import MESHES, WRITERS, check_format, read_asset, write_asset
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset_steps
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, transfer_asset
 from zoomout_core.batch import (
     Job,
     end_with_code,
     figures_of,
     is_folder,
-    outcomes_steps,
     planned,
+    run_jobs,
     say_outcomes,
     write_report,
 )
 from zoomout_core.cli.report import json_option, match_figures, match_lines
-from zoomout_core.command_options import batch_options, match_options, start_arguments, with_progress_bar
-from zoomout_core.matching.match import match_steps
+from zoomout_core.command_options import batch_options, match_options, progress_bar, start_arguments
+from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Steps, within
+from zoomout_core.runtime.progress import portion
 
 # The fraction of the progress at which two meshes are matched.
 MATCHED = 0.8
@@ -83,8 +83,8 @@ def transfer(
             )
         jobs = planned(source, targets, output, f".{ending}", MESHES, check_format, in_place)
         arguments, asset = start_arguments(**options), read_asset(source)
-        steps_of = partial(_job_steps, asset, candidate, wanted, shape.replace("-", " "), arguments)
-        outcomes = with_progress_bar(outcomes_steps(jobs, steps_of))
+        with progress_bar():
+            outcomes = run_jobs(jobs, partial(_run_job, asset, candidate, wanted, shape.replace("-", " "), arguments))
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
@@ -110,15 +110,18 @@ def checked_kinds(kinds: str) -> list[str]:
     return chosen
 
 
-def _job_steps(
+def _run_job(
     source: Asset, candidate: int, kinds: list[str], shape: str, arguments: dict[str, Any], job: Job
-) -> Steps[tuple[dict[str, Any], list[str]]]:
+) -> tuple[dict[str, Any], list[str]]:
     """Transfer to one target, and write it; the figures and the lines of its outcome."""
     target = read_asset(job.target)
-    result = yield from within(match_steps(source.surface, target.surface, **arguments), 0.0, MATCHED)
+    with portion(0.0, MATCHED):
+        result = match(source.surface, target.surface, **arguments)
     if candidate:
-        result = yield from within(result.use_steps(candidate), MATCHED, MATCHED)
-    made = yield from within(transfer_asset_steps(source, target, result, kinds, shape), MATCHED, 1.0)
+        with portion(MATCHED, MATCHED):
+            result = result.use(candidate)
+    with portion(MATCHED, 1.0):
+        made = transfer_asset(source, target, result, kinds, shape)
     job.output.parent.mkdir(exist_ok=True)
     left_out = write_asset(made.asset, job.output)
     notes = [*source.notes, *result.notes, *made.notes, *left_out]

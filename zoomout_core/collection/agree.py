@@ -10,9 +10,10 @@ from zoomout_core.collection.cycles import Agreement, agreeing
 from zoomout_core.collection.pair_map import PairName, candidate_maps_of
 from zoomout_core.collection.pairs import pairs_between
 from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, summary_of
-from zoomout_core.matching.match import MatchResult, match_steps
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.runtime.stepping import Progress, Steps, within
+from zoomout_core.matching.pipeline import match
+from zoomout_core.matching.result import MatchResult
+from zoomout_core.runtime.progress import advance, portion, stage
 
 # The source, beside the names of targets, which are not empty.
 SOURCE = ""
@@ -21,7 +22,7 @@ AGREED = "Another candidate than the likeliest was taken, since it agrees with t
 THROUGH = "No candidate agreed with the maps of other targets, so the map was begun from the one through '{}'."
 
 
-def agreed_steps(results: Mapping[str, MatchResult], options: MatchOptions) -> Steps[dict[str, MatchResult]]:
+def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str, MatchResult]:
     """Matches of several targets with one source, with other candidates where these agree better with each other.
 
     Targets whose match is unsure are matched with those that are most alike among the sure ones. Without both there is
@@ -49,17 +50,19 @@ def agreed_steps(results: Mapping[str, MatchResult], options: MatchOptions) -> S
     for number, pair_name in enumerate(between):
         surfaces = results[pair_name.source].pair.target, results[pair_name.target].pair.target
         start, end = (0.7 * (number + step) / len(between) for step in (0, 1))
-        asked = yield from within(match_steps(*surfaces, options), start, end)
+        with stage(STAGE, start, end):
+            asked = match(*surfaces, options)
         maps[pair_name] = candidate_maps_of(asked, (summaries[pair_name.source], summaries[pair_name.target]))
-    return (yield from _taken_steps(results, agreeing(maps, summaries.__getitem__), summaries, options))
+    with stage(STAGE):
+        return _take(results, agreeing(maps, summaries.__getitem__), summaries, options)
 
 
-def _taken_steps(
+def _take(
     results: Mapping[str, MatchResult],
     agreement: Agreement,
     summaries: Mapping[str, ShapeSummary],
     options: MatchOptions,
-) -> Steps[dict[str, MatchResult]]:
+) -> dict[str, MatchResult]:
     """The results, where another candidate agrees better that one."""
     taken = dict(results)
     changed = [pair for pair in agreement.changed if pair.source == SOURCE]
@@ -68,13 +71,15 @@ def _taken_steps(
         start, end = (0.7 + 0.3 * (number + step) / len(changed) for step in (0, 1))
         third = agreement.through.get(pair)
         if third is None:
-            found, note = (yield from within(result.use_steps(candidate), start, end)), AGREED
+            with portion(start, end):
+                found, note = result.use(candidate), AGREED
         else:
             images = summaries[SOURCE].samples[agreement.maps[pair].forward[candidate]]
             given = spread_from_samples(result.pair.target, summaries[pair.target].samples, images)
             begun = replace(options, initial="given", initial_map=given)
             surfaces = result.pair.source, result.pair.target
-            found, note = (yield from within(match_steps(*surfaces, begun), start, end)), THROUGH.format(third)
+            with portion(start, end):
+                found, note = match(*surfaces, begun), THROUGH.format(third)
         taken[pair.target] = replace(found, notes=(note, *found.notes))
-    yield Progress(1.0, STAGE)
+    advance(1.0)
     return taken

@@ -6,21 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zoomout_core.collection.collection import CollectionResult
-from zoomout_core.collection.engine import Engine, Failure, Task
+from zoomout_core.collection.engine import Engine, Failure, Task, completed
 from zoomout_core.collection.pair_map import PairName
-from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_steps_of_pair
-from zoomout_core.collection.through_blender import CARRIED, carry_steps_of_pair
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
+from zoomout_core.collection.through_blender import CARRIED, carry_pair
 
 
-def carry_steps(
+def carry(
     result: CollectionResult,
     template: str,
     kinds: Sequence[str],
     ending: str,
     engine: Engine,
     blender: str | None = None,
-) -> Steps[dict[str, list[str]]]:
+) -> dict[str, list[str]]:
     """Carry what a template has onto all shapes that it is matched with, into the folder `meshes` of the results.
 
     What fails is added to the result's failures.
@@ -42,20 +41,17 @@ def carry_steps(
     for key, pair in names.items():
         paths = (source.file.resolve(), *_paths(result, pair, ending), tuple(kinds))
         if source.original is None:
-            tasks.append(Task(key, transfer_steps_of_pair, paths))
+            tasks.append(Task(key, transfer_pair, paths))
         else:
             record = result.folder / CARRIED / f"{pair.target}.json"
-            tasks.append(Task(key, carry_steps_of_pair, (*paths, record, blender)))
-    notes, ended = {}, 0
-    for done in engine.completed(tasks):
-        if done is not None:
-            ended += 1
-            name = names[done.key].target
-            if isinstance(done.result, Failure):
-                result.failures[f"transfer to {name}"] = done.result.message
-            else:
-                notes[name] = list(done.result)
-        yield Progress(ended / len(tasks), f"Transferring {ended} of {len(tasks)}")
+            tasks.append(Task(key, carry_pair, (*paths, record, blender)))
+    notes = {}
+    for done in completed(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
+        name = names[done.key].target
+        if isinstance(done.result, Failure):
+            result.failures[f"transfer to {name}"] = done.result.message
+        else:
+            notes[name] = list(done.result)
     return notes
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
@@ -14,7 +14,7 @@ from typing import Any, Literal
 from uuid import uuid4
 
 from zoomout_core.collection.cycles import Agreement, agreeing, pairs_in_cycles
-from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, completed
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
 from zoomout_core.collection.pairs import all_pairs, pairs_between, pairs_of_neighbours, pairs_with_template
 from zoomout_core.collection.shapes import Item, ShapeSummary, items_of
@@ -25,20 +25,20 @@ from zoomout_core.collection.tasks import (
     Matched,
     Prepared,
     Workplace,
-    match_steps_of_pair,
+    match_pair,
     place_of_map,
     place_of_shape,
-    prepare_steps,
+    prepare,
     write_whole,
 )
-from zoomout_core.collection.through_blender import read_items_steps
+from zoomout_core.collection.through_blender import read_items
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.mesh.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError
-from zoomout_core.runtime.stepping import Progress, Steps, drain
+from zoomout_core.runtime.progress import Progress, listening, portion
 from zoomout_core.tuning import Tuning, tuned
 
 _log = logging.getLogger(__name__)
@@ -60,6 +60,8 @@ class CollectionTuning(Tuning, set_by="judgement"):
 COLLECTION = CollectionTuning()
 # Shapes of which what maps are compared by is kept in memory, at a third of a megabyte each.
 KEPT = 2000
+# Parts of the progress: reading through Blender, preparing shapes, matching the pairs that are asked for, and others.
+READ, PREPARED, MATCHED, COMPARED = 0.05, 0.3, 0.8, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +112,7 @@ def match_collection(
     agree: bool = True,
     carries: bool = False,
     blender: str | None = None,
+    progress: Callable[[Progress], object] | None = None,
 ) -> CollectionResult:
     """Match the shapes of a collection, and choose among the candidates of each pair those that agree.
 
@@ -131,43 +134,12 @@ def match_collection(
         carries: whether all shapes are read by Blender, which then can carry data from one to the other; .blend and
             .fbx are in any case.
         blender: the program, see `mesh.blender_files.blender_command`.
+        progress: called with the progress, see `zoomout_core.progress`.
 
     Raises:
         MeshError: no choice of pairs, or an unknown name.
         ImportError: the engine needs a package that is missing.
     """
-    return drain(
-        match_collection_steps(
-            shapes,
-            folder,
-            template=template,
-            pairs=pairs,
-            neighbours=neighbours,
-            options=options,
-            engine=engine,
-            cache=cache,
-            agree=agree,
-            carries=carries,
-            blender=blender,
-        )
-    )
-
-
-def match_collection_steps(
-    shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike],
-    folder: str | PathLike[str] | None = None,
-    *,
-    template: str | PathLike[str] | None = None,
-    pairs: Sequence[tuple[str, str]] | Literal["all"] | None = None,
-    neighbours: int | None = None,
-    options: MatchOptions | None = None,
-    engine: Engine | None = None,
-    cache: str | PathLike[str] | None = None,
-    agree: bool = True,
-    carries: bool = False,
-    blender: str | None = None,
-) -> Steps[CollectionResult]:
-    """`match_collection` as a generator."""
     if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
         raise MeshError("Give one of a template, pairs and a number of neighbours: it says which shapes are matched.")
     options = MatchOptions() if options is None else options
@@ -193,23 +165,27 @@ def match_collection_steps(
     elif pairs is not None:
         wanted = [_known_pair(pair, items) for pair in pairs]
     engine = InThisProcess() if engine is None else engine
-    read = yield from read_items_steps(items, place, of_template, carries, blender, engine)
-    if wanted is not None:
-        wanted = [pair for pair in wanted if not read.failures.keys() & set(pair)]
-    run = _Run(read.items, place, options, engine, cache)
-    run.failures |= read.failures
-    yield from run.prepare_and_match_steps(wanted)
-    if wanted is None:
-        assert neighbours is not None
-        spectra = {name: run.prepared[name].eigenvalues for name in items if name in run.prepared}
-        yield from run.match_steps(dict.fromkeys(pairs_of_neighbours(spectra, neighbours)))
-    elif template is not None and agree:
-        yield from run.match_steps(dict.fromkeys(run.between()))
-    agreement = None
-    if agree:
-        agreement = run.agreement()
+    with listening(progress):
+        with portion(0.0, READ):
+            read = read_items(items, place, of_template, carries, blender, engine)
+        if wanted is not None:
+            wanted = [pair for pair in wanted if not read.failures.keys() & set(pair)]
+        run = _Run(read.items, place, options, engine, cache)
+        run.failures |= read.failures
+        first = PREPARED if wanted is None else MATCHED
+        with portion(READ, first):
+            run.prepare_and_match(wanted)
+        with portion(first, COMPARED):
+            if wanted is None:
+                assert neighbours is not None
+                spectra = {name: run.prepared[name].eigenvalues for name in items if name in run.prepared}
+                run.match(dict.fromkeys(pairs_of_neighbours(spectra, neighbours)))
+            elif template is not None and agree:
+                run.match(dict.fromkeys(run.between()))
+        agreement = run.agreement() if agree else None
         if agreement is not None:
-            yield from run.match_steps(run.beginnings(agreement), "Bringing maps to agree")
+            with portion(COMPARED, 1.0):
+                run.match(run.beginnings(agreement), "Bringing maps to agree")
     return CollectionResult(
         run.folder,
         items | read.items,
@@ -277,43 +253,43 @@ class _Run:
         kept = None if cache is None else Path(cache).resolve()
         self._place = Workplace(results, kept, options, uuid4().hex[:12])
 
-    def prepare_and_match_steps(self, pairs: Sequence[PairName] | None) -> Steps[None]:
+    def prepare_and_match(self, pairs: Sequence[PairName] | None) -> None:
         """Prepare all shapes, and match pairs if it is known which."""
         tasks = [self._preparing(item) for item in self.items.values()]
         tasks += [self._matching(pair, None) for pair in pairs or ()]
-        yield from self._completed_steps(tasks, len(pairs or ()), "Matching" if pairs else "Preparing")
+        self._complete(tasks, len(pairs or ()), "Matching" if pairs else "Preparing")
 
-    def match_steps(self, beginnings: Mapping[PairName, Beginning | None], stage: str = "Matching") -> Steps[None]:
+    def match(self, beginnings: Mapping[PairName, Beginning | None], title: str = "Matching") -> None:
         """Match pairs of shapes that are prepared."""
         needed = sorted({name for pair in beginnings for name in pair})
         tasks = [self._preparing(self.items[name]) for name in needed]
         tasks += [self._matching(pair, beginning) for pair, beginning in beginnings.items()]
-        yield from self._completed_steps(tasks, len(beginnings), stage)
+        self._complete(tasks, len(beginnings), title)
 
     def _preparing(self, item: Item) -> Task:
         content = None
         if not self._shared and item.path.is_file():
             content = item.path.read_bytes()
-        return Task(f"prepare {item.name}", prepare_steps, (_absolute(item), content, self._place))
+        return Task(f"prepare {item.name}", prepare, (_absolute(item), content, self._place))
 
     def _matching(self, pair: PairName, beginning: Beginning | None) -> Task:
         items = _absolute(self.items[pair.source]), _absolute(self.items[pair.target])
         after = tuple(f"prepare {name}" for name in pair)
-        return Task(f"match {pair}", match_steps_of_pair, (pair, items, beginning, self._place), after)
+        return Task(f"match {pair}", match_pair, (pair, items, beginning, self._place), after)
 
-    def _completed_steps(self, tasks: Sequence[Task], pairs: int, stage: str) -> Steps[None]:
+    def _complete(self, tasks: Sequence[Task], pairs: int, title: str) -> None:
         """Run tasks and take in what they make."""
         kinds: Counter[str] = Counter()
         names = {task.key: task.arguments[0] for task in tasks}
         failed_pairs: dict[PairName, str] = {}
-        total, ended = max(len(tasks), 1), 0
-        for done in self._engine.completed(tasks):
-            if done is not None:
-                ended += 1
-                kinds[self._taken(names[done.key], done.result, failed_pairs)] += 1
+
+        def counted(ended: int) -> str:
             failed = f", {kinds['failed']} failed" if kinds["failed"] else ""
-            counted = f" {kinds['matched']} of {pairs}" if pairs else f" {ended} of {total}"
-            yield Progress(ended / total, f"{stage}{counted}{failed}")
+            counts = (kinds["matched"], pairs) if pairs else (ended, len(tasks))
+            return f"{title} {counts[0]} of {counts[1]}{failed}"
+
+        for done in completed(self._engine, tasks, counted):
+            kinds[self._taken(names[done.key], done.result, failed_pairs)] += 1
         for pair, message in failed_pairs.items():
             if not any(name in self.failures for name in pair):  # else its shape is named
                 self.failures[str(pair)] = message

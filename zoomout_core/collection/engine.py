@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from uuid import uuid4
 
 from zoomout_core.mesh.memory import NO_MEMORY, NotEnoughMemoryError
-from zoomout_core.runtime.stepping import Steps, drain
+from zoomout_core.runtime.progress import advance, renaming, stage
 
 # Seconds between two looks at what has ended.
 PATIENCE = 0.05
@@ -39,13 +39,13 @@ class Task:
 
     Attributes:
         key: unlike that of any other.
-        function: what does it, in steps; found by its name in other processes.
+        function: what does it; found by its name in other processes.
         arguments: of it.
         after: keys of earlier tasks, the results of which are further arguments.
     """
 
     key: str
-    function: Callable[..., Steps[Any]]
+    function: Callable[..., Any]
     arguments: tuple[Any, ...]
     after: tuple[str, ...] = ()
 
@@ -61,8 +61,8 @@ class Done:
 class Engine(Protocol):
     """What runs tasks, each after those that it needs."""
 
-    def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
-        """Run tasks, and yield each when it has ended; None now and then in between.
+    def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Run tasks, and yield each when it has ended; progress is reported while they run.
 
         A task that fails, or needs one that has, costs itself alone.
         """
@@ -73,7 +73,26 @@ class Engine(Protocol):
         ...
 
 
-def attempt_steps(function: Callable[..., Steps[Any]], *arguments: Any) -> Steps[Any]:
+def completed(engine: Engine, tasks: Sequence[Task], title: Callable[[int], str]) -> Iterator[Done]:
+    """Run tasks, and yield each when it has ended, with the progress of the whole.
+
+    Args:
+        engine: that runs them.
+        tasks: the tasks.
+        title: of the progress, where so many of them have ended.
+    """
+    if not tasks:
+        return
+    running = engine.completed(tasks)
+    for ended in range(len(tasks) + 1):
+        with stage(title(ended), ended / len(tasks), min(1.0, (ended + 1) / len(tasks))):
+            done = next(running, None)
+        if done is None:
+            return
+        yield done
+
+
+def attempt(function: Callable[..., Any], *arguments: Any) -> Any:
     """What a task returns; a Failure where an argument is one, or its input is at fault.
 
     What may go better another time, such as where memory is short, is raised.
@@ -82,20 +101,15 @@ def attempt_steps(function: Callable[..., Steps[Any]], *arguments: Any) -> Steps
     if failed is not None:
         return failed
     try:
-        return (yield from function(*arguments))
+        return function(*arguments)
     except NotEnoughMemoryError:
         raise
     except ValueError as error:  # another time it would be the same
         return Failure(str(error))
 
 
-def attempt(function: Callable[..., Steps[Any]], *arguments: Any) -> Any:
-    """`attempt_steps`, all at once."""
-    return drain(attempt_steps(function, *arguments))
-
-
 class InThisProcess:
-    """One task after the other, in steps.
+    """One task after the other; their progress is reported without the titles of their stages.
 
     Args:
         retries: how often a task is tried again that failed by something that may pass, such as a lack of memory.
@@ -107,23 +121,19 @@ class InThisProcess:
     def sees(self, paths: Sequence[Path]) -> bool:
         return True
 
-    def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+    def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
         results: dict[str, Any] = {}
         for task in tasks:
             arguments = (*task.arguments, *(results[key] for key in task.after))
-            results[task.key] = yield from self._result_steps(task, arguments)
+            with renaming(lambda _: ""):
+                results[task.key] = self._result(task, arguments)
             yield Done(task.key, results[task.key])
 
-    def _result_steps(self, task: Task, arguments: tuple[Any, ...]) -> Any:
-        """What a task returns, tried again where it may go better; yields None."""
+    def _result(self, task: Task, arguments: tuple[Any, ...]) -> Any:
+        """What a task returns, tried again where it may go better."""
         for tries_left in reversed(range(self._retries + 1)):
-            steps = attempt_steps(task.function, *arguments)
             try:
-                while True:
-                    next(steps)
-                    yield None
-            except StopIteration as finished:
-                return finished.value
+                return attempt(task.function, *arguments)
             except Exception as error:  # one task of thousands must not end the others
                 if not tries_left:
                     return Failure(sentence_of(error))
@@ -146,11 +156,11 @@ class OnDask:
         there = self._client.run(_all_exist, [str(path.resolve()) for path in paths])
         return bool(there) and all(there.values())
 
-    def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+    def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
         lost: set[str] = set()
         task_of = {task.key: task for task in tasks}
         for done in self._ended(tasks):
-            if done is not None and isinstance(done.result, _Lost):
+            if isinstance(done.result, _Lost):
                 lost.add(done.key)
             else:
                 yield done
@@ -160,7 +170,7 @@ class OnDask:
             if task.key in lost:
                 yield from self._alone(task, task_of, failed)
 
-    def _ended(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+    def _ended(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """`completed`, with a `_Lost` for what was given up with its worker."""
         from distributed import as_completed
 
@@ -195,10 +205,10 @@ class OnDask:
             if not ended:
                 if self._client.status != "running":
                     raise ConnectionError(LOST)
+                advance(0.0)  # where whoever listens may cancel
                 time.sleep(PATIENCE)
-                yield None
 
-    def _alone(self, task: Task, task_of: Mapping[str, Task], failed: dict[str, Failure]) -> Iterator[Done | None]:
+    def _alone(self, task: Task, task_of: Mapping[str, Task], failed: dict[str, Failure]) -> Iterator[Done]:
         """Run a task once more when nothing else runs; what fails is added to `failed`, by its key."""
         chain = [*_needed(task, task_of), task]
         fault = next((failed[each.key] for each in chain if each.key in failed), None)
@@ -206,9 +216,6 @@ class OnDask:
             yield Done(task.key, fault)
             return
         for done in self._ended(chain):
-            if done is None:
-                yield None
-                continue
             result = Failure(done.result.message) if isinstance(done.result, _Lost) else done.result
             if isinstance(result, Failure):
                 failed[done.key] = result

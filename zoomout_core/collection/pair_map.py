@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.maps.zoomout import nearest_samples
-from zoomout_core.matching.match import MatchResult
 from zoomout_core.matching.pair import Pair, surface_vertices
 from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 
 # Candidates of a pair that are kept to choose among.

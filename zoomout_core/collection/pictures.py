@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
-from zoomout_core.collection.engine import Engine, Task
+from zoomout_core.collection.engine import Engine, Task, completed
 from zoomout_core.collection.pair_map import PairName, PairRecord
 from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.colors import place_colors
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import Progress, Steps, drain
 
 if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult
@@ -61,18 +60,17 @@ def picture_tasks(result: CollectionResult, root: str | None = None) -> list[Tas
             forward = pair in result.records
             map_file = result.folder / place_of_map(pair if forward else PairName(name, parent))
             parent_path, after = result.items[parent].path.resolve(), (f"picture {parent}",)
-        tasks.append(Task(f"picture {name}", picture_steps, (path, parent_path, map_file, forward), after))
+        tasks.append(Task(f"picture {name}", draw_picture, (path, parent_path, map_file, forward), after))
     return tasks
 
 
-def drawn_steps(result: CollectionResult, root: str | None, engine: Engine) -> Steps[dict[str, bytes]]:
+def draw(result: CollectionResult, root: str | None, engine: Engine) -> dict[str, bytes]:
     """PNG files of all shapes that a map joins to others, by their names, see `picture_tasks`; what fails has none."""
     tasks = picture_tasks(result, root)
     found: dict[str, bytes] = {}
-    for done in engine.completed(tasks):
-        if done is not None and isinstance(done.result, Picture):
+    for done in completed(engine, tasks, lambda _: f"Drawing {len(found)} of {len(tasks)}"):
+        if isinstance(done.result, Picture):
             found[done.key.removeprefix("picture ")] = done.result.png
-        yield Progress(min(1.0, len(found) / len(tasks)), f"Drawing {len(found)} of {len(tasks)}")
     return found
 
 
@@ -104,9 +102,9 @@ def colored_through(
     return found
 
 
-def picture_steps(
+def draw_picture(
     path: Path, parent_path: Path | None, map_file: Path | None, forward: bool, parent: Picture | None = None
-) -> Steps[Picture]:
+) -> Picture:
     """Draw a shape.
 
     Args:
@@ -116,7 +114,6 @@ def picture_steps(
         forward: whether that leads from this shape to the other.
         parent: how that was drawn.
     """
-    yield Progress(0.0, "Drawing")
     surface = as_surface(read_shape(path))
     if parent is None or parent_path is None or map_file is None:
         colors = place_colors(surface.vertices, surface.vertices)
@@ -137,7 +134,7 @@ def _drawn(surface: Surface, colors: Floats) -> bytes:
     from zoomout_core.plotting import draw_surface
 
     if len(surface.vertices) > MOST_VERTICES:
-        vertices, triangles, _ = drain(decimated_steps(surface.vertices, surface.triangles, MOST_VERTICES))
+        vertices, triangles, _ = decimate(surface.vertices, surface.triangles, MOST_VERTICES)
         colors = colors[cKDTree(surface.vertices).query(vertices)[1]]
         surface = Surface(vertices, triangles)
     figure = Figure(figsize=(1, 1), dpi=PIXELS)

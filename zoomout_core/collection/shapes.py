@@ -15,16 +15,16 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.components.bodies import bodies_steps
-from zoomout_core.matching.match import analysed_steps
+from zoomout_core.matching.components.bodies import find_bodies
 from zoomout_core.matching.memory_cache import kept_working_mesh
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import surface_vertices
+from zoomout_core.matching.preparation import prepare_shape
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
-from zoomout_core.runtime.stepping import Steps, spread
+from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 
 
@@ -131,7 +131,7 @@ def content_key(content: bytes) -> str:
 
 
 @on_one_blas_thread
-def summary_steps(path: Path, key: str, options: MatchOptions) -> Steps[ShapeSummary]:
+def summarise(path: Path, key: str, options: MatchOptions) -> ShapeSummary:
     """Prepare the shape of a file as a match with these options would, and say what maps of it are compared by.
 
     Raises:
@@ -139,8 +139,11 @@ def summary_steps(path: Path, key: str, options: MatchOptions) -> Steps[ShapeSum
     """
     surface = as_surface(read_shape(path))
     kept_working_mesh(surface)
-    bodies = yield from spread(bodies_steps(surface, surface, options.seed), 0.0, 0.1, "Finding the body")
-    shape = yield from spread(analysed_steps(bodies[0].source, options), 0.1, 1.0, "Analysing the shape")
+    with stage("Finding the body", 0.0, 0.1):
+        bodies = find_bodies(surface, surface, options.seed)
+    with stage("Analysing the shape", 0.1, 1.0):
+        size = options.k_final, options.samples, options.seed, options.proxy_vertices
+        shape = prepare_shape(bodies[0].source, *size, ahead=())
     return summary_of(surface, shape, key)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.transfer_asset import transfer_asset_steps
+from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.collection.pair_map import (
     PairName,
     PairRecord,
@@ -28,17 +28,16 @@ from zoomout_core.collection.pair_map import (
     candidate_maps_of,
     load_candidate_maps,
 )
-from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summary_steps
+from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.disk_cache import package_version
-from zoomout_core.matching.match import match_steps
 from zoomout_core.matching.memory_cache import shapes_stored_in
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.pipeline import match
 from zoomout_core.mesh.files import existing, read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.outputs import written_whole
-from zoomout_core.runtime.stepping import Progress, Steps
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
 # Folders of workers that do not see the results: what is prepared to be sent on, and what was sent.
@@ -150,7 +149,7 @@ def place_of_map(pair: PairName) -> Path:
     return Path(MAPS) / pair.source / f"{pair.target}.npz"
 
 
-def prepare_steps(item: Item, content: bytes | None, place: Workplace) -> Steps[Prepared]:
+def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
     """Prepare a shape, once and for all of its pairs.
 
     Args:
@@ -170,10 +169,9 @@ def prepare_steps(item: Item, content: bytes | None, place: Workplace) -> Steps[
     output = place.folder / place_of_shape(item.name)
     summary = _known_shape(output, place.key(key))
     seconds = 0.0
-    yield Progress(0.0, "Preparing a shape")
     if summary is None:
         with place.storing(item.name):
-            summary = yield from summary_steps(path, place.key(key), place.options)
+            summary = summarise(path, place.key(key), place.options)
         _write_arrays(output, summary.as_arrays())
         seconds = perf_counter() - began
     shipped = {}
@@ -184,14 +182,14 @@ def prepare_steps(item: Item, content: bytes | None, place: Workplace) -> Steps[
     return Prepared(item.name, key, summary.eigenvalues, seconds, shipped)
 
 
-def match_steps_of_pair(
+def match_pair(
     pair: PairName,
     items: tuple[Item, Item],
     beginning: Beginning | None,
     place: Workplace,
     source: Prepared,
     target: Prepared,
-) -> Steps[Matched]:
+) -> Matched:
     """Match a pair, unless its map is there already.
 
     Args:
@@ -215,7 +213,6 @@ def match_steps_of_pair(
     if record is not None and (beginning is None or beginning.led_to(record)):
         return Matched(pair, record, False)
     earlier = load_candidate_maps(output) if record is not None else None
-    yield Progress(0.0, "Matching")
     began = perf_counter()
     paths = [_path_of(item, place, shape) for item, shape in zip(items, (source, target), strict=True)]
     shapes = read_shape(paths[0]), read_shape(paths[1])
@@ -224,9 +221,9 @@ def match_steps_of_pair(
         images = spread_from_samples(as_surface(shapes[1]), beginning.samples, beginning.images)
         options = replace(options, initial="given", initial_map=images)
     with place.storing():
-        result = yield from match_steps(*shapes, options)
+        result = match(*shapes, options)
         if beginning is not None and beginning.candidate:
-            result = yield from result.use_steps(beginning.candidate)
+            result = result.use(beginning.candidate)
     summaries = (
         ShapeSummary.load(place.folder / place_of_shape(pair.source)),
         ShapeSummary.load(place.folder / place_of_shape(pair.target)),
@@ -242,17 +239,15 @@ def match_steps_of_pair(
     return Matched(pair, record, True, shipped)
 
 
-def transfer_steps_of_pair(
-    source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...]
-) -> Steps[tuple[str, ...]]:
+def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
     """Carry what a source has onto a target, by their map in a file; what a user should know of it.
 
     Raises:
         MeshError: there is nothing to carry, or a file cannot be read or written.
     """
     assets = read_asset(source), read_asset(target)
-    match = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
-    made = yield from transfer_asset_steps(*assets, match, kinds)
+    known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
+    made = transfer_asset(*assets, known, kinds)
     output.parent.mkdir(parents=True, exist_ok=True)
     left_out = write_asset(made.asset, output)
     return (*made.notes, *left_out)

@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
-from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, completed
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.collection.tasks import write_whole
 from zoomout_core.matching.disk_cache import package_version
-from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, blender_steps, surface_steps
+from zoomout_core.mesh.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Progress, Steps
 
 # Folders of the results: surfaces that Blender read, and what is known of the transfers that it made.
 SURFACES, CARRIED = "surfaces", "carried"
@@ -52,9 +51,9 @@ def is_of_blender(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def read_items_steps(
+def read_items(
     items: Mapping[str, Item], folder: Path, template: str | None, carries: bool, program: str | None, engine: Engine
-) -> Steps[ReadItems]:
+) -> ReadItems:
     """Have Blender read those files that need it, unless their surfaces are there already.
 
     Args:
@@ -73,39 +72,35 @@ def read_items_steps(
         known = is_of_blender(item.path) or item.path.suffix.lower() in IMPORTED
         found[item.name] = Item(item.name, surface, item.path if known else surface)
         if not surface.is_file():
-            tasks.append(Task(f"read {item.name}", read_steps_of, (item.path.resolve(), role, surface, known, program)))
+            tasks.append(Task(f"read {item.name}", read_item, (item.path.resolve(), role, surface, known, program)))
     if tasks:
         (folder / SURFACES).mkdir(parents=True, exist_ok=True)
-    failures, ended = {}, 0
+    failures = {}
     sees = engine.sees([folder, *(item.path for item in chosen)]) if tasks else True
-    for done in (engine if sees else InThisProcess()).completed(tasks):
-        if done is not None:
-            ended += 1
-            if isinstance(done.result, Failure):
-                name = done.key.removeprefix("read ")
-                failures[name] = done.result.message
-                del found[name]
-        yield Progress(0.0, f"Reading through Blender {ended} of {len(tasks)}")
+    readers = engine if sees else InThisProcess()
+    for done in completed(readers, tasks, lambda ended: f"Reading through Blender {ended} of {len(tasks)}"):
+        if isinstance(done.result, Failure):
+            name = done.key.removeprefix("read ")
+            failures[name] = done.result.message
+            del found[name]
     return ReadItems(found, failures)
 
 
-def read_steps_of(path: Path, role: str, output: Path, known: bool, program: str | None) -> Steps[None]:
+def read_item(path: Path, role: str, output: Path, known: bool, program: str | None) -> None:
     """Write the surface of a file, by Blender where it knows the format.
 
     Raises:
         MeshError: it cannot be read, or there is no Blender.
     """
     if known:
-        yield from surface_steps(path, output, role, program)
+        write_surface(path, output, role, program)
     else:
-        yield Progress(0.0, "Reading a shape")
-        surface = read_surface(path)
-        write_shape(surface, output)
+        write_shape(read_surface(path), output)
 
 
-def carry_steps_of_pair(
+def carry_pair(
     source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
-) -> Steps[tuple[str, ...]]:
+) -> tuple[str, ...]:
     """Have Blender carry what a source has onto a target, unless that was done; what a user should know of it.
 
     Args:
@@ -130,7 +125,7 @@ def carry_steps_of_pair(
     arguments += ["--data", *(DATA[kind] for kind in kinds)]
     if WEIGHTS in kinds:
         arguments += ["--bind", "--replace-binding"]
-    report = (yield from blender_steps(arguments, program))["targets"]
+    report = run_blender(arguments, program)["targets"]
     errors = {name: entry["error"] for name, entry in report.items() if "error" in entry}
     if len(errors) == len(report):
         raise MeshError(" ".join(dict.fromkeys(errors.values())))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -13,14 +12,14 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods
 from zoomout_core.maps.zoomout import SampledBasis
-from zoomout_core.matching.proxy import Proxy, proxy_steps
+from zoomout_core.matching.proxy import Proxy, make_proxy
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import advance, portion
 from zoomout_core.runtime.threads import side_by_side
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
-from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs_steps
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
 from zoomout_core.tuning import Tuning, tuned
@@ -185,10 +184,8 @@ class ShapeAnalysis:
         return self.basis.coefficients(bands), unit_columns(pairs, np.linalg.norm(pairs, axis=0))
 
 
-def analysis_steps(
-    part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None = None
-) -> Generator[float, None, ShapeAnalysis]:
-    """Prepare a connected working mesh, yielding the fraction done.
+def analyse(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None = None) -> ShapeAnalysis:
+    """Prepare a connected working mesh.
 
     Args:
         part: one component, of unit area.
@@ -200,17 +197,19 @@ def analysis_steps(
     Raises:
         MeshError: there is not enough memory for its number of vertices.
     """
-    yield 0.0
-    proxy = yield from scaled(proxy_steps(part, proxy_vertices), 0.0, 0.3)
+    with portion(0.0, 0.3):
+        proxy = make_proxy(part, proxy_vertices)
     mesh = proxy.mesh
-    yield 0.3
+    advance(0.3)
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
     k = min(k, len(areas) - 1)
     chosen = farthest_points(mesh.vertices, max(samples, k))
-    eigenpairs = eigenpairs_steps(stiffness, areas, k, seed)
-    both = side_by_side(eigenpairs, _distance_steps(mesh, chosen[: ANALYSIS.distance_samples]))
     try:
-        pairs, distances = yield from scaled(both, 0.3, 0.95)
+        with portion(0.3, 0.95):
+            pairs, distances = side_by_side(
+                partial(eigenpairs, stiffness, areas, k, seed),
+                partial(_distances, mesh, chosen[: ANALYSIS.distance_samples]),
+            )
     except MemoryError:
         raise MeshError(
             f"There is not enough memory to analyse a mesh of {len(areas)} vertices: match it by a smaller stand-in, "
@@ -220,13 +219,13 @@ def analysis_steps(
     return ShapeAnalysis(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)
 
 
-def _distance_steps(mesh: WorkingMesh, samples: Integers) -> Generator[float, None, Floats]:
-    """(d, n) geodesic distances from samples to all vertices, yielding the fraction done."""
+def _distances(mesh: WorkingMesh, samples: Integers) -> Floats:
+    """(d, n) geodesic distances from samples to all vertices."""
     graph = edge_graph(mesh.vertices, mesh.triangles)
     found: list[Floats] = []
     # dijkstra holds the interpreter lock: it runs in pieces that are short.
     pieces = min(len(samples), 8 + len(samples) * len(mesh.vertices) // VISITS)
     for few in np.array_split(samples, pieces):
-        yield len(found) / pieces
+        advance(len(found) / pieces)
         found.append(dijkstra(graph, indices=few))
     return np.concatenate(found)

@@ -7,7 +7,7 @@ mesh in as a new surface each time. `store_shapes` has shapes written to disk, t
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import blake2b
 from os import PathLike
@@ -17,7 +17,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.disk_cache import MOST_BYTES as MOST_BYTES_ON_DISK
 from zoomout_core.matching.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
@@ -73,19 +73,15 @@ def kept_working_mesh(surface: Surface) -> WorkingMesh:
     return mesh
 
 
-def kept_analysis_steps(
-    part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None
-) -> Generator[float, None, ShapeAnalysis]:
-    """`analysis_steps`, or at once the shape that it returned for the same mesh and numbers before."""
+def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None) -> ShapeAnalysis:
+    """`analyse`, or at once the shape that it returned for the same mesh and numbers before."""
     key = _content(part, k, samples, seed, proxy_vertices)
     shape, folder = _shapes.take(key), _folder
     if shape is None and folder is not None:
-        yield 0.0
         shape = folder.load(key, part)
     if shape is None:
-        shape = yield from analysis_steps(part, k, samples, seed, proxy_vertices)
+        shape = analyse(part, k, samples, seed, proxy_vertices)
         if folder is not None:
-            yield 1.0
             folder.save(key, shape)
     _shapes.keep(key, shape)
     return shape

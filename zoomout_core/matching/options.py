@@ -22,7 +22,7 @@ SMALLEST_FINAL = 4
 SMALLEST_PROXY = 500
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MatchOptions:
     """How two surfaces are matched; checked when it is made, as far as it can be without them.
 

@@ -7,7 +7,6 @@ on a surface that faces another way, as the other leg does, has no partner; it i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from numbers import Real
 
 import numpy as np
@@ -19,8 +18,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 
 # Defaults of the public signature: over the square root of the source's area, and in degrees. The paper has a
 # twentieth of the bounding box's diagonal, which is about this for a human figure, and the same angle. On clothes 0.005
@@ -49,6 +47,7 @@ class ProximityMatch:
         return self.confidence > 0
 
 
+@memory_in_words
 def match_by_proximity(
     source: ShapeLike,
     target: ShapeLike,
@@ -72,26 +71,13 @@ def match_by_proximity(
         ValueError: a distance that is not positive, or an angle that is not from 0 to 180.
         MeshError: nothing of the target is near the source.
     """
-    return drain(match_by_proximity_steps(source, target, most_distance, most_angle, either_side))
-
-
-@memory_in_words
-def match_by_proximity_steps(
-    source: ShapeLike,
-    target: ShapeLike,
-    most_distance: float = MOST_DISTANCE,
-    most_angle: float = MOST_ANGLE,
-    either_side: bool = False,
-) -> Steps[ProximityMatch]:
-    """`match_by_proximity` as a generator that yields `Progress` and returns the result."""
     if not isinstance(most_distance, Real) or not 0 < most_distance < np.inf:
         raise ValueError(f"most_distance is {most_distance!r}: give a part of the square root of the source's area.")
     if not isinstance(most_angle, Real) or not 0 <= most_angle <= 180:
         raise ValueError(f"most_angle is {most_angle!r}: give degrees from 0 to 180.")
-    work = partial(
-        _matched, as_surface(source), as_surface(target), most_distance, np.cos(np.radians(most_angle)), either_side
-    )
-    return (yield from spread(in_background(work), 0, 1, "Finding the nearest points"))
+    least_cosine = np.cos(np.radians(most_angle))
+    with stage("Finding the nearest points"):
+        return _matched(as_surface(source), as_surface(target), most_distance, least_cosine, either_side)
 
 
 def _matched(

@@ -6,7 +6,6 @@ the match shrinks with it.
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -17,7 +16,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods, SurfaceSearch, project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
@@ -126,14 +125,11 @@ def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
     return int(np.clip(vertices // PROXY.reduction, PROXY.fewest, PROXY.most))
 
 
-def proxy_steps(part: WorkingMesh, count: int | None) -> Generator[float, None, Proxy]:
-    """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small.
-
-    Yields the fraction done.
-    """
+def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
+    """A stand-in with about `count` vertices for a connected mesh; the mesh itself when None, or if it is small."""
     if count is None or len(part.vertices) <= PROXY.worthwhile * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
-    points, triangles, merged = yield from decimated_steps(part.vertices, part.oriented_triangles, count)
+    points, triangles, merged = decimate(part.vertices, part.oriented_triangles, count)
     mesh, _ = Surface(points, triangles).working.part(0)
     vertices = np.empty_like(mesh.vertices)
     used = mesh.vertex_of >= 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias, TypeVar
 
@@ -25,7 +25,7 @@ from zoomout_core.matching.scores import (
     scores_of,
     total_score,
 )
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -148,7 +148,7 @@ class _Screened:
 _Map = TypeVar("_Map", _Screened, Candidate)
 
 
-def rank_steps(
+def rank(
     hypotheses: list[Hypothesis],
     source: ShapeAnalysis,
     target: ShapeAnalysis,
@@ -156,10 +156,8 @@ def rank_steps(
     quotas: tuple[Quota, Quota] | None = None,
     clear_orientation: float | None = None,
     wanted: Callable[[Integers, bool], bool] = lambda _map, _reverses: True,
-) -> Generator[float, None, list[Candidate]]:
+) -> list[Candidate]:
     """Refine hypotheses, drop duplicates and the hopeless, score the rest in both directions.
-
-    Yields the fraction done.
 
     Args:
         hypotheses: any number.
@@ -180,16 +178,16 @@ def rank_steps(
     quotas = (RANKING.direct, RANKING.mirrored) if quotas is None else quotas
     if not sides_are_known(*shapes):
         quotas = quotas[0], quotas[0]
-    screening = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear), hypotheses)
-    screened = yield from scaled(screening, 0.0, 0.6)
+    with portion(0.0, 0.6):
+        screened = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear), hypotheses)
     screened = [entry for entry in screened if wanted(entry.sample_map, entry.reverses_orientation)]
     kept = _leading(screened, [entry.score for entry in screened], source, quotas)
-    refining = for_each(lambda entry: _candidate(entry, *shapes, disagreement), kept)
-    refined = yield from scaled(refining, 0.6, 0.8)
+    with portion(0.6, 0.8):
+        refined = for_each(lambda entry: _candidate(entry, *shapes, disagreement), kept)
     refined = [entry for entry in refined if wanted(entry.sample_map, entry.reverses_orientation)]
     leading = _leading(refined, [candidate.scores["total"] for candidate in refined], source, quotas)
-    aligning = for_each(lambda candidate: _aligned(candidate, *shapes), leading)
-    candidates = yield from scaled(aligning, 0.8, 1.0)
+    with portion(0.8, 1.0):
+        candidates = for_each(lambda candidate: _aligned(candidate, *shapes), leading)
     return in_order(candidates, source, target)
 
 

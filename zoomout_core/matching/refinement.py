@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,6 +23,7 @@ from zoomout_core.matching.local_rigid_alignment import (
     beside_places,
 )
 from zoomout_core.matching.ranking import RANKING
+from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -89,7 +89,7 @@ class RefinementTuning(Tuning, set_by="correspondence"):
 REFINEMENT = RefinementTuning()
 
 
-def dense_steps(
+def refine(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     functional_map: Floats,
@@ -98,7 +98,7 @@ def dense_steps(
     k_final: int,
     step: int,
     schedule: Schedule | None = None,
-) -> Generator[float, None, tuple[SurfaceMap, Floats]]:
+) -> tuple[SurfaceMap, Floats]:
     """From a candidate's functional map to a precise point for every vertex of the target's mesh.
 
     Args:
@@ -111,9 +111,6 @@ def dense_steps(
         step: its growth in an iteration, once the target is aligned with the source.
         schedule: of the rounds on samples, None for that of two shapes; a single one on all vertices follows.
 
-    Yields:
-        The fraction done.
-
     Returns:
         The map between the shapes' meshes, and its functional map.
     """
@@ -123,18 +120,17 @@ def dense_steps(
     schedule = REFINEMENT.between_shapes if schedule is None else schedule
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[target.sampled.samples])
     eigenvectors = source.basis.eigenvectors
-    yield 0.0
     vertex = nearest(*coordinates(target.sampled.rows, eigenvectors, functional_map, at_samples))
     how = target.sampled, at_samples
     for i, (k, width) in enumerate(schedule.aligning):
-        yield 0.3 * i / len(schedule.aligning)
+        advance(0.3 * i / len(schedule.aligning))
         # While the map is still to grow, the source's samples are close enough.
         among = source.sampled.samples if k < size else slice(None)
         vertex, aligned = align_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
     factor = _weight_factor(vertex, aligned, source, target, size)
     settling = [*(min(k, size) for k in schedule.settling), *range(schedule.settling[-1] + step, size, step)]
     for i, k in enumerate(settling):
-        yield 0.3 + 0.4 * i / len(settling)
+        advance(0.3 + 0.4 * i / len(settling))
         weight = REFINEMENT.settling_weight * factor * min(1.0, factor) ** REFINEMENT.steepness
         vertex, _ = align_and_match(vertex, source, target, *how, k, width, mirrored, weight=weight)
     functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
@@ -142,13 +138,13 @@ def dense_steps(
     images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
     normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
     weight = REFINEMENT.finishing_weight * factor * min(1.0, REFINEMENT.finishing_size / size) ** 2
-    yield 0.7
+    advance(0.7)
     aligned = align(images, target, width, mirrored)
     aligned = aligned.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
     pair = embeddings(source, target, functional_map, anchors)
     queries, embedded = beside_places(*pair, aligned, source, size, weight)
     near = _nearest_near_samples(queries, embedded, source)
-    yield 0.85
+    advance(0.85)
     dense = SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)
     functional_map = target.basis.coefficients(dense.interpolate(eigenvectors[:, :size]))[:size]
     return dense, functional_map

@@ -18,7 +18,7 @@ from time import monotonic, sleep
 from typing import Any
 
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import advance, stage
 
 # What is read through Blender alone, and what it imports besides.
 ENDINGS = (".blend", ".fbx")
@@ -59,7 +59,7 @@ def blender_command(program: str | None = None) -> list[str]:
     return [found, "--background", "--disable-autoexec", "--command", "zoomout"]
 
 
-def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps[dict[str, Any]]:
+def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[str, Any]:
     """Run a command of the extension, and return its report.
 
     Args:
@@ -73,7 +73,7 @@ def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps
     command, began = blender_command(program), monotonic()
     with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
         report, output = Path(folder) / "report.json", Path(folder) / "output.txt"
-        with output.open("wb") as said:
+        with output.open("wb") as said, stage("Working in Blender"):
             process = subprocess.Popen(
                 [*command, *arguments, "--report", str(report)],
                 stdin=subprocess.DEVNULL,
@@ -87,7 +87,7 @@ def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps
                         raise MeshError(
                             f"Blender took more than {MOST_SECONDS / 60:.0f} minutes: give it a smaller file."
                         )
-                    yield Progress(0.0, "Working in Blender")
+                    advance(0.0)
                     sleep(PATIENCE)
             finally:
                 if process.poll() is None:
@@ -103,7 +103,7 @@ def blender_steps(arguments: Sequence[str], program: str | None = None) -> Steps
         return dict(found)
 
 
-def surface_steps(path: Path, output: Path, role: str = TARGET, program: str | None = None) -> Steps[None]:
+def write_surface(path: Path, output: Path, role: str = TARGET, program: str | None = None) -> None:
     """Write what is shown in a file that Blender reads as one surface, a PLY file.
 
     Args:
@@ -115,7 +115,7 @@ def surface_steps(path: Path, output: Path, role: str = TARGET, program: str | N
     Raises:
         MeshError: there is no Blender, or it cannot read the file, or that shows no mesh.
     """
-    yield from blender_steps(["surface", str(path.resolve()), "--role", role, "--save", str(output)], program)
+    run_blender(["surface", str(path.resolve()), "--role", role, "--save", str(output)], program)
 
 
 def _environment() -> dict[str, str]:

@@ -6,7 +6,6 @@ closer than the result can resolve, one of each handful stays.
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from threading import Lock
 
@@ -16,6 +15,7 @@ from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
 # The library keeps its mesh in global variables, so that two threads must not use it at once.
@@ -43,10 +43,8 @@ class DecimationTuning(Tuning, set_by="judgement"):
 DECIMATION = DecimationTuning()
 
 
-def decimated_steps(
-    vertices: Floats, triangles: Integers, count: int
-) -> Generator[float, None, tuple[Floats, Integers, Integers]]:
-    """A mesh with about `count` vertices, yielding the fraction done.
+def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats, Integers, Integers]:
+    """A mesh with about `count` vertices.
 
     Args:
         vertices: (n, 3) positions.
@@ -60,24 +58,23 @@ def decimated_steps(
     area = triangle_areas(vertices, triangles).sum()
     close = DECIMATION.close * np.sqrt(area / count)
     most = len(vertices)
-    yield 0.0
     random = np.random.default_rng(0)
     while len(vertices) > DECIMATION.per_stage:
-        into = yield from _thinned_steps(vertices, triangles, close, random, _done(most, len(vertices), count))
+        into = _thin(vertices, triangles, close, random, _done(most, len(vertices), count))
         kept, number = np.unique(into, return_inverse=True)
         if len(kept) < count or len(kept) > DECIMATION.notable * len(vertices):
             break
         triangles = number[triangles]
         triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
         vertices, merged = vertices[kept], number[merged]
-        yield _done(most, len(vertices), count)
+        advance(_done(most, len(vertices), count))
     while 2 * count < len(triangles):
         stage = max(count, min(len(vertices) - DECIMATION.per_stage, len(vertices) // 2))
         points, triangles, into = _simplified(vertices, triangles, stage)
         merged = into[merged]
         finished = stage == count or len(points) > DECIMATION.notable * len(vertices)
         vertices = points
-        yield _done(most, len(vertices), count)
+        advance(_done(most, len(vertices), count))
         if finished:
             break
     return vertices, triangles, merged
@@ -99,22 +96,20 @@ def _simplified(vertices: Floats, triangles: Integers, count: int) -> tuple[Floa
     return points, fewer, merged
 
 
-def _thinned_steps(
-    vertices: Floats, triangles: Integers, close: float, random: np.random.Generator, done: float
-) -> Generator[float, None, Integers]:
+def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random.Generator, done: float) -> Integers:
     """(n,) for each vertex one that stays: itself, or one at the other end of a short edge.
 
-    Those that stay are a maximal independent set of the graph of short edges (Luby 1986). Yields the fraction done.
+    Those that stay are a maximal independent set of the graph of short edges (Luby 1986).
     """
     n = len(vertices)
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     offset = vertices[tail] - vertices[head]
     short = np.einsum("ex,ex->e", offset, offset) < close**2
     tail, head = tail[short], head[short]
-    yield done
+    advance(done)
     ends = np.concatenate([tail, head]), np.concatenate([head, tail])
     graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(n, n)).tocsr()
-    yield done
+    advance(done)
     inhabited = np.flatnonzero(np.diff(graph.indptr))
     first = graph.indptr[inhabited]
 
@@ -130,7 +125,7 @@ def _thinned_steps(
         chosen: Booleans = undecided & (priority > most_around(np.where(undecided, priority, -1)))
         stays |= chosen
         undecided &= ~chosen & (most_around(np.where(chosen, priority, -1)) < 0)
-        yield done
+        advance(done)
         if not undecided.any():
             break
     stays |= undecided

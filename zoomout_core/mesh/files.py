@@ -20,12 +20,11 @@ from numpy.typing import DTypeLike, NDArray
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.blender_files import surface_steps
+from zoomout_core.mesh.blender_files import write_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.runtime.outputs import written_whole
-from zoomout_core.runtime.stepping import drain
 
 # What trimesh reads with packages of the extra `formats`.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
@@ -350,7 +349,7 @@ def _read_with_blender(path: Path) -> Polygons:
     """The triangles of all meshes that are shown in a file, without what modifiers add to them."""
     with TemporaryDirectory(prefix="zoomout-") as folder:
         surface = Path(folder) / "surface.ply"
-        drain(surface_steps(path, surface))
+        write_surface(path, surface)
         return _read_ply(surface)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from inspect import isgeneratorfunction
 from typing import Any, TypeVar, cast
 
 from zoomout_core.mesh.surface import MeshError
@@ -23,20 +22,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def memory_in_words(function: Function) -> Function:
-    """Have a function, stepped or not, raise `NotEnoughMemoryError`, which says what to do, where none is left."""
+    """Have a function raise `NotEnoughMemoryError`, which says what to do, where no memory is left."""
 
     @wraps(function)
-    def at_once(*args: Any, **kwargs: Any) -> Any:
+    def limited(*args: Any, **kwargs: Any) -> Any:
         try:
             return function(*args, **kwargs)
         except MemoryError:
             raise NotEnoughMemoryError(NO_MEMORY) from None
 
-    @wraps(function)
-    def stepped(*args: Any, **kwargs: Any) -> Any:
-        try:
-            return (yield from function(*args, **kwargs))
-        except MemoryError:
-            raise NotEnoughMemoryError(NO_MEMORY) from None
-
-    return cast(Function, stepped if isgeneratorfunction(function) else at_once)
+    return cast(Function, limited)

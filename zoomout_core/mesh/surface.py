@@ -19,6 +19,7 @@ from zoomout_core.mesh.reconstruction import triangulated_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
+from zoomout_core.runtime.summary import Summary
 
 # Larger coordinates overflow where areas are squared.
 LARGEST_COORDINATE = 1e75
@@ -31,7 +32,7 @@ class MeshError(ValueError):
     """A mesh that cannot be used; the message says in one sentence what is wrong and what to do."""
 
 
-class Surface:
+class Surface(Summary):
     """A polygon mesh.
 
     Args:
@@ -193,6 +194,15 @@ class Surface:
     def rounding(self, step: float) -> None:
         """Say what it was before the vertices were brought to where they are."""
         self._rounding = step
+
+    def _summary(self) -> dict[str, str]:
+        low, high = self.vertices[self.corner_vertex].min(axis=0), self.vertices[self.corner_vertex].max(axis=0)
+        return {
+            "vertices": f"{len(self.vertices):,}",
+            "faces": f"{len(self.face_start) - 1:,}",
+            "extent": " x ".join(f"{length:.4g}" for length in high - low),
+            "area": f"{self.area:.4g}",
+        }
 
     @property
     def components(self) -> Integers:

@@ -1,4 +1,4 @@
-"""Several cores at work: steps side by side, and a BLAS that does not fight over the cores meanwhile.
+"""Several cores at work: functions side by side, and a BLAS that does not fight over the cores meanwhile.
 
 The products of a match are small. Threads of BLAS gain nothing on them, and where other programs keep the cores
 busy they wait for each other, many times as long as the products take.
@@ -8,28 +8,29 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
-from functools import wraps
+from contextvars import copy_context
+from functools import partial, wraps
 from numbers import Integral
 from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
+import threadpoolctl
 from threadpoolctl import threadpool_limits
 
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import Strands, advance, portion
 
 First = TypeVar("First")
 Second = TypeVar("Second")
-Yielded = TypeVar("Yielded")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
-# Seconds after which the caller has the word again, though no step has ended: half of what users notice.
+# Seconds between two looks at an interrupt of the user while threads work: half of what users notice.
 PATIENCE = 0.05
-# Threads that work at a time, unless the user says otherwise: on more the steps of a match wait for each other.
+# Threads that work at a time, unless the user says otherwise: more wait for each other in a match.
 MOST_THREADS = 8
 VARIABLE = "ZOOMOUT_THREADS"
 
@@ -96,6 +97,11 @@ def _known_cores() -> _Cores:
     return _cores
 
 
+def holding_a_core(work: Callable[[], Result]) -> Result:
+    """Call a function once fewer threads than `threads()` are at work."""
+    return _known_cores().taken(work)
+
+
 def usable_cores() -> int:
     """Cores that this process may use; where the system does not tell, all."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -107,90 +113,53 @@ def _checked(name: str, count: object) -> int:
     return int(count)
 
 
-def side_by_side(
-    first: Generator[float, None, First], second: Generator[float, None, Second]
-) -> Generator[float, None, tuple[First, Second]]:
-    """Run two stepped computations in as many threads; the caller never waits long, however long their steps are.
-
-    numpy and scipy let go of the interpreter in long operations. Closed halfway, it waits for nothing: the steps that
-    are under way end by themselves, and nothing follows them.
-
-    Yields:
-        The fraction done.
-
-    Returns:
-        What the two return.
-    """
-    results = yield from _in_threads((first, second))
-    return results[0], results[1]
+def side_by_side(first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:
+    """Call two functions in as many threads, and return their results."""
+    works: tuple[Callable[[], Any], ...] = first, second
+    of_first, of_second = _in_threads(works)
+    return of_first, of_second
 
 
-def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> Generator[float, None, list[Result]]:
-    """What a function returns for each item, by several threads in turns; yields the fraction done."""
-    return (yield from for_each_stepped(lambda item: _single_step(lambda: function(item)), items))
+def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Call a function for each item in several threads, and return the results in order."""
+    return _in_threads([partial(function, item) for item in items])
 
 
-def for_each_stepped(
-    steps: Callable[[Item], Generator[float, None, Result]], items: Sequence[Item]
-) -> Generator[float, None, list[Result]]:
-    """What a stepped computation returns for each item, by several threads in turns; yields the fraction done."""
-    results: list[Any] = [None] * len(items)
-    strands = max(1, min(threads(), len(items)))
+def _in_threads(works: Sequence[Callable[[], Result]]) -> list[Result]:
+    """Results of functions that run in threads; where one raises, the others end when they next report progress."""
+    count = min(threads(), len(works))
+    if count <= 1:
+        results = []
+        for number, work in enumerate(works):
+            with portion(number / len(works), (number + 1) / len(works)):
+                results.append(work())
+                advance(1.0)
+        return results
+    cores, strands = _known_cores(), Strands(len(works))
 
-    def strand(first: int) -> Generator[float, None, None]:
-        mine = range(first, len(items), strands)
-        for count, i in enumerate(mine):
-            results[i] = yield from scaled(steps(items[i]), count / len(mine), (count + 1) / len(mine))
-            yield (count + 1) / len(mine)
+    def run(number: int) -> Result:
+        with strands.strand(number):
+            result = works[number]()
+            advance(1.0)
+        return result
 
-    yield from _in_threads([strand(first) for first in range(strands)])
-    return results
-
-
-def alone(steps: Generator[float, None, Result]) -> Generator[float, None, Result]:
-    """Run a stepped computation in a thread, so that the caller has the word again soon however long its steps are."""
-    (result,) = yield from _in_threads((steps,))
-    return result
-
-
-def in_background(work: Callable[[], Result]) -> Generator[float, None, Result]:
-    """Run a function that takes long in a thread; yields 0 now and then, and returns what it returns."""
-    return (yield from alone(_single_step(work)))
-
-
-def _single_step(work: Callable[[], Result]) -> Generator[float, None, Result]:
-    yield from ()
-    return work()
-
-
-def _in_threads(computations: Sequence[Generator[float, None, Any]]) -> Generator[float, None, list[Any]]:
-    fractions, results = [0.0] * len(computations), [None] * len(computations)
-    running: dict[Future[float], int] = {}
-    cores = _known_cores()
-
-    def submit(number: int) -> Future[float]:
-        return pool.submit(cores.taken, lambda: next(computations[number]))
-
-    pool = ThreadPoolExecutor(max_workers=len(computations))
+    pool = ThreadPoolExecutor(max_workers=count)
+    futures = [pool.submit(copy_context().run, cores.taken, partial(run, number)) for number in range(len(works))]
     try:
-        running = {submit(number): number for number in range(len(computations))}
-        while running:
-            with cores.lent():
-                ended = wait(running, PATIENCE, FIRST_COMPLETED).done
-            for future in ended:
-                number = running.pop(future)
-                try:
-                    fractions[number] = future.result()
-                    running[submit(number)] = number
-                except StopIteration as finished:
-                    fractions[number], results[number] = 1.0, finished.value
-            yield sum(fractions) / len(fractions)
+        with cores.lent():
+            running = set(futures)
+            while running:
+                # In short waits, for an interrupt of the user reaches no thread that waits for long.
+                ended, running = wait(running, PATIENCE, FIRST_EXCEPTION)
+                if any(future.exception() for future in ended):
+                    break
+        for future in futures:
+            if future.done():
+                future.result()
+        return [future.result() for future in futures]
     finally:
+        strands.stop()
         pool.shutdown(wait=False, cancel_futures=True)
-        for future, number in running.items():
-            # A generator cannot be closed while it runs.
-            future.add_done_callback(lambda _, steps=computations[number]: steps.close())  # type: ignore[misc]
-    return results
 
 
 class _OneBlasThread:
@@ -202,6 +171,7 @@ class _OneBlasThread:
     def __enter__(self) -> None:
         with self._lock:
             if self._entered == 0:
+                _take_over_blas()
                 self._limits.enter_context(threadpool_limits(1, user_api="blas"))
             self._entered += 1
 
@@ -209,20 +179,26 @@ class _OneBlasThread:
         with self._lock:
             self._entered -= 1
             if self._entered == 0:
+                _take_over_blas()
                 self._limits.close()
+
+
+def _take_over_blas() -> None:
+    """Let the calling thread limit BLAS; since threadpoolctl 3.8 others than the first to do so are ignored."""
+    clear = getattr(getattr(threadpoolctl, "OpenBLASController", None), "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)
 
 
 one_blas_thread = _OneBlasThread()
 
 
-def on_one_blas_thread(
-    steps: Callable[Arguments, Generator[Yielded, None, Result]],
-) -> Callable[Arguments, Generator[Yielded, None, Result]]:
-    """Keep BLAS to one thread from the first step of a stepped computation until it ends or is closed."""
+def on_one_blas_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Keep BLAS to one thread while a function runs."""
 
-    @wraps(steps)
-    def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Generator[Yielded, None, Result]:
+    @wraps(function)
+    def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         with one_blas_thread:
-            return (yield from steps(*args, **kwargs))
+            return function(*args, **kwargs)
 
     return limited

@@ -8,7 +8,6 @@ half as much a column as single ones do, and finds repeated eigenvalues that a s
 from __future__ import annotations
 
 import logging
-from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -20,11 +19,12 @@ from scipy.sparse.linalg import SuperLU
 from zoomout_core.arrays import Floats, SingleFloats, check_counts, segment_sum
 from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorised
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.progress import advance
+from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import one_blas_thread, threads
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.tuning import Tuning, tuned
@@ -86,8 +86,8 @@ COARSE_BASIS = CoarseBasisTuning()
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, eq=False)
-class SpectralBasis:
+@dataclass(frozen=True, eq=False, repr=False)
+class SpectralBasis(Summary):
     """Eigenfunctions of the Laplacian, scaled to a surface of unit area.
 
     Attributes:
@@ -104,6 +104,12 @@ class SpectralBasis:
     areas: Floats
     points: Floats
     components: int = 1
+
+    def _summary(self) -> dict[str, str]:
+        return {
+            "functions": f"{len(self.eigenvalues)} on {len(self.areas):,} vertices",
+            "eigenvalues": f"{self.eigenvalues[0]:.4g} to {self.eigenvalues[-1]:.4g}",
+        }
 
     def at_area(self, area: float) -> SpectralBasis:
         """The basis of the surface scaled to another area, such as a part's relative to that of its whole.
@@ -218,7 +224,7 @@ def basis_of(
     components = len(np.unique(constants))
     operator = _with_potential(stiffness, areas, potential)
     try:
-        pairs = drain(eigenpairs_steps(operator, areas, k, seed))
+        pairs = eigenpairs(operator, areas, k, seed)
         return SpectralBasis(*pairs, areas, mesh.vertices, components)
     except MemoryError:
         _log.warning(
@@ -227,7 +233,7 @@ def basis_of(
             len(mesh.vertices),
             COARSE_BASIS.vertices,
         )
-    points, triangles, merged = drain(decimated_steps(mesh.vertices, mesh.oriented_triangles, COARSE_BASIS.vertices))
+    points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, COARSE_BASIS.vertices)
     around = Neighbourhoods(triangles, len(points))
     triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
     if potential is not None:  # means by area
@@ -235,7 +241,7 @@ def basis_of(
         potential = segment_sum(areas * potential, merged) / of_coarse
     coarse_stiffness, coarse_areas = mesh_laplacian(points, triangles)
     coarse_operator = _with_potential(coarse_stiffness, coarse_areas, potential)
-    _, coarse = drain(eigenpairs_steps(coarse_operator, coarse_areas, int(EIGENSOLVER.surplus * k) + 2, seed))
+    _, coarse = eigenpairs(coarse_operator, coarse_areas, int(EIGENSOLVER.surplus * k) + 2, seed)
     functions = np.einsum("nc,nck->nk", barycentric, coarse[triangles[triangle]])
     damped_inverse = COARSE_BASIS.damping / operator.diagonal()[:, None]
     for _ in range(COARSE_BASIS.smoothing):
@@ -249,17 +255,15 @@ def _with_potential(stiffness: csc_array, areas: Floats, potential: Floats | Non
     return stiffness if potential is None else csc_array(stiffness + diags_array(potential * areas))
 
 
-def working_basis_steps(mesh: WorkingMesh, k: int, seed: int = 0) -> Generator[float, None, SpectralBasis]:
-    """The first `k` eigenfunctions of a working mesh, yielding the fraction done."""
+def working_basis(mesh: WorkingMesh, k: int, seed: int = 0) -> SpectralBasis:
+    """The first `k` eigenfunctions of a working mesh."""
     stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
-    eigenvalues, eigenvectors = yield from eigenpairs_steps(stiffness, areas, k, seed)
+    eigenvalues, eigenvectors = eigenpairs(stiffness, areas, k, seed)
     return SpectralBasis(eigenvalues, eigenvectors, areas, mesh.vertices)
 
 
-def eigenpairs_steps(
-    stiffness: csc_array, areas: Floats, k: int, seed: int = 0
-) -> Generator[float, None, tuple[Floats, Floats]]:
-    """The `k` smallest eigenpairs of W phi = lambda diag(areas) phi, yielding the fraction done.
+def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tuple[Floats, Floats]:
+    """The `k` smallest eigenpairs of W phi = lambda diag(areas) phi.
 
     Args:
         stiffness: (n, n) symmetric, positive semi-definite.
@@ -279,14 +283,12 @@ def eigenpairs_steps(
         values, vectors = eigh((scaled + scaled.T) / 2, subset_by_index=(0, k - 1))
         vectors /= root[:, None]
     else:
-        values, vectors = yield from _block_lanczos(stiffness, areas, root, k, seed)
+        values, vectors = _block_lanczos(stiffness, areas, root, k, seed)
     vectors *= np.where(vectors.max(axis=0) < -vectors.min(axis=0), -1.0, 1.0)
     return np.maximum(values, 0), vectors
 
 
-def _block_lanczos(
-    stiffness: csc_array, areas: Floats, root: Floats, k: int, seed: int
-) -> Generator[float, None, tuple[Floats, Floats]]:
+def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, seed: int) -> tuple[Floats, Floats]:
     n, b = len(root), EIGENSOLVER.block
     wanted = min(n - 1, int(EIGENSOLVER.surplus * k) + 2)
     factor = factorised(stiffness + EIGENSOLVER.shift * diags_array(areas))
@@ -303,7 +305,7 @@ def _block_lanczos(
         for j in range(limit):
             e = (j + 1) * b
             Y = (root * parts.solved(factor, Q[e - b : e] * root)).astype(np.float32)
-            yield min(0.9, e / (2.8 * wanted))
+            advance(min(0.9, e / (2.8 * wanted)))
             for first in (max(0, e - 2 * b), 0):  # the neighbouring blocks, then all: both passes are needed
                 H[first:e, e - b : e] += parts.orthogonalised(Y, Q[first:e]).T
             R = np.eye(b)
@@ -316,7 +318,6 @@ def _block_lanczos(
                 R = L.T @ R
             H[e : e + b, e - b : e] = R
             Q[e : e + b] = Y
-            yield min(0.9, e / (2.8 * wanted))
             if e < next_test and j < limit - 1:
                 continue
             projected = (H[:e, :e] + H[:e, :e].T) / 2
@@ -327,9 +328,8 @@ def _block_lanczos(
                 blocks = int(np.log(residual / EIGENSOLVER.tolerance) / np.log(EIGENSOLVER.gain))
                 next_test = e + b * max(1, blocks)
                 continue
-            yield min(0.9, e / (2.8 * wanted))
             mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
-            yield min(0.9, e / (2.8 * wanted))
+            advance(min(0.9, e / (2.8 * wanted)))
             if _residuals(R, mu, S).max() >= EIGENSOLVER.tolerance:
                 continue
             mu, S = mu[::-1], S[:, ::-1]
@@ -339,12 +339,12 @@ def _block_lanczos(
             for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
                 rows = slice(columns[0], columns[-1] + 1)
                 np.divide(Q[:e, rows].T @ weights, root[rows, None], out=eigenvectors[rows])
-                yield 0.95
+                advance(0.95)
             if complete.result():
                 return 1 / mu[:k] - EIGENSOLVER.shift, eigenvectors
             next_test = e + 4 * b
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)  # should the caller have closed this halfway
+        pool.shutdown(wait=False, cancel_futures=True)
     raise MeshError(UNCONVERGED)
 
 

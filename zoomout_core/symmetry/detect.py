@@ -7,7 +7,7 @@ the identity left out.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Literal
@@ -20,31 +20,25 @@ from zoomout_core.maps.functional_map import commutativity_error, orthonormality
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
-from zoomout_core.matching.components.lift import lifted
+from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.confidence import Partners, confidence_of
-from zoomout_core.matching.match import ANALYSING, fitted_steps
+from zoomout_core.matching.dense_map import bend_refined
 from zoomout_core.matching.memory_need import check_memory
 from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking import Candidate, rank_steps
-from zoomout_core.matching.refinement import REFINEMENT, dense_steps
+from zoomout_core.matching.ranking import Candidate, rank
+from zoomout_core.matching.refinement import REFINEMENT, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.runtime.stepping import Steps, drain, scaled, spread, within
-from zoomout_core.runtime.threads import (
-    alone,
-    for_each,
-    for_each_stepped,
-    in_background,
-    on_one_blas_thread,
-    side_by_side,
-)
+from zoomout_core.runtime.progress import Progress, listening, portion, stage
+from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import CANDIDATES, in_order, is_no_part_of_identity
-from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of_steps, body_shape_steps
+from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of, body_shape
 from zoomout_core.symmetry.sides import SIDES, leftward, on_whole_surface, signed_distance
 from zoomout_core.tuning import Tuning, tuned
 
@@ -54,6 +48,8 @@ LEFT = (1.0, 0.0, 0.0)
 START_OF_BODY = 0.02, 0.55, 0.7
 # Leading block of the functional map whose energies are reported beside those of all of it.
 LOW = 20
+# Fraction of a body's progress that its analysis takes.
+ANALYSING = 0.8
 
 
 @dataclass(frozen=True)
@@ -73,7 +69,7 @@ class DetectionTuning(Tuning, set_by="judgement"):
 DETECTION = DetectionTuning()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Symmetry(SelfMap):
     """A symmetry of a surface as it was found: what `SelfMap` has, and what else is known about it.
 
@@ -97,7 +93,17 @@ class Symmetry(SelfMap):
     origin: str
     notes: tuple[str, ...]
 
+    def _summary(self) -> dict[str, str]:
+        return super()._summary() | {
+            "certainty": f"{self.certainty:.0%}",
+            "order": str(self.order or "none that is small"),
+            "origin": self.origin,
+            "notes": " ".join(self.notes) or "none",
+        }
 
+
+@memory_in_words
+@on_one_blas_thread
 def detect_symmetry(
     surface: ShapeLike,
     most: int = 8,
@@ -107,6 +113,8 @@ def detect_symmetry(
     samples: int = SAMPLES,
     seed: int = 0,
     proxy_vertices: int | Literal["auto"] | None = "auto",
+    *,
+    progress: Callable[[Progress], object] | None = None,
 ) -> tuple[Symmetry, ...]:
     """Find the symmetries of a surface, whatever its pose and however it is meshed.
 
@@ -121,6 +129,7 @@ def detect_symmetry(
         seed: of the eigensolver.
         proxy_vertices: larger meshes are analysed by stand-ins of about this many vertices; "auto": as for `match`;
             None to take them whole.
+        progress: called with the `Progress` now and then, see `zoomout_core.progress`.
 
     Returns:
         Symmetries other than the identity, the most likely first. There is always a best guess, unless nothing was
@@ -130,79 +139,82 @@ def detect_symmetry(
         MeshError: a mesh that cannot be analysed; the message says what to do.
         ValueError: a number or a direction that makes no sense.
     """
-    return drain(detect_symmetry_steps(surface, most, left, k_final, step, samples, seed, proxy_vertices))
-
-
-@memory_in_words
-@on_one_blas_thread
-def detect_symmetry_steps(
-    surface: ShapeLike,
-    most: int = 8,
-    left: ArrayLike = LEFT,
-    k_final: int = K_FINAL,
-    step: int = 20,
-    samples: int = SAMPLES,
-    seed: int = 0,
-    proxy_vertices: int | Literal["auto"] | None = "auto",
-) -> Steps[tuple[Symmetry, ...]]:
-    """`detect_symmetry` as a generator that yields `Progress` and returns the symmetries."""
     check_sizes(k_final, step, samples, proxy_vertices)
     if most < 1:
         raise ValueError(f"most is {most}: ask for one symmetry or more.")
     to_the_left, surface = _unit_vector(left), as_surface(surface)
     check_memory([len(surface.working.vertices)], k_final, proxy_vertices)
-    bodies = yield from within(bodies_of_steps(surface, seed), 0.0, START_OF_BODY[0])
+    with listening(progress):
+        best = _best_attempt(surface, k_final, step, samples, seed, proxy_vertices)
+        if best is None:
+            return ()
+        least = DETECTION.least_certainty
+        chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= least]
+        with stage("Refining", START_OF_BODY[-1], 1.0):
+            found = for_each(lambda candidate: _symmetry(best.pair, candidate, to_the_left), chosen)
+    return tuple(sorted(found, key=_place))
+
+
+def _best_attempt(
+    surface: Surface, k_final: int, step: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
+) -> Attempt | None:
+    """The body of a surface whose maps onto itself are the most likely ones; None where none has any."""
+    with portion(0.0, START_OF_BODY[0]):
+        bodies = bodies_of(surface, seed)
     attempts: list[Attempt] = []
     for body, start, end in zip(bodies, START_OF_BODY, START_OF_BODY[1:], strict=False):
         compared = start + ANALYSING * (end - start)
-        preparing = body_shape_steps(body.source, k_final, samples, seed, proxy_vertices)
-        shape = yield from within(preparing, start, compared)
+        with portion(start, compared):
+            shape = body_shape(body.source, k_final, samples, seed, proxy_vertices)
         pair = Pair(surface, surface, shape, shape, k_final, step)
-        candidates = yield from spread(candidate_steps(shape), compared, end, "Comparing candidates")
+        with stage("Comparing candidates", compared, end):
+            candidates = find_candidates(shape)
         if candidates:
             attempts.append(Attempt(pair, candidates, body.coverage))
         if candidates and candidates[0].certainty >= ATTEMPTS.sure:
             break
-    if not attempts:
-        return ()
     # Maps that agree in most places may still differ by an arm, so no candidate confirms another one.
-    best = max(attempts, key=lambda attempt: attempt.worth)
-    least = DETECTION.least_certainty
-    chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= least]
-    refining = for_each_stepped(lambda candidate: _symmetry_steps(best.pair, candidate, to_the_left), chosen)
-    found = yield from spread(refining, START_OF_BODY[-1], 1.0, "Refining")
-    return tuple(sorted(found, key=_place))
+    return max(attempts, key=lambda attempt: attempt.worth, default=None)
 
 
-def candidate_steps(shape: ShapeAnalysis) -> Generator[float, None, list[Candidate]]:
-    """Maps of a shape onto itself that may be symmetries, the most likely first; yields the fraction done."""
-    guesses = yield from scaled(for_each(lambda guess: guess(shape), GUESSES), 0.0, 0.4)
-    ranking = rank_steps(
-        list(chain(*guesses)),
-        shape,
-        shape,
-        quotas=DETECTION.quotas,
-        clear_orientation=0.0,
-        wanted=lambda sample_map, reverses: is_no_part_of_identity(sample_map, reverses, shape),
-    )
-    return in_order((yield from scaled(ranking, 0.4, 1.0)), shape)
+def find_candidates(shape: ShapeAnalysis) -> list[Candidate]:
+    """Maps of a shape onto itself that may be symmetries, the most likely first."""
+    with portion(0.0, 0.4):
+        guesses = for_each(lambda guess: guess(shape), GUESSES)
+    with portion(0.4, 1.0):
+        candidates = rank(
+            list(chain(*guesses)),
+            shape,
+            shape,
+            quotas=DETECTION.quotas,
+            clear_orientation=0.0,
+            wanted=lambda sample_map, reverses: is_no_part_of_identity(sample_map, reverses, shape),
+        )
+    return in_order(candidates, shape)
 
 
-def _symmetry_steps(pair: Pair, candidate: Candidate, left: Floats) -> Generator[float, None, Symmetry]:
-    """From a candidate on samples to a symmetry of the whole surface; yields the fraction done."""
+def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
+    """From a candidate on samples to a symmetry of the whole surface."""
     shape = pair.source_shape
     order = order_of(candidate.sample_map, shape)
     how = candidate.mirrored, pair.k_final, pair.step, REFINEMENT.onto_itself
-    refining = dense_steps(shape, shape, candidate.functional_map, None, *how)
-    forwards = fitted_steps(refining, shape, shape, candidate.mirrored)
-    if order == 2:  # it is its own inverse
-        fit, functional_map = yield from scaled(alone(forwards), 0.0, 0.7)
-        back = fit.surface_map
-    else:
-        backwards = dense_steps(shape, shape, candidate.reverse_functional_map, None, *how)
-        (fit, functional_map), (back, _) = yield from scaled(side_by_side(forwards, backwards), 0.0, 0.7)
-    finishing = in_background(lambda: _finished(pair, candidate, fit, back, functional_map, order, left))
-    return (yield from scaled(finishing, 0.7, 1.0))
+
+    def forwards() -> tuple[Fit, Floats]:
+        with portion(0.0, 0.6):
+            refined, functional_map = refine(shape, shape, candidate.functional_map, None, *how)
+        with portion(0.6, 1.0):
+            return bend_refined(refined, functional_map, shape, shape, candidate.mirrored)
+
+    with portion(0.0, 0.7):
+        if order == 2:  # it is its own inverse
+            fit, functional_map = forwards()
+            back = fit.surface_map
+        else:
+            (fit, functional_map), (back, _) = side_by_side(
+                forwards, lambda: refine(shape, shape, candidate.reverse_functional_map, None, *how)
+            )
+    with portion(0.7, 1.0):
+        return _finished(pair, candidate, fit, back, functional_map, order, left)
 
 
 def _finished(
@@ -220,7 +232,7 @@ def _finished(
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
     everywhere = np.ones(len(confidence), dtype=bool)
-    surface_map, confidence, _, placed, notes = lifted(pair, fit, confidence, Partners(everywhere, everywhere))
+    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Partners(everywhere, everywhere))
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:

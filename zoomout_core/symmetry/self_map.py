@@ -10,24 +10,23 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
-from zoomout_core.matching.components.bodies import Bodies, bodies_steps
-from zoomout_core.matching.match import ANALYSES, prepared_steps
-from zoomout_core.matching.memory_cache import kept_analysis_steps
-from zoomout_core.matching.proxy import proxy_size
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.components.bodies import Bodies, find_bodies
+from zoomout_core.matching.preparation import prepare_shape
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import Progress, Steps, drain, spread, within
-from zoomout_core.runtime.threads import alone, in_background, on_one_blas_thread
+from zoomout_core.runtime.progress import portion, stage
+from zoomout_core.runtime.summary import Summary
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.symmetry.sides import Line, zero_line
 
 # Size of the final functional maps, and how many samples they are refined on.
 K_FINAL, SAMPLES = 120, 1000
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SelfMap:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class SelfMap(Summary):
     """A map of a surface onto itself, and the sides that it gives the surface.
 
     Attributes:
@@ -48,6 +47,16 @@ class SelfMap:
     prepared: ShapeAnalysis | None = None
 
     @property
+    def source(self) -> Surface:
+        """The surface, which the map lands on."""
+        return self.surface
+
+    @property
+    def target(self) -> Surface:
+        """The surface, which the map starts from."""
+        return self.surface
+
+    @property
     def has_partner(self) -> None:
         """Every vertex has one, so that there is nothing to say which have."""
 
@@ -59,7 +68,14 @@ class SelfMap:
     @cached_property
     def shape(self) -> ShapeAnalysis:
         """The surface's main part; analysed now, if it was not before."""
-        return self.prepared or drain(main_shape_steps(self.surface))
+        return self.prepared or main_shape(self.surface)
+
+    def _summary(self) -> dict[str, str]:
+        return {
+            "surface": f"{len(self.surface.vertices):,} vertices",
+            "kind": "reflection" if self.reverses_orientation else "rotation",
+            "confidence": f"{self.confidence.mean():.2f} on average",
+        }
 
     @property
     def has_sides(self) -> bool:
@@ -73,13 +89,13 @@ class SelfMap:
 
 @memory_in_words
 @on_one_blas_thread
-def main_shape_steps(
+def main_shape(
     surface: Surface,
     k_final: int = K_FINAL,
     samples: int = SAMPLES,
     seed: int = 0,
     proxy_vertices: int | Literal["auto"] | None = "auto",
-) -> Steps[ShapeAnalysis]:
+) -> ShapeAnalysis:
     """The main part of a surface, ready to have its symmetries found, or at once if it was prepared before.
 
     Arguments as for `detect_symmetry`.
@@ -87,21 +103,23 @@ def main_shape_steps(
     Raises:
         MeshError: a mesh that cannot be analysed; the message says what to do.
     """
-    (body, *_) = yield from within(bodies_of_steps(surface, seed), 0.0, 0.04)
-    return (yield from within(body_shape_steps(body.source, k_final, samples, seed, proxy_vertices), 0.04, 1.0))
+    with portion(0.0, 0.04):
+        body, *_ = bodies_of(surface, seed)
+    with portion(0.04, 1.0):
+        return body_shape(body.source, k_final, samples, seed, proxy_vertices)
 
 
-def bodies_of_steps(surface: Surface, seed: int) -> Steps[list[Bodies]]:
+def bodies_of(surface: Surface, seed: int) -> list[Bodies]:
     """What of a surface may stand for it, the most promising first."""
-    yield Progress(0.0, "Reading the mesh")
-    yield from spread(in_background(lambda: surface.working), 0.0, 0.5, "Reading the mesh")
-    return (yield from spread(bodies_steps(surface, surface, seed), 0.5, 1.0, "Finding the body"))
+    with stage("Reading the mesh", 0.0, 0.5):
+        _ = surface.working
+    with stage("Finding the body", 0.5, 1.0):
+        return find_bodies(surface, surface, seed)
 
 
-def body_shape_steps(
+def body_shape(
     body: WorkingMesh, k_final: int, samples: int, seed: int, proxy_vertices: int | Literal["auto"] | None
-) -> Steps[ShapeAnalysis]:
+) -> ShapeAnalysis:
     """A surface's body, ready to have its symmetries found; arguments as for `detect_symmetry`."""
-    k = max(k_final, ANALYSIS.fewest_functions)
-    preparing = kept_analysis_steps(body, k, samples, seed, proxy_size(len(body.vertices), proxy_vertices))
-    return (yield from spread(alone(prepared_steps(preparing, ANALYSES)), 0.0, 1.0, "Analysing the shape"))
+    with stage("Analysing the shape"):
+        return prepare_shape(body, k_final, samples, seed, proxy_vertices)

@@ -6,14 +6,12 @@ from zoomout_core.transfer.dressing.dress import (
     Dressed,
     Manner,
     carry,
-    carry_steps,
     dress,
-    dress_steps,
-    shape_of_source_steps,
+    shape_of_source,
 )
 from zoomout_core.transfer.dressing.form import Lines
-from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along, transfer_steps
-from zoomout_core.transfer.wrapping.wrap import Wrapped, reversed_match, reversed_match_steps, wrap, wrap_steps
+from zoomout_core.transfer.rules import RULES, Rule, conform, map_target, transfer, transfer_along
+from zoomout_core.transfer.wrapping.wrap import Wrapped, reversed_match, wrap
 
 __all__ = [
     "MODES",
@@ -30,17 +28,12 @@ __all__ = [
     "Wrapped",
     "blend",
     "carry",
-    "carry_steps",
     "conform",
     "dress",
-    "dress_steps",
     "map_target",
     "reversed_match",
-    "reversed_match_steps",
-    "shape_of_source_steps",
+    "shape_of_source",
     "transfer",
     "transfer_along",
-    "transfer_steps",
     "wrap",
-    "wrap_steps",
 ]

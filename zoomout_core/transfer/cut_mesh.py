@@ -19,7 +19,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import barycentric_of_closest
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each, threads
 from zoomout_core.tuning import Tuning, tuned
 
@@ -125,7 +125,8 @@ class CutSurface:
             block = slice(first, first + BLOCK)
             triangle[block], weights[block], distance[block] = self._walked(triangle[block], columns[:, block])
 
-        drain(for_each(walk_on, range(0, len(points), BLOCK)))
+        with portion(0.0, 0.0):  # one lookup of the many in a longer computation
+            for_each(walk_on, range(0, len(points), BLOCK))
         return triangle, weights, np.where(distance > self._size * ON_SURFACE, distance, 0)
 
     def _walked(self, start: Integers, points: Floats) -> tuple[Integers, Floats, Floats]:

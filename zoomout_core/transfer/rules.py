@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +14,6 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.runtime.threads import in_background
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.continuation import continued
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
@@ -127,8 +125,8 @@ RULES: dict[Kind, Rule] = {
 def transfer(
     attribute: Attribute,
     result: Match | SurfaceMap,
-    source: ShapeLike,
-    target: ShapeLike,
+    source: ShapeLike | None = None,
+    target: ShapeLike | None = None,
     fill_below: float | None = None,
     **options: Any,
 ) -> Attribute:
@@ -141,8 +139,8 @@ def transfer(
     Args:
         attribute: on the source.
         result: the match, or only its map, of each target vertex to a point of the source.
-        source: the surface that has the attribute.
-        target: the surface that receives it.
+        source: the surface that has the attribute; that of the match, when not given.
+        target: the surface that receives it; that of the match, when not given.
         fill_below: numbers, colours and weights of vertices of less confidence than this are filled in from
             around them, see `inpaint`; None to take all as they are mapped.
         options: of the attribute's kind; for weights see `weights.mix_weights`.
@@ -154,7 +152,7 @@ def transfer(
         MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map
             is of other surfaces.
         ValueError: `fill_below` is no confidence.
-        TypeError: something else is given as the attribute, the match or a surface.
+        TypeError: something else is given as the attribute, the match or a surface, or a bare map without surfaces.
     """
     if not isinstance(attribute, Attribute):
         raise TypeError(f"An Attribute is needed, not a {type(attribute).__name__}: give its name, domain and kind.")
@@ -163,8 +161,8 @@ def transfer(
 
 def map_target(
     result: Match | SurfaceMap,
-    source: ShapeLike,
-    target: ShapeLike,
+    source: ShapeLike | None = None,
+    target: ShapeLike | None = None,
     fill_below: float | None = None,
 ) -> MappedTarget:
     """What all attributes of one transfer have in common, for `transfer_along`; arguments as for `transfer`.
@@ -175,20 +173,35 @@ def map_target(
     """
     if fill_below is not None and not 0 <= fill_below <= 1:
         raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
-    source, target = as_surface(source), as_surface(target)
-    if isinstance(result, SurfaceMap):
-        _check_map(result, source, target)
-        return MappedTarget(source, target, result, np.ones(len(target.vertices)), fill_below)
-    if not hasattr(result, "surface_map"):
+    if not isinstance(result, SurfaceMap) and not hasattr(result, "surface_map"):
         raise TypeError(
             f"A match is needed, not a {type(result).__name__}: give what `match` returns, or its surface_map."
         )
+    source, target = surfaces_of(result, source, target)
+    if isinstance(result, SurfaceMap):
+        _check_map(result, source, target)
+        return MappedTarget(source, target, result, np.ones(len(target.vertices)), fill_below)
     surface_map, confidence, has_partner = result.surface_map, np.asarray(result.confidence), result.has_partner
     _check_map(surface_map, source, target, confidence, *([] if has_partner is None else [has_partner]))
     if has_partner is not None:
         surface_map = continued(surface_map, target, has_partner)
         confidence = np.where(has_partner, confidence, 0)
     return MappedTarget(source, target, surface_map, confidence, fill_below, has_partner)
+
+
+def surfaces_of(
+    result: Match | SurfaceMap, source: ShapeLike | None, target: ShapeLike | None
+) -> tuple[Surface, Surface]:
+    """The surfaces of a transfer: those that are given, else those that the match holds.
+
+    Raises:
+        TypeError: a match that holds none, such as a bare map, without surfaces.
+    """
+    source = getattr(result, "source", None) if source is None else source
+    target = getattr(result, "target", None) if target is None else target
+    if source is None or target is None:
+        raise TypeError(f"A {type(result).__name__} does not hold its surfaces: give source and target as well.")
+    return as_surface(source), as_surface(target)
 
 
 def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:
@@ -200,13 +213,8 @@ def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -
     return rule.domains[attribute.domain](attribute, mapped, **options)
 
 
-def transfer_steps(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Generator[float, None, Attribute]:
-    """`transfer_along` in the background of short steps; yields the fraction done."""
-    return in_background(partial(transfer_along, attribute, mapped, **options))
-
-
 @memory_in_words
-def conform(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
+def conform(result: Match | SurfaceMap, source: ShapeLike | None = None, target: ShapeLike | None = None) -> Floats:
     """The source's shape on the target's vertices: (n_t, 3) positions on the source.
 
     Where confidence is low, the target keeps more of its own shape, turned and scaled as its surroundings are.

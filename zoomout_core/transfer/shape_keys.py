@@ -14,7 +14,6 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from zoomout_core.arrays import Floats
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import FRAMES, TRUST, Frames, frames_of, frames_on, on_working_mesh, turned_gradients
@@ -65,7 +64,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         some = slice(first, first + KEYS_AT_ONCE)
         carried[:, some] = _carried(offsets[:, some].astype(np.float64), frames, loading)
 
-    drain(for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE)))
+    for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:

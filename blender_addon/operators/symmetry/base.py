@@ -6,10 +6,10 @@ from bpy.types import Context
 
 from ...storage import stored_symmetry
 from ...translations import translated
-from ..stepped import SteppedOperator
+from ..modal_operator import ModalOperator
 
 
-class SymmetryOperator(SteppedOperator):
+class SymmetryOperator(ModalOperator):
     """The base of operators that need the symmetry of the active mesh."""
 
     @classmethod

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
-from ...services.symmetry.check import check_symmetry_steps
+from ...services.symmetry.check import check_symmetry_async
 from .base import SymmetryOperator
 
 
@@ -21,12 +19,8 @@ class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
     )
     bl_options = {"REGISTER"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
-        return (
-            yield from check_symmetry_steps(
-                context, obj.name, self.check.lower(), key, self.red_length, self.red_weight
-            )
-        )
+        return await check_symmetry_async(context, obj.name, self.check.lower(), key, self.red_length, self.red_weight)

@@ -5,18 +5,19 @@ from __future__ import annotations
 from bpy.props import IntProperty
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import stage
 
+from ...jobs import pause
 from ...properties.once import ONCE
 from ...properties.settings import take_settings
 from ...properties.symmetry import DetectOptions
-from ...services.symmetry.detect import choose_symmetry, detect_symmetry_steps, found_summary, swap_sides
+from ...services.symmetry.detect import choose_symmetry, detect_symmetry_async, found_summary, swap_sides
 from ...services.symmetry.mesh_access import writable_mesh
-from ..stepped import SteppedOperator
+from ..modal_operator import ModalOperator
 from .base import SymmetryOperator
 
 
-class ZOOMOUT_OT_detect_symmetry(DetectOptions, SteppedOperator):
+class ZOOMOUT_OT_detect_symmetry(DetectOptions, ModalOperator):
     bl_idname = "zoomout.detect_symmetry"
     bl_label = "Detect Symmetry"
     bl_description = (
@@ -25,10 +26,10 @@ class ZOOMOUT_OT_detect_symmetry(DetectOptions, SteppedOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         name = context.active_object.name
-        found = yield from detect_symmetry_steps(context, name, self.left)
+        found = await detect_symmetry_async(context, name, self.left)
         return found_summary(name, found)
 
 
@@ -40,9 +41,10 @@ class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
 
     number: IntProperty(name="Number", description="Which one, counted from 0", min=0, default=0, options=ONCE)
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         obj = writable_mesh(context, context.active_object.name)
-        yield Progress(0.0, "Choosing")
+        with stage("Choosing"):
+            await pause()
         return choose_symmetry(context, obj, self.number)
 
 
@@ -52,7 +54,8 @@ class ZOOMOUT_OT_swap_sides(SymmetryOperator):
     bl_description = "Take left for right, in the symmetry that is chosen: where the axis told them apart wrongly"
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         obj = writable_mesh(context, context.active_object.name)
-        yield Progress(0.0, "Swapping")
+        with stage("Swapping"):
+            await pause()
         return swap_sides(context, obj)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, LayerOptions
-from ...services.symmetry.layers import mirror_attributes_steps
+from ...services.symmetry.layers import mirror_attributes_async
 from .base import SymmetryOperator
 
 
@@ -21,7 +19,7 @@ class ZOOMOUT_OT_mirror_attributes(LayerOptions, DirectionOptions, SymmetryOpera
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         name, direction, layout = context.active_object.name, self.direction.lower(), self.uv_layout.lower()
-        return (yield from mirror_attributes_steps(context, name, self.data(), direction, layout))
+        return await mirror_attributes_async(context, name, self.data(), direction, layout)

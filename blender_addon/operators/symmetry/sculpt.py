@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions
-from ...services.symmetry.sculpt import mirror_sculpt_steps
+from ...services.symmetry.sculpt import mirror_sculpt_async
 from .base import SymmetryOperator
 
 
@@ -21,6 +19,6 @@ class ZOOMOUT_OT_mirror_sculpt(DirectionOptions, SymmetryOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
-        return (yield from mirror_sculpt_steps(context, context.active_object.name, self.direction.lower()))
+        return await mirror_sculpt_async(context, context.active_object.name, self.direction.lower())

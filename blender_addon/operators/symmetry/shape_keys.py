@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, KeyName, KeyOptions
-from ...services.symmetry.shape_keys import mirror_shape_key_steps
+from ...services.symmetry.shape_keys import mirror_shape_key_async
 from .base import SymmetryOperator
 
 
@@ -21,9 +19,9 @@ class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, DirectionOptions, Symmetr
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
         mode, direction = self.key_mode.lower(), self.direction.lower()
-        return (yield from mirror_shape_key_steps(context, obj.name, key, mode, direction, self.blend))
+        return await mirror_shape_key_async(context, obj.name, key, mode, direction, self.blend)

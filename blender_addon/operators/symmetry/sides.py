@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import stage
 
+from ...jobs import pause
 from ...properties.settings import take_settings
 from ...properties.symmetry import SideOptions
 from ...services.symmetry.mesh_access import writable_mesh
@@ -19,9 +20,10 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
     bl_description = "Select the vertices and edges that lie nearest to the line between left and right"
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         obj = writable_mesh(context, context.active_object.name)
-        yield Progress(0.0, "Selecting")
+        with stage("Selecting"):
+            await pause()
         result = select_symmetry_line(obj)
         if not context.tool_settings.mesh_select_mode[0]:  # Edit Mode would deselect vertices
             context.tool_settings.mesh_select_mode = (True, False, False)
@@ -34,8 +36,9 @@ class ZOOMOUT_OT_name_sides(SideOptions, SymmetryOperator):
     bl_description = f"Make vertex groups of the left side, the right side and the middle: {LEFT}, {RIGHT}, {MIDDLE}"
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         obj = writable_mesh(context, context.active_object.name)
-        yield Progress(0.0, "Naming")
+        with stage("Naming"):
+            await pause()
         return name_sides(obj, self.middle_width)

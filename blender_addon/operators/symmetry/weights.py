@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from zoomout_core.runtime.stepping import Steps
-
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, WeightOptions
-from ...services.symmetry.weights import symmetrise_weights_steps
+from ...services.symmetry.weights import symmetrise_weights_async
 from .base import SymmetryOperator
 
 
@@ -21,9 +19,9 @@ class ZOOMOUT_OT_symmetrise_weights(DirectionOptions, WeightOptions, SymmetryOpe
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def steps(self, context: Context) -> Steps[str]:
+    async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         obj = context.active_object
         active = obj.vertex_groups.active
         only = active.name if self.only_active and active else ""
-        return (yield from symmetrise_weights_steps(context, obj.name, self.direction.lower(), only))
+        return await symmetrise_weights_async(context, obj.name, self.direction.lower(), only)

@@ -11,8 +11,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import asymmetry
 from zoomout_core.symmetry.offsets import mirrored_offsets, shape_asymmetry
@@ -20,6 +19,7 @@ from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
 from ...colors import RED_LENGTH, RED_WEIGHT
+from ...jobs import compute, pause, run
 from ...storage import stored_symmetry
 from ...viewport import preview
 from .. import previews
@@ -53,19 +53,19 @@ def check_symmetry(
     Raises:
         MeshError: there is no symmetry, or no such key; nothing was written.
     """
-    return drain(check_symmetry_steps(context, obj.name, check, key, red_length, red_weight))
+    return run(check_symmetry_async(context, obj.name, check, key, red_length, red_weight))
 
 
-def check_symmetry_steps(
+async def check_symmetry_async(
     context: Context,
     name: str,
     check: Checked,
     key: str,
     red_length: float = RED_LENGTH,
     red_weight: float = RED_WEIGHT,
-) -> Steps[str]:
-    """`check_symmetry` as a generator, which holds no Blender data while it is suspended."""
-    values = yield from asymmetry_steps(context, name, check, key)
+) -> str:
+    """`check_symmetry` as a coroutine, which holds no Blender data while it waits."""
+    values = await measure_asymmetry(context, name, check, key)
     obj = writable_mesh(context, name)
     red = red_weight if check == "weights" else red_length * np.sqrt(stored_symmetry.read(obj).surface.area)
     what = _described(context, obj, check, key, values, red)
@@ -74,7 +74,7 @@ def check_symmetry_steps(
     return what
 
 
-def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") -> Steps[Floats]:
+async def measure_asymmetry(context: Context, name: str, check: Checked, key: str = "") -> Floats:
     """The values (n,) that `check_symmetry` shows: lengths in the mesh's own units, or shares of weights.
 
     Raises:
@@ -84,20 +84,21 @@ def asymmetry_steps(context: Context, name: str, check: Checked, key: str = "") 
     symmetry = stored_symmetry.read(obj)
     if check == "weights" and not obj.vertex_groups:
         raise zo.MeshError(f"'{name}' has no vertex groups: give it some, or check the shape.")
-    yield READING
-    if check == "shape":
-        work = partial(shape_asymmetry, symmetry)
-    elif check == "weights":
-        reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
-        weights = yield from spread(reading, 0, READ, READING.stage)
-        work = partial(asymmetry, weights, symmetry)
-    else:
-        with own_mesh(context, name, symmetry.surface) as (obj, mesh):
-            _, own = read_key(obj, key)
-            keys = mesh.shape_keys.key_blocks.keys()
-            partner = partner_of(key, keys)
-            work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
-    values = np.nan_to_num((yield from spread(in_background(work), READ, 1, "Comparing the sides")))
+    with stage(READING, 0, READ):
+        await pause()
+        if check == "shape":
+            work = partial(shape_asymmetry, symmetry)
+        elif check == "weights":
+            fetch = partial(own_mesh, context, name, symmetry.surface)
+            work = partial(asymmetry, await mesh_data.read_weights_in_pieces(fetch), symmetry)
+        else:
+            with own_mesh(context, name, symmetry.surface) as (obj, mesh):
+                _, own = read_key(obj, key)
+                keys = mesh.shape_keys.key_blocks.keys()
+                partner = partner_of(key, keys)
+                work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
+    with stage("Comparing the sides", READ, 1):
+        values = np.nan_to_num(await compute(work))
     unedited(context, name, symmetry.surface)
     return values
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain
+from zoomout_core.runtime.progress import stage
 
+from ...jobs import compute, pause, run
 from ...properties.symmetry import AXES
 from ...storage import stored_symmetry
 from .. import previews
@@ -34,16 +36,17 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
     Raises:
         MeshError: the mesh cannot be used, or no symmetry was found; nothing was written.
     """
-    return drain(detect_symmetry_steps(context, obj.name, left))
+    return run(detect_symmetry_async(context, obj.name, left))
 
 
-def detect_symmetry_steps(context: Context, name: str, left: str = "X") -> Steps[tuple[zo.Symmetry, ...]]:
-    """`detect_symmetry` as a generator, which holds no Blender data while it is suspended."""
+async def detect_symmetry_async(context: Context, name: str, left: str = "X") -> tuple[zo.Symmetry, ...]:
+    """`detect_symmetry` as a coroutine, which holds no Blender data while it waits."""
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
-    found = yield from zo.detect_symmetry_steps(surface, most=MOST, left=AXES[left])
+    found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
     if not found:
         raise zo.MeshError(f"No symmetry of '{name}' was found: it may have none.")
-    yield WRITING
+    with stage(WRITING, 1):
+        await pause()
     with writing(context, name, surface) as obj:
         stored_symmetry.write(obj, found, left)
     previews.follow_symmetry(context, obj)

@@ -11,8 +11,7 @@ from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, has_mean, mirrored, own_share_of, symmetrised
 from zoomout_core.symmetry.self_map import SelfMap
@@ -20,6 +19,7 @@ from zoomout_core.symmetry.uv import Layout, symmetrised_uv
 from zoomout_core.transfer import Attribute, Kind
 
 from ... import mesh_data
+from ...jobs import compute, pause, run
 from ...mesh_data import Layer
 from ...storage import stored_symmetry
 from .mesh_access import READING, own_mesh, writable_mesh, writing
@@ -49,29 +49,26 @@ def mirror_attributes(
     Raises:
         MeshError: there is no symmetry, or no such data; nothing was written.
     """
-    return drain(mirror_attributes_steps(context, obj.name, data, direction, uv_layout))
+    return run(mirror_attributes_async(context, obj.name, data, direction, uv_layout))
 
 
-def mirror_attributes_steps(
+async def mirror_attributes_async(
     context: Context, name: str, data: Collection[str], direction: Direction, uv_layout: Layout
-) -> Steps[str]:
-    """`mirror_attributes` as a generator, which holds no Blender data while it is suspended."""
+) -> str:
+    """`mirror_attributes` as a coroutine, which holds no Blender data while it waits."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
-    yield READING
-    with own_mesh(context, name, symmetry.surface) as (obj, _):
-        read = _read(obj, data)
+    with stage(READING, 0, 0):
+        await pause()
+        with own_mesh(context, name, symmetry.surface) as (obj, _):
+            read = _read(obj, data)
     found = [one for one in read if direction != "average" or has_mean(one.attribute)]
     skipped = [one.attribute.name for one in read if one not in found]
     if not read:
         raise zo.MeshError(f"'{name}' has none of the data that is to be mirrored: choose other data.")
     if not found:
         raise zo.MeshError(f"There is no mean of {', '.join(skipped)}: copy the left or the right side, or exchange.")
-    made = []
-    for i, one in enumerate(found):
-        work = in_background(partial(_symmetrised, one, symmetry, direction, uv_layout))
-        values = yield from spread(work, i / len(found), (i + 1) / len(found), f"Mirroring '{one.attribute.name}'")
-        made.append(replace(one, attribute=values))
+    made = await compute(partial(_symmetrise_all, found, symmetry, direction, uv_layout))
     with writing(context, name, symmetry.surface) as obj:
         for one in made:
             one.write(obj, one.attribute)
@@ -130,6 +127,14 @@ def _write_layer(layer: Layer, obj: Object, attribute: Attribute) -> None:
 
 def _write_materials(names: Sequence[str | None], obj: Object, slots: Attribute) -> None:
     mesh_data.write_materials(obj, names, slots)
+
+
+def _symmetrise_all(found: Sequence[_Data], symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> list[_Data]:
+    made = []
+    for i, one in enumerate(found):
+        with stage(f"Mirroring '{one.attribute.name}'", i / len(found), (i + 1) / len(found)):
+            made.append(replace(one, attribute=_symmetrised(one, symmetry, direction, uv_layout)))
+    return made
 
 
 def _symmetrised(one: _Data, symmetry: SelfMap, direction: Direction, uv_layout: Layout) -> Attribute:

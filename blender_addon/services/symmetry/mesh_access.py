@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Progress
 
 from ...mesh_data import all_or_nothing
 from ...scene.pair import check_elements, check_writable, edited, find_mesh
@@ -16,7 +15,7 @@ from ...storage import stored_symmetry
 
 # Part of the progress bar in which data is read, in [0, 1].
 READ = 0.3
-READING = Progress(0.0, "Reading the mesh")
+READING = "Reading the mesh"
 
 
 def writable_mesh(context: Context, name: str) -> Object:

@@ -8,12 +8,12 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import symmetrised_offsets
 
 from ... import mesh_data
+from ...jobs import compute, pause, run
 from ...storage import stored_symmetry
 from .mesh_access import READING, writable_mesh, writing
 
@@ -32,19 +32,20 @@ def mirror_sculpt(context: Context, obj: Object, direction: Direction = "left_to
     Raises:
         MeshError: there is no symmetry, or nothing was moved; nothing was written.
     """
-    return drain(mirror_sculpt_steps(context, obj.name, direction))
+    return run(mirror_sculpt_async(context, obj.name, direction))
 
 
-def mirror_sculpt_steps(context: Context, name: str, direction: Direction) -> Steps[str]:
-    """`mirror_sculpt` as a generator, which holds no Blender data while it is suspended."""
+async def mirror_sculpt_async(context: Context, name: str, direction: Direction) -> str:
+    """`mirror_sculpt` as a coroutine, which holds no Blender data while it waits."""
     obj = writable_mesh(context, name)
     symmetry, moved = stored_symmetry.read_with_sculpt(obj)
     if not moved.any():
         raise zo.MeshError(_unmoved(obj))
-    yield READING
+    with stage(READING, 0, 0):
+        await pause()
     now = symmetry.surface.with_vertices(symmetry.surface.vertices + moved)
-    work = in_background(partial(symmetrised_offsets, moved, symmetry, direction))
-    wanted = yield from spread(work, 0, 1, "Mirroring the sculpt")
+    with stage("Mirroring the sculpt"):
+        wanted = await compute(partial(symmetrised_offsets, moved, symmetry, direction))
     with writing(context, name, now) as obj:
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)

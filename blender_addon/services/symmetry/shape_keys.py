@@ -12,14 +12,14 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import BLEND, mirrored_offsets, split_offsets, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 
 from ... import mesh_data
+from ...jobs import compute, pause, run
 from ...mesh_data import ShapeKey
 from ...storage import stored_symmetry
 from .mesh_access import READING, own_mesh, writable_mesh, writing
@@ -55,16 +55,17 @@ def mirror_shape_key(
     Raises:
         MeshError: there is no symmetry, or no such key; nothing was written.
     """
-    return drain(mirror_shape_key_steps(context, obj.name, key, mode, direction, blend))
+    return run(mirror_shape_key_async(context, obj.name, key, mode, direction, blend))
 
 
-def mirror_shape_key_steps(
+async def mirror_shape_key_async(
     context: Context, name: str, key_name: str, mode: KeyMode, direction: Direction, blend: float
-) -> Steps[str]:
-    """`mirror_shape_key` as a generator, which holds no Blender data while it is suspended."""
+) -> str:
+    """`mirror_shape_key` as a coroutine, which holds no Blender data while it waits."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
-    yield READING
+    with stage(READING, 0, 0):
+        await pause()
     both = mode == "mirror" and direction == "exchange"
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         key, offsets = read_key(obj, key_name)
@@ -76,7 +77,8 @@ def mirror_shape_key_steps(
     else:
         keys = [replace(key, name=new) for new in names]
         work = partial(_new_offsets, offsets, symmetry, mode, direction, blend)
-    made = yield from spread(in_background(work), 0, 1, "Mirroring the key")
+    with stage("Mirroring the key"):
+        made = await compute(work)
     with writing(context, name, symmetry.surface) as obj:
         for one, shape in zip(keys, made, strict=True):
             _write(obj, one, shape, mode, in_place=both or mode == "symmetrise")

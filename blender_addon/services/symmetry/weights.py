@@ -11,14 +11,14 @@ from bpy.types import Context, Object
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Steps, drain, spread
-from zoomout_core.runtime.threads import in_background
+from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, symmetrised, with_partners
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.weights import sum_to_one
 
 from ... import mesh_data
+from ...jobs import compute, pause, run
 from ...storage import stored_symmetry
 from .mesh_access import READ, READING, own_mesh, writable_mesh, writing
 
@@ -38,20 +38,20 @@ def symmetrise_weights(context: Context, obj: Object, direction: Direction = "le
     Raises:
         MeshError: there is no symmetry, or there are no such groups; nothing was written.
     """
-    return drain(symmetrise_weights_steps(context, obj.name, direction, only))
+    return run(symmetrise_weights_async(context, obj.name, direction, only))
 
 
-def symmetrise_weights_steps(context: Context, name: str, direction: Direction, only: str = "") -> Steps[str]:
-    """`symmetrise_weights` as a generator, which holds no Blender data while it is suspended."""
+async def symmetrise_weights_async(context: Context, name: str, direction: Direction, only: str = "") -> str:
+    """`symmetrise_weights` as a coroutine, which holds no Blender data while it waits."""
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
-    yield READING
-    reading = mesh_data.read_weights_steps(partial(own_mesh, context, name, symmetry.surface))
-    weights = yield from spread(reading, 0, READ, READING.stage)
+    with stage(READING, 0, READ):
+        await pause()
+        weights = await mesh_data.read_weights_in_pieces(partial(own_mesh, context, name, symmetry.surface))
     with own_mesh(context, name, symmetry.surface) as (obj, _):
         chosen = _choose(obj, with_partners(weights, mesh_data.deforming_bones(obj)), only)
-    work = in_background(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
-    weights = yield from spread(work, READ, 1, "Mirroring weights")
+    with stage("Mirroring weights", READ, 1):
+        weights = await compute(partial(symmetrised, chosen.weights, symmetry, direction, **chosen.sharing))
     with writing(context, name, symmetry.surface) as obj:
         mesh_data.update_weights(obj, chosen.weights, weights)
         obj.data.update()

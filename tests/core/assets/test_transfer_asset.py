@@ -13,11 +13,10 @@ from skinned_tubes import LENGTH, PNG, tube, weights_of, write_tube
 from zoomout_core import samples
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.transfer_asset import transfer_asset_steps
+from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 
@@ -51,7 +50,7 @@ def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
     assert source.skin is not None
     seen = bent(made.vertices, 0.7) if stands == "as the source" else 2 * bent(made.vertices, -0.4) + [5, 1, 0]
     match = matched(source, 10 * made.vertices)
-    carried = drain(transfer_asset_steps(source, Asset(made.with_vertices(seen)), match))
+    carried = transfer_asset(source, Asset(made.with_vertices(seen)), match)
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.skin is not None
@@ -77,7 +76,7 @@ def test_limbs_in_another_pose_count_by_their_area_however_few_vertices_they_hav
     limbs = samples.limb_weights(made.directions)[:, 0] < 0.5
     assert limbs.mean() < 0.1 < target.share_of_area(limbs)
     match = matched(source, made.surface.vertices)
-    carried = drain(transfer_asset_steps(source, Asset(target), match, ("weights",)))
+    carried = transfer_asset(source, Asset(target), match, ("weights",))
     assert "taken to the rest pose" in " ".join(carried.notes)
 
 
@@ -86,19 +85,19 @@ def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
     own = Attribute("color 0", Domain.POINT, Kind.COLOR, np.full((len(made.vertices), 4), 0.25))
     old = Attribute("uv 1", Domain.CORNER, Kind.UV, np.zeros((len(made.corner_vertex), 2)))
-    carried = drain(transfer_asset_steps(source, Asset(made, (own, old)), matched(source, made.vertices), ["uv"]))
+    carried = transfer_asset(source, Asset(made, (own, old)), matched(source, made.vertices), ["uv"])
     assert [each.name for each in carried.asset.attributes] == ["color 0", "uv 0"]
     assert carried.asset.skin is None
     assert carried.asset.materials == ()
     assert carried.received == ("uv 0",)
     with pytest.raises(MeshError, match="The source has no color: check which file is the source"):
-        drain(transfer_asset_steps(source, Asset(made), matched(source, made.vertices), ["color"]))
+        transfer_asset(source, Asset(made), matched(source, made.vertices), ["color"])
 
 
 def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
-    carried = drain(transfer_asset_steps(source, Asset(made), matched(source, made.vertices), ["uv", "weights"]))
+    carried = transfer_asset(source, Asset(made), matched(source, made.vertices), ["uv", "weights"])
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.materials == ()
@@ -113,7 +112,7 @@ def test_joints_and_materials_of_the_target_stay_where_none_are_carried(tmp_path
     colors = Attribute("color 0", Domain.POINT, Kind.COLOR, np.full((len(made.vertices), 4), 0.25))
     onto = SurfaceMap(*closest_points(0.1 * target.skin.rest, made.vertices, made.triangles), made.triangles)
     match: Any = SimpleNamespace(surface_map=onto, confidence=np.ones(len(target.skin.rest)), has_partner=None)
-    received = drain(transfer_asset_steps(Asset(made, (colors,)), target, match)).asset
+    received = transfer_asset(Asset(made, (colors,)), target, match).asset
     write_asset(received, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.skin is not None
@@ -121,4 +120,4 @@ def test_joints_and_materials_of_the_target_stay_where_none_are_carried(tmp_path
     np.testing.assert_allclose(again.surface.vertices.max(axis=0), target.surface.vertices.max(axis=0), atol=1e-5)
     assert again.find("color 0") is not None
     with pytest.raises(ValueError, match="shape is 'posed': give automatic"):
-        drain(transfer_asset_steps(Asset(made, (colors,)), target, match, shape="posed"))
+        transfer_asset(Asset(made, (colors,)), target, match, shape="posed")

@@ -9,7 +9,7 @@ import pytest
 from creatures import Creature, creature, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.collection.agree import agreed_steps
+from zoomout_core.collection.agree import agree
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import DETAIL
 
@@ -49,14 +49,14 @@ def error(result: zo.MatchResult, made: Creature) -> float:
 
 def test_sure_matches_are_left_as_they_are(results: dict[str, zo.MatchResult]) -> None:
     assert min(result.certainty for result in results.values()) > 0.9
-    assert zo.drain(agreed_steps(results, FAST)) == results
+    assert agree(results, FAST) == results
 
 
 def test_one_that_is_unsure_takes_the_candidate_that_agrees_with_the_others(
     results: dict[str, zo.MatchResult],
 ) -> None:
     given = {**results, "b": doubtful(results["b"])}
-    found = zo.drain(agreed_steps(given, FAST))
+    found = agree(given, FAST)
     assert found["b"].chosen == 1
     assert "agrees with the maps of other targets" in found["b"].notes[0]
     assert error(found["b"], TARGETS["b"]) < 0.3
@@ -68,11 +68,11 @@ def test_where_it_has_no_such_candidate_the_map_leads_through_another_target(
     results: dict[str, zo.MatchResult],
 ) -> None:
     wrong = doubtful(results["b"])
-    found = zo.drain(agreed_steps({**results, "b": replace(wrong, candidates=wrong.candidates[:1])}, FAST))
+    found = agree({**results, "b": replace(wrong, candidates=wrong.candidates[:1])}, FAST)
     assert "the one through" in found["b"].notes[0]
     assert error(found["b"], TARGETS["b"]) < 0.3
 
 
 def test_where_none_is_sure_there_is_nobody_to_ask(results: dict[str, zo.MatchResult]) -> None:
     given = {name: doubtful(result) for name, result in results.items()}
-    assert zo.drain(agreed_steps(given, FAST)) == given
+    assert agree(given, FAST) == given

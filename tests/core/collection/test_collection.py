@@ -94,6 +94,29 @@ def test_what_was_lost_or_damaged_is_made_again(matched: zo.CollectionResult, fo
     assert np.array_equal(np.load(lost)["barycentric"], whole)
 
 
+def test_progress_is_told_and_a_run_that_is_cancelled_goes_on_where_it_was(
+    matched: zo.CollectionResult, folder: Path, tmp_path: Path
+) -> None:
+    def listen(latest: zo.Progress) -> None:
+        if latest.stage == "Matching 1 of 2":
+            raise zo.Cancelled
+
+    told: list[zo.Progress] = []
+    files, pairs = [folder / f"{name}.ply" for name in "abc"], [("a", "b"), ("b", "c")]
+    with pytest.raises(zo.Cancelled):
+        match_collection(files, tmp_path, pairs=pairs, options=FAST, progress=listen)
+    first = tmp_path / place_of_map(PairName("a", "b"))
+    assert [path for path in tmp_path.rglob("*") if path.is_file() and "maps" in path.parts] == [first]
+    whole = np.load(matched.folder / place_of_map(PairName("a", "b")))
+    assert np.array_equal(np.load(first)["barycentric"], whole["barycentric"])
+    result = match_collection(files, tmp_path, pairs=pairs, options=FAST, progress=told.append)
+    assert (list(result.records), result.matched) == ([PairName(*pair) for pair in pairs], 1)
+    fractions = [one.fraction for one in told]
+    assert fractions == sorted(fractions)
+    titles = list(dict.fromkeys(one.stage for one in told if one.stage))
+    assert titles == [f"Matching {number} of 2" for number in range(3)]
+
+
 def test_processes_give_bit_equal_results(matched: zo.CollectionResult, folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     with local_engine(2, retries=0) as engine:
@@ -110,9 +133,9 @@ def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, m
         def sees(self, paths: object) -> bool:
             return False
 
-        def completed(self, tasks: Sequence[Task]) -> Iterator[Done | None]:
+        def completed(self, tasks: Sequence[Task]) -> Iterator[Done]:
             for done in super().completed(tasks):
-                if done is not None and isinstance(done.result, Prepared):
+                if isinstance(done.result, Prepared):
                     sent[done.result.name] = [name for name in done.result.content if name.startswith("cache")]
                 yield done
 

@@ -6,54 +6,61 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from time import monotonic, sleep
 
 import pytest
 
 from zoomout_core.collection import engine as engine_module
-from zoomout_core.collection.engine import Engine, Failure, InThisProcess, OnDask, Task, local_engine, remote_engine
+from zoomout_core.collection.engine import (
+    Engine,
+    Failure,
+    InThisProcess,
+    OnDask,
+    Task,
+    completed,
+    local_engine,
+    remote_engine,
+)
 from zoomout_core.mesh.memory import NotEnoughMemoryError
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import Cancelled, Progress, advance, progress, stage
 from zoomout_core.runtime.threads import threads
 
 
-def steps_adding(*numbers: int) -> Steps[int]:
-    yield Progress(0.5, "adding")
+def add(*numbers: int) -> int:
+    with stage("adding"):
+        advance(0.5)
     return sum(numbers)
 
 
-def steps_failing(*_: int) -> Steps[int]:
-    yield Progress(0.5, "failing")
+def fail(*_: int) -> int:
     raise ValueError("It is no number.")
 
 
-def steps_failing_at_first(marks: Path, error: type[Exception] = NotEnoughMemoryError) -> Steps[int]:
-    yield Progress(0.5, "trying")
+def fail_at_first(marks: Path, error: type[Exception] = NotEnoughMemoryError) -> int:
     marks.write_text(marks.read_text() + "x" if marks.exists() else "x")
     if len(marks.read_text()) < 2:
         raise error("There is not enough memory.")
     return len(marks.read_text())
 
 
-def steps_dying() -> Steps[int]:
-    yield Progress(0.5, "dying")
+def die() -> int:
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
 
 
-def steps_reading_settings() -> Steps[tuple[str | None, str | None, int]]:
-    yield Progress(0.5, "reading")
+def read_settings() -> tuple[str | None, str | None, int]:
     return os.environ.get("MALLOC_TRIM_THRESHOLD_"), os.environ.get("OPENBLAS_NUM_THREADS"), threads()
 
 
 def results(engine: Engine, tasks: list[Task]) -> dict[str, object]:
-    return {done.key: done.result for done in engine.completed(tasks) if done is not None}
+    return {done.key: done.result for done in engine.completed(tasks)}
 
 
 CHAIN = [
-    Task("one", steps_adding, (1,)),
-    Task("wrong", steps_failing, (1,)),
-    Task("three", steps_adding, (2,), ("one",)),
-    Task("after wrong", steps_adding, (2,), ("one", "wrong")),
+    Task("one", add, (1,)),
+    Task("wrong", fail, (1,)),
+    Task("three", add, (2,), ("one",)),
+    Task("after wrong", add, (2,), ("one", "wrong")),
 ]
 EXPECTED = {"one": 1, "wrong": Failure("It is no number."), "three": 3, "after wrong": Failure("It is no number.")}
 
@@ -69,20 +76,59 @@ def test_this_process_runs_tasks_after_what_they_need() -> None:
     assert results(InThisProcess(), CHAIN) == EXPECTED
 
 
-def test_this_process_yields_between_steps() -> None:
-    assert next(InThisProcess().completed(CHAIN[:1])) is None
+def titled(ended: int) -> str:
+    return f"{ended} of {len(CHAIN)}"
+
+
+def test_progress_goes_through_each_task_under_the_title_of_the_whole() -> None:
+    told: list[Progress] = []
+    with progress(told.append):
+        assert {done.key: done.result for done in completed(InThisProcess(), CHAIN, titled)} == EXPECTED
+    assert told[0] == Progress(0, "0 of 4")
+    assert Progress(0.125, "0 of 4") in told  # halfway through the first
+    assert told[-1] == Progress(1, "4 of 4")
+    assert [one.fraction for one in told] == sorted(one.fraction for one in told)
+    assert {one.stage for one in told} == {titled(ended) for ended in range(5)}
+
+
+def test_a_task_of_this_process_can_be_cancelled_halfway() -> None:
+    def listen(latest: Progress) -> None:
+        if latest.fraction > 0.5:  # within the third
+            raise Cancelled
+
+    ended = []
+    with pytest.raises(Cancelled), progress(listen):
+        ended += [done.key for done in completed(InThisProcess(retries=1), CHAIN, titled)]
+    assert ended == []
+
+
+def test_no_tasks_are_no_progress() -> None:
+    with progress(pytest.fail):
+        assert list(completed(InThisProcess(), [], titled)) == []
+
+
+def test_a_collection_on_a_cluster_can_be_cancelled_while_it_is_waited_for(cluster: Engine) -> None:
+    began = monotonic()
+
+    def listen(latest: Progress) -> None:
+        if monotonic() > began + 0.5:
+            raise Cancelled
+
+    with pytest.raises(Cancelled), progress(listen):
+        list(completed(cluster, [Task("sleeping", sleep, (30,))], titled))
+    assert monotonic() < began + 10
 
 
 @pytest.mark.parametrize("error", [MemoryError, NotEnoughMemoryError, OSError])
 @pytest.mark.parametrize(("retries", "expected"), [(0, "not enough memory"), (1, 2)])
 def test_what_may_pass_is_tried_again(tmp_path: Path, retries: int, expected: object, error: type[Exception]) -> None:
-    task = Task("a", steps_failing_at_first, (tmp_path / "marks", error))
+    task = Task("a", fail_at_first, (tmp_path / "marks", error))
     (result,) = results(InThisProcess(retries), [task]).values()
     assert result == expected or (isinstance(result, Failure) and str(expected) in result.message)
 
 
 def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
-    again = Task("again", steps_failing_at_first, (tmp_path / "marks",))
+    again = Task("again", fail_at_first, (tmp_path / "marks",))
     assert results(cluster, [*CHAIN, again]) == {**EXPECTED, "again": 2}
     # The same keys once more are other tasks.
     assert results(cluster, CHAIN) == EXPECTED
@@ -90,20 +136,20 @@ def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
 
 def test_a_cluster_knows_of_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine_module, "MOST_UNDER_WAY", 3)
-    parts = [Task(f"part {number}", steps_adding, (number,)) for number in range(10)]
-    sums = [Task(f"sum {i}", steps_adding, (), (f"part {i}", f"part {(i + 1) % 10}")) for i in range(10)]
-    found = results(cluster, [*parts, *sums, Task("all", steps_adding, (), tuple(task.key for task in sums))])
+    parts = [Task(f"part {number}", add, (number,)) for number in range(10)]
+    sums = [Task(f"sum {i}", add, (), (f"part {i}", f"part {(i + 1) % 10}")) for i in range(10)]
+    found = results(cluster, [*parts, *sums, Task("all", add, (), tuple(task.key for task in sums))])
     assert len(found) == 21
     assert [found[f"sum {i}"] for i in range(10)] == [*range(1, 18, 2), 9]
     assert found["all"] == 90
 
 
 def test_processes_keep_to_a_core_each_and_to_their_memory(cluster: Engine) -> None:
-    assert results(cluster, [Task("settings", steps_reading_settings, ())]) == {"settings": (None, "1", 1)}
+    assert results(cluster, [Task("settings", read_settings, ())]) == {"settings": (None, "1", 1)}
 
 
 def test_a_worker_that_is_killed_costs_its_task_alone(cluster: Engine) -> None:
-    found = results(cluster, [Task("dying", steps_dying, ()), *CHAIN])
+    found = results(cluster, [Task("dying", die, ()), *CHAIN])
     died = found.pop("dying")
     assert isinstance(died, Failure)
     assert "was killed" in died.message

@@ -16,7 +16,6 @@ from zoomout_core.mesh import blender_files
 from zoomout_core.mesh.blender_files import blender_command
 from zoomout_core.mesh.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import drain
 
 # Files of this Blender are PLY files with another ending. Like Blender, it says what it likes on the way.
 STAND_IN = """#!{python}
@@ -212,7 +211,7 @@ def test_a_blender_that_dies_or_hangs_is_a_sentence(
         read_surface(folder / "silent.blend")
     program.write_text(f"#!{sys.executable}\nimport os\nos.kill(os.getpid(), 9)\n")
     with pytest.raises(ChildProcessError, match="ended by signal 9: it may need more memory"):
-        drain(blender_files.blender_steps(["surface", "any"]))
+        blender_files.run_blender(["surface", "any"])
     monkeypatch.setattr(blender_files, "MOST_SECONDS", 0.3)
     program.write_text(f"#!{sys.executable}\nimport time\ntime.sleep(60)\n")
     with pytest.raises(MeshError, match="Blender took more than"):

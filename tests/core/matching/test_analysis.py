@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from functools import partial
 from typing import NoReturn
 
 import numpy as np
 import pytest
 from creatures import creature
+from reports import fractions_of
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.matching import analysis
-from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.descriptors import pseudo_scalar_signatures, signature_bands
 
 COUNT = 300
@@ -28,7 +28,7 @@ def part_of(count: int) -> WorkingMesh:
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
     """Every vertex is a sample."""
-    return drain(analysis_steps(part_of(COUNT), 60, COUNT, 0))
+    return analyse(part_of(COUNT), 60, COUNT, 0)
 
 
 def test_distances_lead_from_the_first_samples_along_the_edges_to_all_vertices(shape: ShapeAnalysis) -> None:
@@ -46,15 +46,15 @@ def test_distances_lead_from_the_first_samples_along_the_edges_to_all_vertices(s
 
 
 def test_a_mesh_of_few_vertices_has_as_many_functions_as_it_allows_and_as_many_samples() -> None:
-    shape = drain(analysis_steps(part_of(30), 60, 10, 0))
+    shape = analyse(part_of(30), 60, 10, 0)
     assert shape.basis.eigenvectors.shape == (30, 29)
     assert len(shape.sampled.samples) == 29
 
 
 def test_progress_rises_from_nothing_to_nearly_all() -> None:
     for count, proxy_vertices in ((COUNT, None), (2000, 500)):
-        fractions = list(analysis_steps(part_of(count), 20, 200, 0, proxy_vertices))
-        assert fractions[0] == 0
+        fractions = fractions_of(partial(analyse, part_of(count), 20, 200, 0, proxy_vertices))
+        assert fractions[0] < 0.31
         assert fractions == sorted(fractions)
         assert max(np.diff(fractions)) < 0.66
         assert 0.8 < fractions[-1] < 1
@@ -62,18 +62,17 @@ def test_progress_rises_from_nothing_to_nearly_all() -> None:
 
 def test_distances_on_a_larger_mesh_come_in_more_steps() -> None:
     samples = np.arange(100)
-    few, many = (len(list(analysis._distance_steps(part_of(count), samples))) for count in (COUNT, 3000))
+    few, many = (len(fractions_of(partial(analysis._distances, part_of(count), samples))) for count in (COUNT, 3000))
     assert 4 < few < many < len(samples)
 
 
 def test_too_little_memory_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    def exhausted(*_: object) -> Generator[float, None, NoReturn]:
-        yield 0.0
+    def exhausted(*_: object) -> NoReturn:
         raise MemoryError
 
-    monkeypatch.setattr(analysis, "_distance_steps", exhausted)
+    monkeypatch.setattr(analysis, "_distances", exhausted)
     with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 300 vertices"):
-        drain(analysis_steps(part_of(COUNT), 20, 100, 0))
+        analyse(part_of(COUNT), 20, 100, 0)
 
 
 def test_surroundings_fade_with_the_distance_and_neighbours_are_mutual(shape: ShapeAnalysis) -> None:
@@ -126,7 +125,7 @@ def test_curvature_is_of_mean_zero_bounded_and_told_from_coarse_to_fine(shape: S
 def test_the_mirror_image_has_the_same_signatures_and_opposite_pseudo_scalars(shape: ShapeAnalysis) -> None:
     surface = creature(COUNT).surface
     mirror = type(surface)(surface.vertices * [-1, 1, 1], surface.triangles[:, ::-1])
-    mirrored = drain(analysis_steps(mirror.working.part(0)[0], 60, COUNT, 0))
+    mirrored = analyse(mirror.working.part(0)[0], 60, COUNT, 0)
     np.testing.assert_array_equal(mirrored.search.samples, shape.search.samples)
     np.testing.assert_allclose(mirrored.pseudo_scalars, -shape.pseudo_scalars, atol=1e-5)
     ours, theirs = ([one.basis.eigenvectors @ each for each in one.descriptors] for one in (shape, mirrored))

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import Creature, creature, mirrored_vertex, true_vertex
+from reports import fractions_of
 from scipy.spatial import cKDTree
 from shapes import sheet
 
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank_steps, with_others
+from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank, with_others
 from zoomout_core.matching.scores import EVIDENCE, IN_SPACE
-from zoomout_core.runtime.stepping import drain
 
 COUNT = 40
 
@@ -105,7 +105,7 @@ def test_a_cloth_may_be_bent_the_other_way_so_its_mirror_images_are_rivals() -> 
 
 
 def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken() -> None:
-    shape = drain(analysis_steps(sheet(300).surface.working.part(0)[0], 40, 120, 0))
+    shape = analyse(sheet(300).surface.working.part(0)[0], 40, 120, 0)
     identity = np.arange(len(shape.search.samples))
     scores = {"commutativity": 0.1, "frequency": 0.1, "distance": 0.1, "curvature": 0.0, "handedness": 0.0}
     mirrored = replace(candidate(0.0, mirrored=True), sample_map=identity, scores=scores)
@@ -148,13 +148,13 @@ def creatures() -> tuple[Creature, Creature]:
 @pytest.fixture(scope="module")
 def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], ShapeAnalysis, ShapeAnalysis]:
     """The true map, its mirror image, and one that turns about, each told by few functions, and what comes of them."""
-    source, target = (drain(analysis_steps(one.surface.working.part(0)[0], 90, 300, 0)) for one in creatures)
+    source, target = (analyse(one.surface.working.part(0)[0], 90, 300, 0) for one in creatures)
     about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
     maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
     guesses = [
         Hypothesis(name, functional_map_of(vertex, source.basis, target.basis, 8, 8)) for name, vertex in maps.items()
     ]
-    return drain(rank_steps(guesses, source, target)), source, target
+    return rank(guesses, source, target), source, target
 
 
 def test_the_true_map_comes_first_and_its_mirror_image_is_kept_after_it(ranked) -> None:
@@ -185,7 +185,7 @@ def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, mo
     # It mirrors some limbs only, which laying it over the source turns back.
     (first, *_), *shapes = ranked
     monkeypatch.setattr("zoomout_core.matching.ranking.orientation_agreement", lambda *_: agreement)
-    (found,) = drain(rank_steps([Hypothesis("known", first.functional_map[:8, :8])], *shapes))
+    (found,) = rank([Hypothesis("known", first.functional_map[:8, :8])], *shapes)
     assert found.reverses_orientation is reverses
 
 
@@ -199,7 +199,7 @@ def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked
     candidates, *shapes = ranked
     monkeypatch.setattr("zoomout_core.matching.ranking.sides_are_known", lambda *_: sides_are_known)
     guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
-    found = drain(rank_steps(guesses, *shapes, quotas=((1, 1), (0, 0))))
+    found = rank(guesses, *shapes, quotas=((1, 1), (0, 0)))
     assert [one.reverses_orientation for one in found].count(True) == (not sides_are_known)
     assert [one.reverses_orientation for one in found].count(False) == 1
 
@@ -207,17 +207,16 @@ def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked
 def test_progress_of_ranking_rises_through_screening_refining_and_aligning(ranked) -> None:
     candidates, *shapes = ranked
     guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
-    fractions = [0.0, *rank_steps(guesses, *shapes), 1.0]
+    fractions = [0.0, *fractions_of(lambda: rank(guesses, *shapes)), 1.0]
     assert fractions == sorted(fractions)
+    for start, end in ((0.0, 0.6), (0.6, 0.8), (0.8, 1.0)):
+        assert sum(start < fraction <= end for fraction in fractions) >= 2
 
 
 def test_candidates_are_as_large_as_both_bases_allow(creatures) -> None:
-    few, many = (
-        drain(analysis_steps(one.surface.working.part(0)[0], k, 100, 0))
-        for one, k in zip(creatures, (20, 40), strict=True)
-    )
+    few, many = (analyse(one.surface.working.part(0)[0], k, 100, 0) for one, k in zip(creatures, (20, 40), strict=True))
     for shapes in ((few, many), (many, few)):
-        (found,) = drain(rank_steps([Hypothesis("identity", np.eye(4))], *shapes))
+        (found,) = rank([Hypothesis("identity", np.eye(4))], *shapes)
         assert found.functional_map.shape == found.reverse_functional_map.shape == (20, 20)
 
 

@@ -7,7 +7,7 @@ import pytest
 from creatures import Creature, directions, true_vertex
 
 import zoomout_core as zo
-from zoomout_core.matching.match import _notes_on_cloud
+from zoomout_core.matching.notes import notes_on_cloud
 
 
 @pytest.mark.parametrize("role", ["source", "target"])
@@ -45,7 +45,7 @@ def test_points_off_the_surface_are_counted(strays: int, said: bool) -> None:
     ball = directions(600, seed=1)
     far = np.linspace(4, 20, strays)[:, None] * [1.0, 0.5, 0.2]  # a line, which no surface runs through
     cloud = zo.PointCloud(np.concatenate([ball, far]))
-    notes = _notes_on_cloud("target", cloud, cloud.surface)
+    notes = notes_on_cloud("target", cloud, cloud.surface)
     assert bool(notes) == said
     assert all("of the target's points are on no part of the surface" in note for note in notes)
-    assert not _notes_on_cloud("target", cloud.surface, cloud.surface)
+    assert not notes_on_cloud("target", cloud.surface, cloud.surface)

@@ -9,7 +9,7 @@ from pieces import analysed, piece_of
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.confidence import (
     CONFIDENCE,
     confidence_of,
@@ -17,7 +17,6 @@ from zoomout_core.matching.confidence import (
     partners_by_cycle,
     spectral_distance,
 )
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 MADE = creature(500, seed=0)
@@ -26,7 +25,7 @@ TAIL = MADE.directions[:, 1] > 0.8  # and what is around it
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    return drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 200, 0))
+    return analyse(MADE.surface.working.part(0)[0], 60, 200, 0)
 
 
 def vertex_map(vertex: np.ndarray, shape: ShapeAnalysis) -> SurfaceMap:
@@ -100,7 +99,7 @@ def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
 
 def test_what_lies_beside_an_error_is_doubted_too() -> None:
     # So many functions that nothing is smooth unless it is made so.
-    shape = drain(analysis_steps(MADE.surface.working.part(0)[0], 400, 400, 0))
+    shape = analyse(MADE.surface.working.part(0)[0], 400, 400, 0)
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
     confidence, _ = confidence_of(elsewhere(shape, TAIL), identity(shape), np.eye(40), shape, shape, False)
     beside, far = (distance > 0.07) & (distance < 0.1), distance > 0.3

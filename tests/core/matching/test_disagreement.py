@@ -11,12 +11,11 @@ from scipy.sparse.csgraph import dijkstra
 from shapes import sheet
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.constraints import Constraints, checked_axes, checked_regions, pinned
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.runtime.stepping import drain
 
 MADE = creature(500, seed=0)
 NOTHING = Constraints(None, np.zeros((0, 3)), [])
@@ -25,7 +24,7 @@ LEG, TAIL = MADE.directions[:, 2] < -0.7, MADE.directions[:, 1] > 0.8
 
 @pytest.fixture(scope="module")
 def pair() -> Pair:
-    shape = drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 500, 0))
+    shape = analyse(MADE.surface.working.part(0)[0], 60, 500, 0)
     return Pair(MADE.surface, MADE.surface, shape, shape, 60, 20)
 
 
@@ -139,7 +138,7 @@ def test_anchors_of_regions_are_smoothed_beyond_what_the_basis_leaves_out(pair: 
 
 def test_how_far_a_pinned_landmark_takes_its_surroundings_along_falls_as_a_gaussian() -> None:
     flat = sheet(400).surface
-    shape = drain(analysis_steps(flat.working.part(0)[0], 20, 50, 0))
+    shape = analyse(flat.working.part(0)[0], 20, 50, 0)
     places, triangles = shape.mesh.vertices, shape.mesh.triangles
     inner = np.linalg.norm(places - places.mean(axis=0), axis=1).argmin()
     distance = dijkstra(edge_graph(places, triangles), indices=inner)
@@ -166,7 +165,7 @@ def two() -> tuple[Pair, np.ndarray]:
         Surface(np.vstack([stood, [[0, 0, 0]]]), source.surface.triangles),
         Surface(np.vstack([[[0, 0, 0]], target.surface.vertices]), target.surface.triangles + 1),
     )
-    shapes = (drain(analysis_steps(each.working.part(0)[0], 60, 120, 0)) for each in surfaces)
+    shapes = (analyse(each.working.part(0)[0], 60, 120, 0) for each in surfaces)
     return Pair(*surfaces, *shapes, 60, 20), true_vertex(source, target)
 
 

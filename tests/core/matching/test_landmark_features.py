@@ -7,10 +7,9 @@ import pytest
 from creatures import creature
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.landmark_features import LandmarkFeatures, landmark_features
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.descriptors import pseudo_scalars
 
 MADE = creature(500)
@@ -20,7 +19,7 @@ TIPS = (MADE.directions @ np.transpose(AXES)).argmax(axis=0)
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    return drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 500, 0))
+    return analyse(MADE.surface.working.part(0)[0], 60, 500, 0)
 
 
 @pytest.fixture(scope="module")

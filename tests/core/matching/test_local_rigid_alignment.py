@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.evaluation import flipped_share
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT, _turns, align
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 WIDTH = 0.08
@@ -21,12 +20,7 @@ WIDTH = 0.08
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
     mesh, _ = creature(2500, seed=1, bend=0.4).surface.working.part(0)
-    steps = analysis_steps(mesh, 120, 400, 0)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as finished:
-            return finished.value
+    return analyse(mesh, 120, 400, 0)
 
 
 def aligned(images: np.ndarray, shape: ShapeAnalysis, mirrored: bool = False) -> np.ndarray:
@@ -76,7 +70,7 @@ def test_each_end_of_a_bent_rod_turns_as_it_does_and_not_as_the_other() -> None:
 
 
 def test_a_limb_that_is_a_line_takes_the_turn_about_it_from_the_body() -> None:
-    small = drain(analysis_steps(creature(500, seed=1).surface.working.part(0)[0], 60, 250, 0))
+    small = analyse(creature(500, seed=1).surface.working.part(0)[0], 60, 250, 0)
     here = small.basis.smoothed(small.mesh.vertices, WIDTH**2)[small.search.samples[: len(small.distances)]]
     there, limbs = here.copy(), np.zeros(len(here), dtype=bool)
     for tip in ([1, 0.07, 0.35], [-1, 0.07, 0.35], [0.45, 0, -1], [-0.45, 0, -1]):

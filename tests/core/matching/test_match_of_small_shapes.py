@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from creatures import creature, directions, true_vertex
+from reports import fractions_of, reports_of
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.matching import match
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching import dense_map, pipeline, preparation
+from zoomout_core.matching import result as result_module
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.components.bodies import Bodies
 from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.constraints import Constraints
+from zoomout_core.matching.hypotheses import guess as guess_module
+from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair
 from zoomout_core.matching.proxy import proxy_size
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import Progress, drain
+from zoomout_core.runtime.progress import Progress, advance, stage
 
 SOURCE, TARGET = creature(260), creature(240, seed=1)
 TRUTH = true_vertex(SOURCE, TARGET)
@@ -31,13 +37,7 @@ NOTHING = Constraints(None, np.zeros((0, 3)), [])
 
 @pytest.fixture(scope="module")
 def watched() -> tuple[zo.MatchResult, list[Progress]]:
-    results: list[zo.MatchResult] = []
-
-    def steps() -> Iterator[Progress]:
-        results.append((yield from zo.match_steps(SOURCE.surface, TARGET.surface, initial="proximity", k_final=30)))
-
-    seen = list(steps())
-    return results[0], seen
+    return reports_of(lambda: zo.match(SOURCE.surface, TARGET.surface, initial="proximity", k_final=30))
 
 
 @pytest.fixture(scope="module")
@@ -57,40 +57,49 @@ def test_progress_rises_through_all_stages(watched: tuple[zo.MatchResult, list[P
     begun = {stage: next(each.fraction for each in seen if each.stage == stage) for stage in {s.stage for s in seen}}
     assert begun["Finding the bodies"] < 0.05
     assert begun["Refining"] > 0.4
-    again = list(result.use_steps(0))
+    _, again = reports_of(lambda: result.use(0))
     assert rises(again)
     assert again[0].fraction < 0.1
 
 
-def test_what_is_asked_of_a_result_ahead_is_asked_in_order_once_it_is_there() -> None:
-    asked: list[str] = []
+def test_what_is_asked_of_a_shape_ahead_is_asked_in_order_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
 
-    def steps() -> Iterator[float]:
-        yield 0.5
+    def analysed(*_: object) -> Any:
+        advance(0.5)
         asked.append("made")
         return "it"
 
-    fractions = list(match.prepared_steps(steps(), (lambda it: asked.append(f"{it} first"), asked.append)))
+    monkeypatch.setattr(preparation, "cached_analysis", analysed)
+    ahead = (lambda it: asked.append(f"{it} first"), asked.append)
+    part = SOURCE.surface.working.part(0)[0]
+    fractions = fractions_of(lambda: preparation.prepare_shape(part, 20, 60, 0, None, ahead))
     assert asked == ["made", "it first", "it"]
     assert fractions == sorted(fractions)
-    assert 0.5 < fractions[-1] < 1
+    assert 0.4 < fractions[0] < fractions[1] == fractions[-1] < 1
 
 
 def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, monkeypatch) -> None:
-    def refining() -> Iterator[float]:
-        yield from (0.0, 0.5, 1.0)
+    def refining(*_: Any) -> Any:
+        for fraction in (0.0, 0.5, 1.0):
+            advance(fraction)
         return result.surface_map, result.functional_map
 
-    def bending(refined: Any, *_: Any) -> Iterator[float]:
-        yield from (0.0, 0.5, 1.0)
-        return match.Fit.unfitted(refined)
+    def bending(refined: Any, *_: Any) -> Fit:
+        for fraction in (0.0, 0.5, 1.0):
+            advance(fraction)
+        return Fit.unfitted(refined)
 
-    monkeypatch.setattr(match, "fit_steps", bending)
-    shapes = result.pair.source_shape, result.pair.target_shape
-    fractions = list(match.fitted_steps(refining(), *shapes, False))
+    monkeypatch.setattr(dense_map, "refine", refining)
+    monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
+    monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))
+    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: None)
+    fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))
     assert fractions == sorted(fractions)
-    assert len(set(fractions)) == 5
-    assert (fractions[0], fractions[-1]) == (0, 1)
+    # The way there, which is refined and then bent, and the way back, which is refined only.
+    forwards = [2 * fraction for fraction in fractions if fraction < 0.5]
+    assert forwards == pytest.approx([0.0, 0.3, 0.6, 0.6, 0.8])
+    assert fractions[-1] == 1
 
 
 # --- options ------------------------------------------------------------------------------------------------
@@ -147,16 +156,16 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
 
     shapes = result.pair.source_shape, result.pair.target_shape
     partners = Partners(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
-    monkeypatch.setattr(match, "confidence_of", lambda *_: (np.ones(240), over))
-    monkeypatch.setattr(match, "partners_by_cycle", lambda *_: partners)
+    monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), over))
+    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: partners)
     notes = notes_of(result, 0.97)
     assert len(notes) == len(words)
     assert all(some in note for some, note in zip(words, notes, strict=True))
 
 
 def test_a_map_of_half_of_the_target_is_half_as_sure(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
-    lifted = match.lifted
-    monkeypatch.setattr(match, "lifted", lambda *args: lifted(*args)._replace(placed=0.5))
+    lift = result_module.lift
+    monkeypatch.setattr(result_module, "lift", lambda *args: lift(*args)._replace(placed=0.5))
     assert "right with a probability of 45% only" in notes_of(result, 0.9)[0]
 
 
@@ -194,9 +203,8 @@ def guesses(
 ) -> list[Hypothesis]:
     """Where guesses are the identity, and what mirrors."""
     two = [Hypothesis("identity", np.eye(5)), Hypothesis("mirror", np.diag([1.0, -1, 1, 1, 1]))]
-    monkeypatch.setattr(match, "GUESSES", (lambda *_: two[:1], lambda *_: two[1:]))
-    steps = match._hypotheses_steps(pair, initial, known, known.disagreement(pair), given.get("earlier"))
-    return drain(steps)
+    monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: two[:1], lambda *_: two[1:]))
+    return guess_module.guess(pair, initial, known, known.disagreement(pair), given.get("earlier"))
 
 
 def origins(found: list[Hypothesis]) -> list[str]:
@@ -230,7 +238,7 @@ def test_landmarks_and_regions_hold_every_guess_to_the_end(
     regions = guesses(result.pair, monkeypatch, known=replace(NOTHING, regions=[tuple(legs)]))[0].anchors
     assert both[0].anchors.source.shape[1] == alone.source.shape[1] + regions.source.shape[1]
     # Places that the user names are worth more than those that guesses pair.
-    named = match.landmark_hypothesis(result.pair.source_shape, result.pair.target_shape, TRUTH[tips], tips).anchors
+    named = landmark_hypothesis(result.pair.source_shape, result.pair.target_shape, TRUTH[tips], tips).anchors
     ratio = np.abs(alone.source).sum() / np.abs(named.source).sum()
     assert 1.5 < ratio < 4
 
@@ -238,7 +246,7 @@ def test_landmarks_and_regions_hold_every_guess_to_the_end(
 @pytest.fixture(scope="module")
 def balls() -> tuple[ShapeAnalysis, ShapeAnalysis]:
     spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(200, 3), directions(180, 4))]
-    one, other = (drain(analysis_steps(each.working.part(0)[0], 40, 100, 0)) for each in spheres)
+    one, other = (analyse(each.working.part(0)[0], 40, 100, 0) for each in spheres)
     return one, other
 
 
@@ -252,18 +260,18 @@ def test_all_signs_are_tried_where_a_shape_has_no_extremities(balls, result, mon
 
 def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(result: zo.MatchResult) -> None:
     pair = result.pair
-    places = match._standing(pair)
+    places = guess_module._standing(pair)
     assert places is not None
     there = pair.source_shape.proxy.full.to_surface(places)
     np.testing.assert_allclose(there, TARGET.surface.vertices[pair.target_shape.search.samples], atol=1e-9)
-    assert match._standing(replace(pair, target=pair.source)) is None  # a surface lies on itself anyway
+    assert guess_module._standing(replace(pair, target=pair.source)) is None  # a surface lies on itself anyway
 
 
 def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:
     pair = result.pair
-    assert match._images(pair, None) is None
+    assert guess_module._images(pair, None) is None
     samples = pair.target_shape.search.samples
-    images = match._images(pair, match.given_hypothesis(pair, TRUTH))
+    images = guess_module._images(pair, given_hypothesis(pair, TRUTH))
     off = np.linalg.norm(SOURCE.surface.vertices[images] - TARGET.surface.vertices[samples], axis=1)
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
 
@@ -279,42 +287,37 @@ def tried(
     bodies = [Bodies(replace(part, is_skin=skins), TARGET.surface.working.part(0)[0], 1.0)] * 2
     count = 0
 
-    def bodies_steps(*_: Any) -> Iterator[float]:
-        yield 0.5
+    def find_bodies(*_: Any) -> list[Bodies]:
+        advance(0.5)
         return list(bodies)
 
-    def tight_bodies_steps(*_: Any) -> Iterator[float]:
-        yield 0.5
+    def tight_bodies(*_: Any) -> Bodies:
+        advance(0.5)
         return bodies[0]
 
-    def candidates_steps(*_: Any) -> Iterator[Progress]:
+    def find_candidates(*_: Any) -> list[Candidate]:
         nonlocal count
         certainty = certainties[count]
         count += 1
-        yield Progress(0.0, "Guessing")
-        if certainty is None:
-            raise LandmarkError("source", 0, "is elsewhere.")
+        with stage("Guessing"):
+            if certainty is None:
+                raise LandmarkError("source", 0, "is elsewhere.")
         return [replace(result.candidates[0], certainty=certainty), replace(result.candidates[0], certainty=0.0)]
 
-    def result_steps(_: Pair, candidates: Any, chosen: int, start: float) -> Iterator[Progress]:
-        yield Progress(start, "Refining")
-        return candidates[chosen].certainty
+    def make_result(_: Pair, candidates: Any, chosen: int) -> float:
+        with stage("Refining"):
+            return candidates[chosen].certainty
 
-    for name, steps in (
-        ("bodies_steps", bodies_steps),
-        ("tight_bodies_steps", tight_bodies_steps),
-        ("_candidates_steps", candidates_steps),
-        ("_result_steps", result_steps),
+    for name, fake in (
+        ("find_bodies", find_bodies),
+        ("tight_bodies", tight_bodies),
+        ("_find_candidates", find_candidates),
+        ("make_result", make_result),
     ):
-        monkeypatch.setattr(match, name, steps)
-    seen = []
-    steps = match.match_steps(SOURCE.surface, TARGET.surface)
-    while True:
-        try:
-            seen.append(next(steps))
-        except StopIteration as finished:
-            assert rises(seen)
-            return count, finished.value
+        monkeypatch.setattr(pipeline, name, fake)
+    certainty, seen = reports_of(lambda: pipeline.match(SOURCE.surface, TARGET.surface))
+    assert rises(seen)
+    return count, certainty
 
 
 def test_bodies_are_tried_until_the_map_of_one_is_sure(result: zo.MatchResult, monkeypatch) -> None:
@@ -344,16 +347,16 @@ def test_more_guesses_are_tried_where_no_map_is_likely_and_only_there(monkeypatc
         asked.append("further")
         return [Hypothesis("the right one", np.eye(8))]
 
-    monkeypatch.setattr(match, "GUESSES", (lambda *_: [Hypothesis("wrong", np.diag([1.0, -1, -1, 1, 1, 1]))],))
-    monkeypatch.setattr(match, "MORE_GUESSES", (further,))
-    monkeypatch.setattr(match, "rotation_hypotheses", lambda *_: [])
+    monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: [Hypothesis("wrong", np.diag([1.0, -1, -1, 1, 1, 1]))],))
+    monkeypatch.setattr(guess_module, "MORE_GUESSES", (further,))
+    monkeypatch.setattr(guess_module, "rotation_hypotheses", lambda *_: [])
     bent = creature(240, seed=1, bend=0.7)
     result = zo.match(SOURCE.surface, bent.surface, k_final=30)
     assert asked
     assert {one.origin for one in result.candidates} == {"wrong", "the right one"}
     assert result.candidates[0].origin == "the right one"
     asked.clear()
-    monkeypatch.setattr(match, "GUESSES", (lambda *_: [Hypothesis("right", np.eye(8))],))
+    monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: [Hypothesis("right", np.eye(8))],))
     assert [one.origin for one in zo.match(SOURCE.surface, SOURCE.surface, k_final=30).candidates] == ["right"]
     zo.match(SOURCE.surface, bent.surface, k_final=30, initial="given", initial_map=true_vertex(SOURCE, bent))
     assert not asked

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,13 +23,8 @@ def mean_error(result: zo.MatchResult, source: Surface, truth: np.ndarray) -> fl
 
 @pytest.fixture(scope="module")
 def watched(resting: Creature, bent: Creature) -> tuple[zo.MatchResult, list[zo.Progress]]:
-    results: list[zo.MatchResult] = []
-
-    def steps() -> Iterator[zo.Progress]:
-        results.append((yield from zo.match_steps(resting.surface, bent.surface)))
-
-    seen = list(steps())
-    return results[0], seen
+    seen: list[zo.Progress] = []
+    return zo.match(resting.surface, bent.surface, progress=seen.append), seen
 
 
 @pytest.fixture(scope="module")
@@ -204,13 +198,19 @@ def test_progress_never_falls_and_ends_with_the_result(watched: tuple[zo.MatchRe
     assert len({progress.stage for progress in seen}) >= 4
 
 
-def test_a_match_can_be_abandoned_at_any_step(resting: Creature, bent: Creature) -> None:
-    steps = zo.match_steps(resting.surface, bent.surface)
-    for _ in range(20):
-        next(steps)
-    steps.close()
-    with pytest.raises(StopIteration):
-        next(steps)
+def test_a_match_can_be_cancelled_and_reports_nothing_after_that(resting: Creature, bent: Creature) -> None:
+    seen: list[zo.Progress] = []
+
+    def listen(progress: zo.Progress) -> None:
+        seen.append(progress)
+        if len(seen) >= 20:
+            raise zo.Cancelled
+
+    with pytest.raises(zo.Cancelled):
+        zo.match(resting.surface, bent.surface, progress=listen)
+    # Each of the computations side by side reports once more at most, and is cancelled, too.
+    assert 20 <= len(seen) < 20 + 10
+    assert seen[-1].fraction < 0.9
 
 
 # --- other starts -------------------------------------------------------------------------------------------

@@ -12,10 +12,9 @@ from creatures import creature
 import zoomout_core as zo
 from zoomout_core.matching import memory_cache
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.memory_cache import kept_analysis_steps, kept_working_mesh
+from zoomout_core.matching.memory_cache import cached_analysis, kept_working_mesh
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +34,7 @@ def as_new(surface: Surface) -> Surface:
 
 
 def prepared(part: WorkingMesh, k: int = 30) -> ShapeAnalysis:
-    return drain(kept_analysis_steps(part, k, 100, 0, None))
+    return cached_analysis(part, k, 100, 0, None)
 
 
 def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
@@ -97,17 +96,16 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
 ) -> None:
     asked: list[tuple[int | None, ...]] = []
 
-    def prepare(part: WorkingMesh, *numbers: int | None) -> Iterator[float]:
+    def prepare(part: WorkingMesh, *numbers: int | None) -> ShapeAnalysis:
         asked.append(numbers)
-        yield from ()
         return first
 
     first = prepared(part)
-    monkeypatch.setattr(memory_cache, "analysis_steps", prepare)
+    monkeypatch.setattr(memory_cache, "analyse", prepare)
     numbers = {"k": 31, "samples": 100, "seed": 0, "proxy_vertices": None}
     other = numbers | {changed: 700}
     for each in (numbers, other, numbers, other):
-        drain(kept_analysis_steps(part, **each))
+        cached_analysis(part, **each)
     assert asked == [tuple(numbers.values()), tuple(other.values())]
 
 
@@ -117,6 +115,6 @@ def test_what_a_shape_takes_is_reckoned_with_all_that_it_holds(part: WorkingMesh
         held = shape.distances.nbytes + shape.basis.eigenvectors.nbytes + shape.proxy.full.vertices.nbytes
         assert held < memory_cache._bytes(shape) < 10 * held
     assert 2 * part.vertices.nbytes < memory_cache._bytes(part) < 20 * part.vertices.nbytes
-    by_stand_in = drain(memory_cache.analysis_steps(creature(3000).surface.working, 20, 100, 0, 1000))
-    by_itself = drain(memory_cache.analysis_steps(by_stand_in.mesh, 20, 100, 0, None))
+    by_stand_in = memory_cache.analyse(creature(3000).surface.working, 20, 100, 0, 1000)
+    by_itself = memory_cache.analyse(by_stand_in.mesh, 20, 100, 0, None)
     assert memory_cache._bytes(by_stand_in) > memory_cache._bytes(by_itself) + by_stand_in.proxy.full.vertices.nbytes

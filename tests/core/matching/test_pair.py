@@ -10,7 +10,7 @@ from creatures import Creature, creature, true_vertex
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.pair import (
     LandmarkError,
@@ -22,12 +22,11 @@ from zoomout_core.matching.pair import (
 )
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals
-from zoomout_core.runtime.stepping import drain
 
 
 def shape_of(surface: Surface, proxy_vertices: int | None = None) -> ShapeAnalysis:
     part, _ = surface.working.part(0)
-    return drain(analysis_steps(part, k=20, samples=50, seed=0, proxy_vertices=proxy_vertices))
+    return analyse(part, k=20, samples=50, seed=0, proxy_vertices=proxy_vertices)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -10,14 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import creature
+from reports import reports_of
 
 import zoomout_core as zo
-from zoomout_core.matching import match
+from zoomout_core.matching import retry as retry_module
 from zoomout_core.matching.attempt import Attempt
+from zoomout_core.matching.hypotheses import guess as guess_module
+from zoomout_core.matching.notes import OTHER_UNITS, TOO_COARSE
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.runtime.stepping import Progress, Steps, drain
+from zoomout_core.matching.retry import attempt_part, retry
+from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retuned
 
 COUNT = 100
@@ -31,8 +34,8 @@ def candidate(certainty: float, sample_map: np.ndarray) -> Candidate:
     return Candidate("", False, False, nothing, nothing, sample_map, None, None, certainty, {})
 
 
-def without_fragment(*_: object) -> Generator[float, None, None]:
-    yield 0.5
+def without_fragment(*_: object) -> None:
+    advance(0.5)
 
 
 def gone_on_with(
@@ -52,8 +55,8 @@ def gone_on_with(
             basis=SimpleNamespace(areas=np.full(4, area / 4)),
         )
 
-    def placed(*_: object) -> Generator[float, None, list[Candidate]]:
-        yield 0.5
+    def placed(*_: object) -> list[Candidate]:
+        advance(0.5)
         return [candidate(by_part, image), candidate(0.0, ELSEWHERE)]
 
     each_at_unit_area, in_one_unit = (
@@ -62,11 +65,11 @@ def gone_on_with(
     )
     pair: Any = each_at_unit_area
     whole = Attempt(pair, [candidate(by_whole, THERE), candidate(0.0, ELSEWHERE)], 0.9)
-    monkeypatch.setattr(match, "in_one_unit", lambda _: in_one_unit)
-    monkeypatch.setattr(match, "part_match_steps", placed)
-    monkeypatch.setattr(match, "at_unknown_scale_steps", without_fragment)
+    monkeypatch.setattr(retry_module, "in_one_unit", lambda _: in_one_unit)
+    monkeypatch.setattr(retry_module, "match_part", placed)
+    monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
     known: Any = SimpleNamespace(disagreement=lambda _: None)
-    found = drain(match._part_attempt_steps(whole, known))
+    found = attempt_part(whole, known)
     assert found.coverage == 0.9
     assert len(found.candidates) == 2
     return "part" if found.pair is in_one_unit else "whole", found.candidates[0].certainty
@@ -120,15 +123,14 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 ) -> None:
     seen = []
 
-    def watched(whole: Attempt, _known: object) -> Generator[float, None, Attempt]:
+    def watched(whole: Attempt, _known: object) -> Attempt:
         seen.append(whole)
-        yield from ()
         return replace(whole, candidates=[replace(whole.candidates[0], certainty=0.125)])
 
-    monkeypatch.setattr(match, "_part_attempt_steps", watched)
-    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(match, "too_coarse", lambda _: False)
-    monkeypatch.setattr(match, "GUESSES", ())
+    monkeypatch.setattr(retry_module, "attempt_part", watched)
+    monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
+    monkeypatch.setattr(guess_module, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     target = target.with_vertices(factor * target.vertices)
     with retuned(PART_MATCH, unsure=unsure):
@@ -160,27 +162,23 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
     gone_on_with: str,
 ) -> None:
     def saying(text: str | None) -> Any:
-        def steps(first: object, *_: object) -> Steps[Any]:
-            yield Progress(0.0, "")
-            yield Progress(1.0, "")
+        def attempt(first: object, *_: object) -> Any:
+            advance(0.0)
+            advance(1.0)
             return first if text is None else text
 
-        return steps
+        return attempt
 
-    monkeypatch.setattr(match, "_part_attempt_steps", saying("part" if part_is_taken else None))
-    monkeypatch.setattr(match, "_more_steps", saying("more"))
-    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(match, "units_differ", lambda _: False)
-    monkeypatch.setattr(match, "too_coarse", lambda _: False)
+    monkeypatch.setattr(retry_module, "attempt_part", saying("part" if part_is_taken else None))
+    monkeypatch.setattr(retry_module, "_with_more_guesses", saying("more"))
+    monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(retry_module, "units_differ", lambda _: False)
+    monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     first: Any = SimpleNamespace(pair=None, candidates=[SimpleNamespace(certainty=certainty, turns=1)])
     options: Any = SimpleNamespace(initial=initial, partial=partial, initial_map=None)
-    steps, fractions = match._second_steps(first, None, options), []
-    while True:
-        try:
-            fractions.append(next(steps).fraction)
-        except StopIteration as finished:
-            found = finished.value
-            break
+    known: Any = None
+    found, reports = reports_of(lambda: retry(first, known, options))
+    fractions = [report.fraction for report in reports]
     assert found is first if gone_on_with == "first" else found == gone_on_with
     # What is tried after a part that was refused does not begin again.
     assert fractions == sorted(fractions)
@@ -201,21 +199,21 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
 ) -> None:
     in_one = []
 
-    def none_found(*_: object) -> Generator[float, None, list[Candidate]]:
+    def none_found(*_: object) -> list[Candidate]:
         in_one.append(True)
-        yield 0.5
+        advance(0.5)
         return []
 
-    monkeypatch.setattr(match, "part_match_steps", none_found)
-    monkeypatch.setattr(match, "at_unknown_scale_steps", without_fragment)
-    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(match, "too_coarse", lambda _: False)
-    monkeypatch.setattr(match, "GUESSES", ())
+    monkeypatch.setattr(retry_module, "match_part", none_found)
+    monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
+    monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
+    monkeypatch.setattr(guess_module, "GUESSES", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     with retuned(PART_MATCH, unsure=1.0):
         other_unit = target.with_vertices(target.vertices * factor)
         result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
-    assert (match.OTHER_UNITS in result.notes) == told
+    assert (OTHER_UNITS in result.notes) == told
     # In the unit that they are given in they are compared if they may have it in common.
     assert len(in_one) == (factor == 1)
 
@@ -226,16 +224,12 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
 def test_a_note_says_that_a_shape_is_too_coarse_to_be_tried_as_a_part(
     monkeypatch: pytest.MonkeyPatch, coarse: bool, has_cuts: bool, told: bool
 ) -> None:
-    def not_taken(whole: Attempt, *_: object) -> Steps[Attempt]:
-        yield Progress(0.0, "")
-        return whole
-
-    monkeypatch.setattr(match, "_part_attempt_steps", not_taken)
-    monkeypatch.setattr(match, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(match, "GUESSES", ())
+    monkeypatch.setattr(retry_module, "attempt_part", lambda whole, _: whole)
+    monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
+    monkeypatch.setattr(guess_module, "GUESSES", ())
     if not coarse:
-        monkeypatch.setattr(match, "too_coarse", lambda _: False)
+        monkeypatch.setattr(retry_module, "too_coarse", lambda _: False)
     source, target = creature(200).surface, creature(180, seed=1).surface
     with retuned(PART_MATCH, unsure=1.0):
         result = zo.match(source, target, k_final=20, samples=100, landmarks=([0, 5], [0, 5]))
-    assert (match.TOO_COARSE in result.notes) == told
+    assert (TOO_COARSE in result.notes) == told

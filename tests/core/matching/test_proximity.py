@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clothes import Region, dressed, jacket, shell, shirt, skin, trousers
+from reports import reports_of
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
@@ -178,19 +179,15 @@ def test_the_smallest_and_the_largest_angle_are_taken(angle: float) -> None:
     assert zo.match_by_proximity(square, above, most_angle=angle).has_partner.all()
 
 
-def test_the_steps_give_the_same_with_progress_that_rises() -> None:
+def test_it_gives_the_same_where_its_progress_is_heard_which_rises() -> None:
     body, _ = legs(1.0)
     cloth, _ = legs(1.04, layers=(1.08,))
-    seen, results = [], []
-
-    def watched():
-        results.append((yield from zo.match_by_proximity_steps(body, cloth)))
-
-    seen.extend(watched())
-    fractions = [progress.fraction for progress in seen]
+    result, reports = reports_of(lambda: zo.match_by_proximity(body, cloth))
+    fractions = [report.fraction for report in reports]
     assert fractions == sorted(fractions)
     assert 0 <= fractions[0] <= fractions[-1] <= 1
-    np.testing.assert_array_equal(results[0].confidence, zo.match_by_proximity(body, cloth).confidence)
+    assert {report.stage for report in reports} == {"Finding the nearest points"}
+    np.testing.assert_array_equal(result.confidence, zo.match_by_proximity(body, cloth).confidence)
 
 
 def test_what_is_too_far_off_is_said_and_not_trusted() -> None:

@@ -15,16 +15,15 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.proxy import Proxy, carried, proxy_steps
+from zoomout_core.matching.proxy import Proxy, carried, make_proxy
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.runtime.stepping import drain
 
 
 def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
     part = creature(20000).surface.working
-    proxy = drain(proxy_steps(part, 3000))
+    proxy = make_proxy(part, 3000)
     assert 0.8 * 3000 < len(proxy.mesh.vertices) < 1.2 * 3000
     distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
     assert distance.max() < 0.02
@@ -35,7 +34,7 @@ def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
 def test_a_small_mesh_stands_for_itself() -> None:
     part = creature(3000).surface.working
     for count in (None, 3000, 2500):
-        proxy = drain(proxy_steps(part, count))
+        proxy = make_proxy(part, count)
         assert proxy.mesh is part
         np.testing.assert_array_equal(proxy.place.vertex, np.arange(3000))
         np.testing.assert_array_equal(proxy.full_vertex, np.arange(3000))
@@ -43,14 +42,14 @@ def test_a_small_mesh_stands_for_itself() -> None:
 
 def test_a_mesh_is_decimated_where_that_is_worth_it() -> None:
     part = creature(3000).surface.working
-    counts = [len(drain(proxy_steps(part, count)).mesh.vertices) for count in (3000, 2700, 1500)]
+    counts = [len(make_proxy(part, count).mesh.vertices) for count in (3000, 2700, 1500)]
     assert counts[:2] == [3000, 3000]
     assert 1200 < counts[2] < 1800
 
 
 @pytest.fixture(scope="module")
 def stand_in() -> Proxy:
-    return drain(proxy_steps(creature(3000).surface.working, 600))
+    return make_proxy(creature(3000).surface.working, 600)
 
 
 def test_a_stand_in_is_of_unit_area_and_its_frame_leads_back(stand_in: Proxy) -> None:
@@ -94,8 +93,7 @@ def test_images_are_brought_to_the_full_mesh_as_near_as_makes_a_difference(stand
 def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     part = creature(600).surface.working
 
-    def with_a_splinter(points: np.ndarray, triangles: np.ndarray, _: int) -> Iterator[float]:
-        yield 0.5
+    def with_a_splinter(points: np.ndarray, triangles: np.ndarray, _: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # Five vertices went into a triangle of their own beside a hand.
         beside = points[np.argmax(points[:, 0])] + np.array([[0.01, 0, 0], [0.01, 0.001, 0], [0.01, 0, 0.001]])
         merged = np.arange(len(points))
@@ -103,8 +101,8 @@ def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pyt
         merged[-1] = 0  # far from it, as on the other side of a gap
         return np.vstack([points, beside]), np.vstack([triangles, len(points) + np.arange(3)]), merged
 
-    monkeypatch.setattr("zoomout_core.matching.proxy.decimated_steps", with_a_splinter)
-    proxy = drain(proxy_steps(part, 100))
+    monkeypatch.setattr("zoomout_core.matching.proxy.decimate", with_a_splinter)
+    proxy = make_proxy(part, 100)
     assert len(proxy.vertices) == 600
     np.testing.assert_array_equal(proxy.merged, [*range(599), 0])
     np.testing.assert_allclose(proxy.vertices, part.vertices)
@@ -122,16 +120,16 @@ def threads_that_take_turns() -> Iterator[None]:
 @pytest.mark.usefixtures("threads_that_take_turns")
 def test_two_stand_ins_made_at_the_same_time_are_those_of_their_own_meshes() -> None:
     parts = [creature(count, seed).surface.working for count, seed in ((30000, 0), (20000, 1))]
-    alone = [drain(proxy_steps(part, 3000)) for part in parts]
+    alone = [make_proxy(part, 3000) for part in parts]
     with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(lambda part: drain(proxy_steps(part, 3000)), parts * 4))
+        together = list(pool.map(lambda part: make_proxy(part, 3000), parts * 4))
     for proxy, expected in zip(together, alone * 4, strict=True):
         np.testing.assert_array_equal(proxy.mesh.triangles, expected.mesh.triangles)
 
 
 def test_a_map_between_stand_ins_is_carried_over_to_the_surfaces() -> None:
     first, second = creature(16000, seed=0).surface.working, creature(12000, seed=1).surface.working
-    source, target = drain(proxy_steps(first, 3000)), drain(proxy_steps(second, 3000))
+    source, target = make_proxy(first, 3000), make_proxy(second, 3000)
     between = SurfaceMap(
         *closest_points(target.vertices, source.vertices, source.mesh.triangles), source.mesh.triangles
     )
@@ -148,7 +146,7 @@ def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
     tip = whole.vertices[fin[0, 0]] * 1.1
     opened = Surface(np.vstack([whole.vertices, tip]), np.vstack([whole.triangles[kept], fin]))
     part, _ = opened.working.part(0)
-    proxy = drain(proxy_steps(part, 3000))
+    proxy = make_proxy(part, 3000)
     distance = np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1)
     assert np.quantile(distance, 0.99) < 0.01
 
@@ -157,7 +155,7 @@ def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
 def test_dense_and_sliver_meshes_have_stand_ins_that_lie_on_them(benchmark_data: Path, name: str) -> None:
     part, _ = read_surface(benchmark_data / "faust_discretisation" / f"{name}.ply").working.part(0)
     for count in (3000, 4000):
-        proxy = drain(proxy_steps(part, count))
+        proxy = make_proxy(part, count)
         # Both ways: no vertex of the stand-in is off the mesh, and none of the mesh off its place on the stand-in.
         assert cKDTree(part.vertices).query(proxy.vertices)[0].max() < 0.02
         assert np.linalg.norm(proxy.place.interpolate(proxy.vertices) - part.vertices, axis=1).max() < 0.02

@@ -8,19 +8,16 @@ from creatures import Creature, mirrored_vertex, true_vertex
 from scipy.spatial import cKDTree
 
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.ranking import rank_steps
+from zoomout_core.matching.ranking import rank
 from zoomout_core.matching.scores import orientation_agreement, scores_of
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 
 @pytest.fixture(scope="module")
 def shapes(resting: Creature, bent: Creature) -> tuple[ShapeAnalysis, ShapeAnalysis]:
-    source, target = (
-        drain(analysis_steps(creature.surface.working.part(0)[0], 100, 500, 0)) for creature in (resting, bent)
-    )
+    source, target = (analyse(creature.surface.working.part(0)[0], 100, 500, 0) for creature in (resting, bent))
     return source, target
 
 
@@ -54,7 +51,7 @@ def test_every_criterion_prefers_the_true_map_to_a_wrong_one(shapes, resting, be
 def test_handedness_tells_a_shape_from_its_mirror_image(shapes, resting) -> None:
     source = shapes[0]
     mirror = Surface(resting.surface.vertices * [-1, 1, 1], resting.surface.triangles[:, ::-1])
-    target = drain(analysis_steps(mirror.working, 100, 500, 0))
+    target = analyse(mirror.working, 100, 500, 0)
     identity = np.arange(len(source.search.samples))
     for reverses, expected in ((False, -1), (True, 1)):
         scores = scores_of(np.eye(60), identity, source, target, reverses)
@@ -67,6 +64,6 @@ def test_duplicates_are_dropped_and_candidates_sorted(shapes, resting, bent) -> 
         functional_map_of(f(resting, bent), source.basis, target.basis, 12, 12) for f in (true_vertex, mirrored_vertex)
     ]
     hypotheses = [Hypothesis("mirrored", maps[1]), Hypothesis("true", maps[0]), Hypothesis("true again", maps[0])]
-    candidates = drain(rank_steps(hypotheses, source, target))
+    candidates = rank(hypotheses, source, target)
     assert [candidate.reverses_orientation for candidate in candidates] == [False, True]
     assert candidates[0].origin.startswith("true")

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import creature
+from reports import fractions_of
 
 from zoomout_core.matching import refinement
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
-from zoomout_core.matching.refinement import REFINEMENT, Schedule, dense_steps
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.refinement import REFINEMENT, Schedule, refine
 from zoomout_core.tuning import retuned
 
 SCHEDULE = Schedule(((10, 0.08), (25, 0.05), (60, 0.04)), (12, 60))
@@ -19,7 +19,7 @@ SCHEDULE = Schedule(((10, 0.08), (25, 0.05), (60, 0.04)), (12, 60))
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    return drain(analysis_steps(creature(640).surface.working.part(0)[0], 60, 200, 0))
+    return analyse(creature(640).surface.working.part(0)[0], 60, 200, 0)
 
 
 class Rounds:
@@ -51,7 +51,7 @@ class Rounds:
 
 
 def refined(shape: ShapeAnalysis, k_final: int = 40, step: int = 7, schedule: Schedule | None = SCHEDULE) -> np.ndarray:
-    return drain(dense_steps(shape, shape, np.eye(10), None, False, k_final, step, schedule))[1]
+    return refine(shape, shape, np.eye(10), None, False, k_final, step, schedule)[1]
 
 
 def test_maps_grow_along_the_schedule_and_no_larger_than_asked_for(shape: ShapeAnalysis, monkeypatch) -> None:
@@ -91,10 +91,10 @@ def test_schedules_go_from_small_smooth_maps_to_large_ones(schedule: Schedule) -
 
 
 def test_a_coarse_mesh_has_a_smaller_map_but_not_the_least(monkeypatch) -> None:
-    coarse = drain(analysis_steps(creature(200).surface.working.part(0)[0], 60, 120, 0))
+    coarse = analyse(creature(200).surface.working.part(0)[0], 60, 120, 0)
     Rounds(monkeypatch)
     assert 20 <= len(refined(coarse, k_final=60)) < 60
-    few = drain(analysis_steps(creature(200).surface.working.part(0)[0], 15, 120, 0))
+    few = analyse(creature(200).surface.working.part(0)[0], 15, 120, 0)
     assert refined(few, k_final=60).shape == (15, 15)
 
 
@@ -130,7 +130,10 @@ def test_positions_weigh_less_on_all_vertices_the_larger_the_map(shape: ShapeAna
 
 
 def test_progress_rises_with_every_round(shape: ShapeAnalysis) -> None:
-    fractions = [*dense_steps(shape, shape, np.eye(10), None, False, 40, 20, SCHEDULE), 1.0]
+    fractions = [
+        *fractions_of(lambda: refine(shape, shape, np.eye(10), None, False, 40, 20, SCHEDULE)),
+        1.0,
+    ]
     assert fractions[0] == 0
     assert fractions == sorted(fractions)
     assert max(np.diff(fractions)) < 0.25
@@ -138,7 +141,7 @@ def test_progress_rises_with_every_round(shape: ShapeAnalysis) -> None:
 
 
 def test_images_are_found_around_the_nearest_sample_of_any_mesh(shape: ShapeAnalysis) -> None:
-    tiny = drain(analysis_steps(creature(30).surface.working.part(0)[0], 10, 20, 0))
+    tiny = analyse(creature(30).surface.working.part(0)[0], 10, 20, 0)
     for one in (tiny, shape):
         places = one.mesh.vertices
         near = refinement._nearest_near_samples(places, places, one)

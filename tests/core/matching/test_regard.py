@@ -8,19 +8,18 @@ from creatures import creature, true_vertex
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.local_rigid_alignment import (
     Alignment,
     align,
     beside_places,
 )
-from zoomout_core.matching.refinement import REFINEMENT, _nearest_near_samples, _weight_factor, dense_steps
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.matching.refinement import REFINEMENT, _nearest_near_samples, _weight_factor, refine
 
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    return drain(analysis_steps(creature(500).surface.working.part(0)[0], 100, 200, 0))
+    return analyse(creature(500).surface.working.part(0)[0], 100, 200, 0)
 
 
 def weight_factor(shape: ShapeAnalysis, off_in_space: float, off_along: float) -> float:
@@ -108,10 +107,10 @@ def test_a_few_vertices_are_aligned_as_they_are_among_all(shape: ShapeAnalysis) 
 
 def test_a_candidate_becomes_a_dense_map_that_is_finer_and_no_larger_than_the_mesh_resolves() -> None:
     source, target = creature(600, seed=0), creature(560, seed=1, bend=0.4)
-    shapes = [drain(analysis_steps(one.surface.working.part(0)[0], 100, 300, 0)) for one in (source, target)]
+    shapes = [analyse(one.surface.working.part(0)[0], 100, 300, 0) for one in (source, target)]
     C = functional_map_of(true_vertex(source, target), shapes[0].basis, shapes[1].basis, 10, 10)
     rough = vertex_map_of(C, shapes[0].basis, shapes[1].basis)
-    dense, functional_map = drain(dense_steps(*shapes, C, None, False, 100, 20))
+    dense, functional_map = refine(*shapes, C, None, False, 100, 20)
 
     def missed(images: np.ndarray) -> float:
         images = images / np.linalg.norm(images, axis=1, keepdims=True)

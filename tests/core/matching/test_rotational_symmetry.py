@@ -14,10 +14,9 @@ from shapes import LOPSIDED_TORUS, STONE, TORUS, VASE, shape
 from solids import CUBE, ICOSAHEDRON, OCTAHEDRON, TETRAHEDRON, prism, pyramid, solid
 
 import zoomout_core as zo
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.rotational_symmetry import TURNS, certainty_but_for_turns, likely_turns, self_maps
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 BOX = CUBE * [1.0, 1.4, 2.1]
 # The turns of a cube: permutations of the axes with signs, of determinant 1.
@@ -33,7 +32,7 @@ OF_CUBE = np.array(
 
 def analysed(surface: Surface) -> ShapeAnalysis:
     """With few functions and samples."""
-    return drain(analysis_steps(surface.working.part(0)[0], 60, 400, 0))
+    return analyse(surface.working.part(0)[0], 60, 400, 0)
 
 
 @pytest.mark.parametrize(

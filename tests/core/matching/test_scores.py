@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching import scores
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.scores import (
     EVIDENCE,
     correlation,
@@ -22,7 +22,6 @@ from zoomout_core.matching.scores import (
     total_score,
 )
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 SCORES = {
@@ -37,7 +36,7 @@ SCORES = {
 
 
 def shape_of(surface: Surface) -> ShapeAnalysis:
-    return drain(analysis_steps(surface.working.part(0)[0], 60, 200, 0))
+    return analyse(surface.working.part(0)[0], 60, 200, 0)
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,9 @@ from scipy.spatial import cKDTree
 from trimesh.remesh import subdivide
 
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.runtime.stepping import drain
 
 
 def fine_creature() -> Surface:
@@ -22,7 +21,7 @@ def fine_creature() -> Surface:
 
 def test_a_large_mesh_keeps_its_surface_and_its_topology() -> None:
     working = fine_creature().working
-    points, triangles, _ = drain(decimated_steps(working.vertices, working.oriented_triangles, 3000))
+    points, triangles, _ = decimate(working.vertices, working.oriented_triangles, 3000)
     assert 2900 < len(points) < 3100
     result = Surface(points, triangles).working
     assert result.component.max() == 0
@@ -38,7 +37,7 @@ def test_a_large_mesh_keeps_its_surface_and_its_topology() -> None:
 
 def test_every_vertex_went_into_one_nearby() -> None:
     working = fine_creature().working
-    points, _, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, 3000))
+    points, _, merged = decimate(working.vertices, working.oriented_triangles, 3000)
     away = np.linalg.norm(points[merged] - working.vertices, axis=1)
     nearest = cKDTree(points).query(working.vertices)[0]
     assert merged.shape == (len(working.vertices),)
@@ -57,7 +56,7 @@ def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
     sides = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]) + len(body.vertices)
     vertices = np.concatenate([body.vertices, tube])
     triangles = np.concatenate([body.oriented_triangles, sides])
-    points, faces, _ = drain(decimated_steps(vertices, triangles, 3000))
+    points, faces, _ = decimate(vertices, triangles, 3000)
     on_tube = points[faces].mean(axis=1)[:, 2] > 1.95
     area = triangle_areas(points, faces)[on_tube].sum()
     assert area > 0.9 * triangle_areas(vertices, sides).sum()
@@ -65,7 +64,7 @@ def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
 
 def test_a_mesh_that_is_small_already_stays() -> None:
     working = creature(2000).surface.working
-    points, triangles, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, 4000))
+    points, triangles, merged = decimate(working.vertices, working.oriented_triangles, 4000)
     np.testing.assert_allclose(points, working.vertices, atol=1e-6)
     np.testing.assert_array_equal(merged, np.arange(2000))
     assert len(triangles) == len(working.triangles)

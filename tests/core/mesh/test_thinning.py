@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from creatures import creature
+from reports import fractions_of
 
 from zoomout_core.mesh import decimation
-from zoomout_core.mesh.decimation import decimated_steps
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 
@@ -34,7 +34,7 @@ def plane(side: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("count", [100, 400, 1500])
 def test_what_is_asked_for_is_left_and_every_vertex_is_accounted_for(count: int) -> None:
     working = creature(2500).surface.working
-    points, triangles, merged = drain(decimated_steps(working.vertices, working.oriented_triangles, count))
+    points, triangles, merged = decimate(working.vertices, working.oriented_triangles, count)
     assert 0.9 * count < len(points) < 1.1 * count
     assert triangles.max() == len(points) - 1
     assert merged.shape == (2500,)
@@ -55,17 +55,17 @@ def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
 
     monkeypatch.setattr(decimation, "_simplified", watched)
     dense, triangles = plane(60)
-    drain(decimated_steps(dense, triangles, 40))
+    decimate(dense, triangles, 40)
     thinned = given[0]
     assert 40 < len(thinned) < 0.6 * len(dense)  # a spacing of 0.16 against one of 0.017
     given.clear()
-    drain(decimated_steps(dense, triangles, 1200))
+    decimate(dense, triangles, 1200)
     assert len(given[0]) == len(dense)  # 0.029 against 0.017
 
 
 def test_fractions_rise_to_one_and_stages_follow_each_other() -> None:
     working = creature(2500).surface.working
-    fractions = list(decimated_steps(working.vertices, working.oriented_triangles, 200))
+    fractions = fractions_of(lambda: decimate(working.vertices, working.oriented_triangles, 200))
     assert len(fractions) > 4
     assert fractions[0] == 0
     assert fractions == sorted(fractions)
@@ -74,7 +74,7 @@ def test_fractions_rise_to_one_and_stages_follow_each_other() -> None:
 
 def test_a_flat_square_stays_flat_and_whole() -> None:
     dense, triangles = plane(60)
-    points, faces, _ = drain(decimated_steps(dense, triangles, 200))
+    points, faces, _ = decimate(dense, triangles, 200)
     np.testing.assert_allclose(points[:, 2], 0, atol=1e-6)
     # Thinning rounds off corners of the border, by a part of the result's spacing of 0.07.
     assert 0.95 < triangle_areas(points, faces).sum() <= 1.001

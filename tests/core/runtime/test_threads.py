@@ -1,10 +1,10 @@
-"""Stepped computations at once, and BLAS on one thread meanwhile."""
+"""Computations side by side: their results, progress and errors, and BLAS on one thread meanwhile."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from creatures import creature
@@ -13,16 +13,12 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
 from zoomout_core.matching.components.skins import SKINS
-from zoomout_core.runtime.stepping import drain
-from zoomout_core.runtime.threads import (
-    for_each,
-    for_each_stepped,
-    in_background,
-    on_one_blas_thread,
-    side_by_side,
-    threads,
-)
+from zoomout_core.runtime.progress import advance, portion, stage
+from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side, threads
 from zoomout_core.tuning import retuned
+
+# Seconds after which a test fails that waits for another thread.
+LONG = 10
 
 
 @pytest.fixture(autouse=True)
@@ -32,104 +28,282 @@ def two_threads() -> Iterator[None]:
     zo.set_threads(None)
 
 
-def counting(steps: int, result: str, meeting: threading.Barrier | None = None) -> Generator[float, None, str]:
-    for step in range(steps):
-        if meeting is not None:
-            meeting.wait(timeout=10)  # breaks unless the other one is at work meanwhile
-        yield step / steps
-    return result
+def counting(steps: int, result: str, meeting: threading.Barrier | None = None) -> Callable[[], str]:
+    """A computation of some steps; with a meeting, each of them takes place as the other one's does."""
+
+    def work() -> str:
+        for step in range(steps):
+            if meeting is not None:
+                meeting.wait(timeout=LONG)  # breaks unless the other one is at work meanwhile
+            advance(step / steps)
+        return result
+
+    return work
+
+
+def fractions_of(work: Callable[[], object]) -> list[float]:
+    heard: list[zo.Progress] = []
+    with zo.progress(heard.append):
+        work()
+    return [progress.fraction for progress in heard]
+
+
+# --- results and progress -----------------------------------------------------------------------------------
 
 
 def test_both_run_at_the_same_time_and_return_in_their_order() -> None:
     meeting = threading.Barrier(2)
-    assert drain(side_by_side(counting(3, "first", meeting), counting(3, "second", meeting))) == ("first", "second")
+    assert side_by_side(counting(3, "first", meeting), counting(3, "second", meeting)) == ("first", "second")
 
 
-def test_the_longer_one_goes_on_alone() -> None:
-    assert drain(side_by_side(counting(1, "short"), counting(9, "long"))) == ("short", "long")
-    fractions = list(side_by_side(counting(1, "short"), counting(9, "long")))
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_results_are_in_the_order_of_the_items_whichever_ends_first(count: int) -> None:
+    zo.set_threads(count)
+
+    def later_first(item: int) -> int:
+        time.sleep(0.002 * (6 - item))
+        return 10 * item
+
+    assert for_each(later_first, range(6)) == [0, 10, 20, 30, 40, 50]
+    assert for_each(later_first, []) == []
+
+
+def test_items_are_worked_on_two_at_a_time() -> None:
+    meeting = threading.Barrier(2)
+    items = ["first", "second", "third", "fourth"]
+    assert for_each(lambda item: counting(3, item.upper(), meeting)(), items) == ["FIRST", "SECOND", "THIRD", "FOURTH"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_progress_is_the_mean_of_theirs_and_ends_with_the_longer_one(count: int) -> None:
+    zo.set_threads(count)
+    assert side_by_side(counting(1, "short"), counting(9, "long")) == ("short", "long")
+    fractions = fractions_of(lambda: side_by_side(counting(1, "short"), counting(9, "long")))
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1
+    assert len(set(fractions)) > 5
+    alone = fractions_of(lambda: for_each(lambda _: None, range(4)))
+    assert alone == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
-def test_an_error_in_one_of_them_reaches_the_caller() -> None:
-    def failing() -> Generator[float, None, None]:
-        yield 0.0
-        raise ValueError("no such thing")
+def test_a_computation_that_does_not_move_on_leaves_the_mean_at_half() -> None:
+    heard: list[zo.Progress] = []
+    ended = threading.Event()
+
+    def waiting() -> None:
+        assert ended.wait(timeout=LONG)
+
+    def working() -> None:
+        for tenth in range(10):
+            advance(tenth / 10)
+        ended.set()
+
+    with zo.progress(lambda progress: None if ended.is_set() else heard.append(progress)):
+        side_by_side(waiting, working)
+    assert max(progress.fraction for progress in heard) == pytest.approx(0.45)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_progress_of_threads_is_that_of_the_block_that_begins_them(count: int) -> None:
+    zo.set_threads(count)
+    heard: list[zo.Progress] = []
+
+    def work(number: int) -> None:
+        with stage(f"Item {number}", 0.5, 1.0):
+            advance(0.5)
+
+    with zo.progress(heard.append), portion(0.4, 0.6):
+        for_each(work, range(3))
+    assert {progress.stage for progress in heard} == {"Item 0", "Item 1", "Item 2"}
+    assert 0.4 < heard[0].fraction < heard[-1].fraction == pytest.approx(0.6)
+
+
+def test_one_thread_works_in_place_one_after_the_other() -> None:
+    zo.set_threads(1)
+    order: list[tuple[int, threading.Thread]] = []
+    for_each(lambda item: order.append((item, threading.current_thread())), range(3))
+    assert order == [(item, threading.current_thread()) for item in range(3)]
+
+
+# --- errors -------------------------------------------------------------------------------------------------
+
+
+def failing() -> None:
+    raise ValueError("no such thing")
+
+
+class Endless:
+    """A computation that reports as often as it is told to, until it is stopped."""
+
+    def __init__(self) -> None:
+        self.begun, self.may_report, self.stopped = threading.Event(), threading.Event(), threading.Event()
+
+    def __call__(self) -> None:
+        self.begun.set()
+        try:
+            assert self.may_report.wait(timeout=LONG)
+            while True:
+                advance(0.5)
+        except zo.Cancelled:
+            self.stopped.set()
+            raise
+
+
+@pytest.mark.parametrize("error_comes_first", [True, False])
+def test_an_error_in_one_reaches_the_caller_at_once_and_stops_the_other_at_its_next_report(
+    error_comes_first: bool,
+) -> None:
+    other = Endless()
+
+    def failing_meanwhile() -> None:
+        assert other.begun.wait(timeout=LONG)
+        failing()
+
+    began = time.monotonic()
+    with pytest.raises(ValueError, match="no such thing"):
+        side_by_side(*(failing_meanwhile, other)[:: 1 if error_comes_first else -1])
+    assert time.monotonic() - began < LONG / 2
+    assert not other.stopped.is_set()
+    other.may_report.set()
+    assert other.stopped.wait(timeout=LONG)
+
+
+def test_after_an_error_nothing_else_is_begun() -> None:
+    begun: list[int] = []
+
+    def work(item: int) -> None:
+        begun.append(item)
+        failing()
+
+    for count in (1, 2):
+        zo.set_threads(count)
+        begun.clear()
+        with pytest.raises(ValueError, match="no such thing"):
+            for_each(work, range(1000))
+        time.sleep(0.01)
+        assert 1 <= len(begun) < (2 if count == 1 else 1000)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_computations_are_cancelled_by_a_listener(count: int) -> None:
+    zo.set_threads(count)
+    works = Endless(), Endless()
+    for work in works:
+        work.may_report.set()
+
+    def cancel(_: zo.Progress) -> None:
+        raise zo.Cancelled
+
+    with pytest.raises(zo.Cancelled), zo.progress(cancel):
+        side_by_side(*works)
+    for work in works[:count]:
+        assert not work.begun.is_set() or work.stopped.wait(timeout=LONG)
+    # The next ones begin as ever.
+    assert side_by_side(counting(3, "first"), counting(3, "second")) == ("first", "second")
+
+
+def test_an_error_within_nested_computations_stops_them_all() -> None:
+    zo.set_threads(3)
+    others = Endless(), Endless()
+
+    def failing_meanwhile() -> None:
+        for other in others:
+            assert other.begun.wait(timeout=LONG)
+            other.may_report.set()
+        failing()
 
     with pytest.raises(ValueError, match="no such thing"):
-        drain(side_by_side(counting(5, "well"), failing()))
+        side_by_side(lambda: side_by_side(failing_meanwhile, others[0]), others[1])
+    assert all(other.stopped.wait(timeout=LONG) for other in others)
 
 
-def test_a_long_step_does_not_keep_the_caller_waiting() -> None:
-    go_on = threading.Event()
-    steps = in_background(lambda: go_on.wait(timeout=10))
-    assert [next(steps) for _ in range(3)] == [0, 0, 0]
-    go_on.set()
-    assert drain(steps) is True
-
-
-def test_an_error_in_the_background_reaches_the_caller() -> None:
-    with pytest.raises(ZeroDivisionError):
-        drain(in_background(lambda: 1 // 0))
-
-
-def test_steps_that_are_left_halfway_are_not_waited_for_and_closed_when_they_end() -> None:
-    closed, go_on = [], threading.Event()
-
-    def careful(wait: bool) -> Generator[float, None, None]:
-        try:
-            while True:
-                yield 0.5
-                if wait:
-                    go_on.wait(timeout=10)
-        finally:
-            closed.append(True)
-
-    both = side_by_side(careful(True), careful(False))
-    next(both)
-    next(both)
-    both.close()
-    go_on.set()
-    end = time.monotonic() + 10
-    while len(closed) < 2 and time.monotonic() < end:
-        time.sleep(0.001)
-    assert len(closed) == 2
+# --- BLAS ---------------------------------------------------------------------------------------------------
 
 
 def threads_of_blas() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-@on_one_blas_thread
-def looking() -> Generator[set[int], None, set[int]]:
-    yield threads_of_blas()
-    return threads_of_blas()
+@pytest.fixture
+def two_blas_threads() -> Iterator[None]:
+    """BLAS has two threads, whatever the environment says.
+
+    Set by threads that have ended, as threadpoolctl lets no other thread than that which set a limit change it.
+    """
+    limits: list[threadpool_limits] = []
+    in_a_thread(lambda: limits.append(threadpool_limits(2, user_api="blas")))
+    yield
+    in_a_thread(limits[0].restore_original_limits)
 
 
+def in_a_thread(work: Callable[[], object]) -> None:
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+
+
+@pytest.mark.usefixtures("two_blas_threads")
 def test_blas_has_one_thread_until_all_computations_have_ended() -> None:
-    with threadpool_limits(2, user_api="blas"):
-        first, second = looking(), looking()
-        assert next(first) == {1}
-        assert next(second) == {1}
-        assert drain(first) == {1}
+    begun, may_end = ([threading.Event() for _ in range(2)] for _ in range(2))
+    found: list[set[int]] = []
+
+    @on_one_blas_thread
+    def looking(number: int) -> None:
+        begun[number].set()
+        assert may_end[number].wait(timeout=LONG)
+        found.append(threads_of_blas())
+
+    at_work = [threading.Thread(target=looking, args=(number,)) for number in range(2)]
+    for thread, event in zip(at_work, begun, strict=True):
+        thread.start()
+        assert event.wait(timeout=LONG)
+    for thread, event in zip(at_work, may_end, strict=True):
         assert threads_of_blas() == {1}
-        second.close()
-        assert threads_of_blas() == {2}
+        event.set()
+        thread.join()
+    assert found == [{1}, {1}]
+    assert threads_of_blas() == {2}
 
 
-def test_stepped_computations_for_each_item_run_two_at_a_time() -> None:
-    meeting = threading.Barrier(2)
-    items = ["first", "second", "third", "fourth"]
-    assert drain(for_each_stepped(lambda item: counting(3, item.upper(), meeting), items)) == [
-        "FIRST",
-        "SECOND",
-        "THIRD",
-        "FOURTH",
-    ]
-    fractions = list(for_each_stepped(lambda item: counting(3, item), items[:3]))
-    assert fractions == sorted(fractions)
-    assert fractions[-1] == 1
+@pytest.mark.usefixtures("two_blas_threads")
+def test_blas_has_its_threads_back_where_the_first_to_enter_leaves_first_and_lives_on() -> None:
+    begun, may_end = threading.Event(), threading.Event()
+
+    @on_one_blas_thread
+    def longer() -> None:
+        begun.set()
+        assert may_end.wait(timeout=LONG)
+
+    other = threading.Thread(target=longer)
+
+    @on_one_blas_thread
+    def first() -> None:
+        other.start()
+        assert begun.wait(timeout=LONG)
+
+    first()
+    may_end.set()
+    other.join()
+    assert threads_of_blas() == {2}
+
+
+@pytest.mark.usefixtures("two_blas_threads")
+def test_blas_has_its_threads_back_after_an_error() -> None:
+    with pytest.raises(ValueError, match="no such thing"):
+        on_one_blas_thread(failing)()
+    assert threads_of_blas() == {2}
+
+
+@pytest.mark.usefixtures("two_blas_threads")
+def test_nested_computations_and_their_threads_have_one_blas_thread() -> None:
+    found: list[set[int]] = []
+    looking = on_one_blas_thread(lambda: found.append(threads_of_blas()))
+    on_one_blas_thread(lambda: (side_by_side(looking, looking), looking()))()
+    assert found == [{1}] * 3
+    assert threads_of_blas() == {2}
+
+
+# --- the number of threads ----------------------------------------------------------------------------------
 
 
 def most_at_work(count: int) -> int:
@@ -146,7 +320,7 @@ def most_at_work(count: int) -> int:
             at_work -= 1
 
     zo.set_threads(count)
-    drain(for_each(lambda _: drain(for_each(work, range(6))), range(6)))
+    for_each(lambda _: for_each(work, range(6)), range(6))
     return most
 
 
@@ -155,7 +329,9 @@ def test_so_many_threads_are_at_work_at_a_time_however_computations_are_nested(c
     assert most_at_work(count) == count
 
 
-def test_the_environment_sets_the_number_of_threads_where_the_caller_does_not(monkeypatch) -> None:
+def test_the_environment_sets_the_number_of_threads_where_the_caller_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("ZOOMOUT_THREADS", "3")
     zo.set_threads(None)
     assert threads() == 3

@@ -9,16 +9,15 @@ from scipy.spatial import ConvexHull
 
 from zoomout_core import heat_kernel_map, heat_kernel_signature, wave_kernel_map, wave_kernel_signature
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalars
-from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis, working_basis_steps
+from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis, working_basis
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 
 def test_signatures_of_the_same_place_agree_in_another_pose(resting: Creature, bent: Creature) -> None:
     from creatures import true_vertex
 
-    bases = [drain(working_basis_steps(creature.surface.working, 80)) for creature in (resting, bent)]
+    bases = [working_basis(creature.surface.working, 80) for creature in (resting, bent)]
     image = true_vertex(resting, bent)
     for signature in (wave_kernel_signature, heat_kernel_signature):
         first, second = (np.log(signature(basis, 20)) for basis in bases)

@@ -12,9 +12,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral import eigenbasis as module
-from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs_steps
+from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.tuning import retuned
 
@@ -141,7 +140,7 @@ def test_pairs_that_the_iteration_missed_are_found_later(resting: Creature, monk
     expected = eigenbasis(resting.surface, 60).eigenvalues
     answers = iter([False, False, True])
     monkeypatch.setattr(module, "_is_complete", lambda *_: next(answers))
-    values, _ = drain(eigenpairs_steps(stiffness, areas, 60))
+    values, _ = eigenpairs(stiffness, areas, 60)
     assert next(answers, None) is None
     np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
 

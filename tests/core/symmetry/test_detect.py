@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from creatures import Creature, creature, mirrored_vertex
+from reports import reports_of
 from shapes import TABLE, VASE, Figure, Shaped, limb, shape
 
 import zoomout_core as zo
@@ -183,14 +184,20 @@ def test_of_a_bodys_symmetries_those_come_first_that_pair_its_loose_parts(axis: 
     assert np.linalg.norm(off, axis=1).mean() < 0.02
 
 
-def test_detection_tells_how_far_it_is_and_can_be_left(bent: Creature) -> None:
-    fractions = [progress.fraction for progress in zo.detect_symmetry_steps(bent.surface)]
+def test_detection_tells_how_far_it_is_and_can_be_cancelled(bent: Creature) -> None:
+    _, reports = reports_of(lambda: zo.detect_symmetry(bent.surface))
+    fractions = [report.fraction for report in reports]
     assert all(a <= b for a, b in pairwise(fractions))
     assert fractions[0] >= 0
     assert fractions[-1] <= 1
-    steps = zo.detect_symmetry_steps(creature(1000, seed=2).surface)
-    next(steps)
-    steps.close()
+    stages = {report.stage for report in reports}
+    assert {"Reading the mesh", "Analysing the shape", "Comparing candidates", "Refining"} <= stages
+
+    def cancel(_: zo.Progress) -> None:
+        raise zo.Cancelled
+
+    with pytest.raises(zo.Cancelled):
+        zo.detect_symmetry(creature(1000, seed=2).surface, progress=cancel)
 
 
 @pytest.mark.parametrize("wrong", [{"most": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])

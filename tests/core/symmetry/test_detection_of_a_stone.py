@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
 from types import SimpleNamespace
-from typing import TypeVar
 
 import numpy as np
 import pytest
 from butterfly import EVEN, MIRROR, self_map
+from reports import fractions_of, reports_of
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import Steps
 from zoomout_core.symmetry import detect
-from zoomout_core.symmetry.self_map import main_shape_steps
-
-T = TypeVar("T")
+from zoomout_core.symmetry.self_map import main_shape
 
 SMALL = {"k_final": 40, "samples": 100}
 CLEAR = np.abs(EVEN[:, 0]) > 0.1
@@ -42,16 +38,6 @@ def turned(angle: float) -> Surface:
     """The stone, turned about z."""
     straight = stone(EVEN)
     return straight.with_vertices(straight.vertices @ about_z(angle).T)
-
-
-def last_of(steps: Steps[T]) -> tuple[T, list[float]]:
-    """What steps return, and the fractions that they tell of."""
-    fractions = []
-    while True:
-        try:
-            fractions.append(next(steps).fraction)
-        except StopIteration as stop:
-            return stop.value, fractions
 
 
 @pytest.fixture(scope="module")
@@ -105,17 +91,19 @@ def test_on_a_mesh_that_has_no_mirror_it_leads_back_all_the_same() -> None:
 
 def test_a_shape_is_analysed_once_and_says_how_far_it_is() -> None:
     mesh = stone(EVEN)
-    found, fractions = last_of(main_shape_steps(mesh))
+    found, reports = reports_of(lambda: main_shape(mesh))
+    fractions = [report.fraction for report in reports]
     assert zo.detect_symmetry(mesh)[0].shape is found
     assert self_map(mesh).shape is found
     assert fractions == sorted(fractions)
-    assert (fractions[0], fractions[-1]) == (0, 1)
+    assert fractions[0] == 0
+    assert 0.97 < fractions[-1] <= 1
     assert sum(0 < fraction < 0.041 for fraction in fractions) > 2
     assert sum(0.041 < fraction < 1 for fraction in fractions) > 2
 
 
 def test_progress_never_goes_back_and_tells_of_all_parts() -> None:
-    _, fractions = last_of(detect.detect_symmetry_steps(stone(EVEN), **SMALL))
+    fractions = fractions_of(lambda: detect.detect_symmetry(stone(EVEN), **SMALL))
     assert fractions == sorted(fractions)
     assert (fractions[0], fractions[-1]) == (0, 1)
     assert sum(0.4 < fraction < 0.56 for fraction in fractions) > 10
@@ -131,31 +119,20 @@ def chosen(
     """The certainties of what is returned of bodies with a coverage and candidates each, and how many were analysed."""
     analysed = []
 
-    def steps(value: object) -> Generator[float, None, object]:
-        yield 1.0
-        return value
-
-    def no_steps(value: object) -> Iterator[zo.Progress]:
-        yield from ()
-        return value
-
-    def candidates(shape: list[float]) -> Generator[float, None, object]:
+    def candidates(shape: list[float]) -> list[SimpleNamespace]:
         analysed.append(shape)
-        found = [SimpleNamespace(certainty=one, scores={"total": -one}, functional_map=np.eye(2)) for one in shape]
-        return (yield from steps(found))
+        return [SimpleNamespace(certainty=one, scores={"total": -one}, functional_map=np.eye(2)) for one in shape]
 
-    def symmetry(pair: object, candidate: SimpleNamespace, left: object) -> Generator[float, None, object]:
+    def symmetry(pair: object, candidate: SimpleNamespace, left: object) -> SimpleNamespace:
         surface = stone(EVEN[::4])
         confidence = np.ones(len(surface.vertices))
-        return (
-            yield from steps(SimpleNamespace(certainty=candidate.certainty, surface=surface, confidence=confidence))
-        )
+        return SimpleNamespace(certainty=candidate.certainty, surface=surface, confidence=confidence)
 
     listed = [SimpleNamespace(source=certainties, coverage=coverage) for coverage, certainties in bodies]
-    monkeypatch.setattr(detect, "bodies_of_steps", lambda *_: no_steps(listed))
-    monkeypatch.setattr(detect, "body_shape_steps", lambda body, *_: no_steps(body))
-    monkeypatch.setattr(detect, "candidate_steps", candidates)
-    monkeypatch.setattr(detect, "_symmetry_steps", symmetry)
+    monkeypatch.setattr(detect, "bodies_of", lambda *_: listed)
+    monkeypatch.setattr(detect, "body_shape", lambda body, *_: body)
+    monkeypatch.setattr(detect, "find_candidates", candidates)
+    monkeypatch.setattr(detect, "_symmetry", symmetry)
     result = zo.detect_symmetry(stone(EVEN[::4]), **options)
     return [one.certainty for one in result], len(analysed)
 

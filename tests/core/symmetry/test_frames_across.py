@@ -15,12 +15,11 @@ from transfer_meshes import nearest_map
 import zoomout_core as zo
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import analysis_steps
+from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry import detect
-from zoomout_core.symmetry.detect import _place, candidate_steps, energies
+from zoomout_core.symmetry.detect import _place, energies, find_candidates
 from zoomout_core.symmetry.offsets import frames, mirrored_offsets, shape_asymmetry, symmetrised_offsets
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import symmetrised_uv
@@ -33,7 +32,7 @@ def egg(scale: float = 1.0) -> SelfMap:
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
     triangles[inward] = triangles[inward][:, ::-1]
     surface = Surface(scale * EVEN * [1, 0.8, 1.3], triangles)
-    shape = drain(analysis_steps(surface.working, 100, 150, 0))
+    shape = analyse(surface.working, 100, 150, 0)
     return replace(self_map(surface), prepared=shape)
 
 
@@ -74,7 +73,7 @@ def test_candidates_that_keep_the_orientation_are_told_from_those_that_reverse_i
     images = mirror.surface_map.vertex, symmetry.surface_map.vertex, np.arange(len(EVEN))
     guesses = [Hypothesis("", functional_map_of(image, shape.basis, shape.basis, 20, 20)) for image in images]
     monkeypatch.setattr(detect, "GUESSES", (lambda _: guesses,))
-    found = drain(candidate_steps(shape))
+    found = find_candidates(shape)
     reached = []
     for one in found:
         places = shape.mesh.vertices[shape.search.samples]
@@ -89,7 +88,7 @@ def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mir
     # Uneven, so that frames differ from place to place.
     uneven = surface.vertices * (1 + 0.3 * EVEN[:, :1] * EVEN[:, 1:2])
     more = Surface(np.vstack([uneven, 1.001 * uneven[near], [[np.nan] * 3]]), surface.triangles)
-    shape = drain(analysis_steps(more.working, 100, 150, 0))
+    shape = analyse(more.working, 100, 150, 0)
     image = np.append(mirrored_vertex(surface), [0, 0, 0])
     loose = replace(
         mirror,
@@ -124,7 +123,7 @@ def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() ->
         near, mirrored = (np.linalg.norm(EVEN - place, axis=1) for place in (at, at * MIRROR))
         dent = 0.15 * np.exp(-((near / 0.3) ** 2))
         dented = even.surface.with_vertices(even.surface.vertices * (1 - dent[:, None]))
-        shape = drain(analysis_steps(dented.working, 100, 150, 0))
+        shape = analyse(dented.working, 100, 150, 0)
         heat = shape_asymmetry(replace(even, surface=dented, prepared=shape)) / scale
         for distance in (near, mirrored):
             assert 0.4 * dent.max() < heat[distance < 0.2].max() < 1.3 * dent.max()

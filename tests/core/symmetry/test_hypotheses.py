@@ -13,10 +13,9 @@ from creatures import creature, directions
 from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.hypotheses import (
     _choices,
     blocks_of_eigenfunctions,
@@ -29,7 +28,7 @@ COUNT = 6
 
 
 def prepared(surface: Surface) -> ShapeAnalysis:
-    return drain(analysis_steps(surface.working, 130, 400, 0))
+    return analyse(surface.working, 130, 400, 0)
 
 
 def mirror_of(shape: ShapeAnalysis, places: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -169,7 +168,7 @@ def test_descriptors_are_fitted_for_mirrors(stone: tuple[ShapeAnalysis, np.ndarr
 
 def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape = stone[0]
-    few = drain(analysis_steps(shape.proxy.full, 10, 200, 0))
+    few = analyse(shape.proxy.full, 10, 200, 0)
     maps = [guess.functional_map for guess in blocks_of_eigenfunctions(few)]
     assert len(maps) > 1
     assert all(2 <= len(block) <= 5 for block in maps)

@@ -13,9 +13,8 @@ from scipy.spatial import ConvexHull
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance, zero_line
 
 X = np.array([1.0, 0, 0])
@@ -28,7 +27,7 @@ def made() -> Creature:
 
 @pytest.fixture(scope="module")
 def shape(made: Creature) -> ShapeAnalysis:
-    return drain(analysis_steps(made.surface.working, 60, 200, 0))
+    return analyse(made.surface.working, 60, 200, 0)
 
 
 def onto(made: Creature, places: np.ndarray) -> SurfaceMap:
@@ -54,7 +53,7 @@ def test_a_mirror_divides_a_body_in_two(made: Creature, shape: ShapeAnalysis) ->
 def test_a_point_reflection_does_not() -> None:
     places = directions(400, seed=1)
     ball = Creature(Surface(places, ConvexHull(places).simplices), places)
-    shape = drain(analysis_steps(ball.surface.working, 60, 200, 0))
+    shape = analyse(ball.surface.working, 60, 200, 0)
     assert signed_distance(onto(ball, -places), shape) is None
     assert signed_distance(onto(ball, places * MIRROR), shape) is not None
 

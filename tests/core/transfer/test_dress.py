@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.progress import Progress
 from zoomout_core.transfer import Lines, carry, dress
 from zoomout_core.transfer.dressing.contact import CONTACT
 from zoomout_core.transfer.dressing.following import FOLLOWING
@@ -66,14 +67,21 @@ def test_clothes_keep_their_distance_to_the_skin_in_every_unit() -> None:
     assert not carried.notes
 
 
-def test_a_match_alone_dresses_the_target() -> None:
+def test_a_match_alone_dresses_the_target_and_progress_is_told() -> None:
+    told: list[Progress] = []
     body, egg = ball(1, count=700, seed=1), ball(1, count=600, seed=2)
     target = egg.with_vertices(onto_egg(egg.vertices))
     shirt = shell(1.06, 300)
-    found = dress(SurfaceMap.from_vertices(nearest(egg.vertices, body.vertices), body), body, target, [shirt])
+    given = SurfaceMap.from_vertices(nearest(egg.vertices, body.vertices), body)
+    found = dress(given, body, target, [shirt], progress=told.append)
     true = onto_egg(shirt.vertices)
     worn = np.unique(shirt.triangles)
     assert np.linalg.norm(found.vertices[0] - true, axis=1)[worn].mean() < 0.04 * SIZE
+    fractions = [one.fraction for one in told]
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0, 1)
+    stages = list(dict.fromkeys(one.stage for one in told if one.stage))
+    assert stages == ["Wrapping", "Turning the match round", "Dressing"]
 
 
 def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:

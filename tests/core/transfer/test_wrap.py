@@ -14,6 +14,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, triangle_normals
+from zoomout_core.runtime.progress import Cancelled, Progress
 from zoomout_core.transfer import Wrapped, reversed_match, wrap
 from zoomout_core.transfer.wrapping.feet import FEET
 from zoomout_core.transfer.wrapping.fit import FIT
@@ -111,6 +112,26 @@ def test_a_noisy_map_gives_an_even_mesh_on_the_source(
     assert off(wrapped.vertices, source).max() < 1e-6
     assert distortion(wrapped.vertices, target) < 0.35 * distortion(images, target)
     assert not wrapped.notes
+
+
+def test_progress_is_told_and_a_listener_may_cancel(
+    noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped
+) -> None:
+    told: list[Progress] = []
+    assert np.array_equal(wrap(noisy, source, target, progress=told.append).vertices, wrapped.vertices)
+    fractions = [one.fraction for one in told]
+    assert fractions == sorted(fractions)
+    assert fractions[0] == 0
+    assert fractions[-1] > 0.9
+    assert len(set(fractions)) > 20
+    assert {one.stage for one in told} == {"Wrapping"}
+
+    def listen(latest: Progress) -> None:
+        if latest.fraction > 0.5:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        wrap(noisy, source, target, progress=listen)
 
 
 def test_vertices_stay_where_the_map_sends_them(source: Surface, target: Surface) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
-from zoomout_core.matching.components.main_parts import main_part_steps
+from zoomout_core.matching.components.main_parts import main_parts
 from zoomout_core.matching.components.skins import covered_by_main_part, skin_of
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -49,24 +48,24 @@ class Bodies(NamedTuple):
     coverage: float
 
 
-def bodies_steps(source: Surface, target: Surface, seed: int) -> Generator[float, None, list[Bodies]]:
+def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
     """The bodies of two surfaces; more than one pair where it is not clear what they are, the most promising first.
-
-    Yields the fraction done.
 
     Raises:
         MeshError: they are too small to be matched.
     """
     surfaces = (source,) if source is target else (source, target)
     if all(surface.working.component.max() == 0 for surface in surfaces):
-        return [Bodies(*(yield from main_part_steps(source, target, seed)), 1.0)]
-    skins = yield from scaled(for_each(skin_of, surfaces), 0.0, 0.6)
+        return [Bodies(*main_parts(source, target, seed), 1.0)]
+    with portion(0.0, 0.6):
+        skins = for_each(skin_of, surfaces)
     coverage = min(covered_by_main_part(*each) for each in zip(surfaces, skins, strict=True))
     around = Bodies(skins[0], skins[-1], 1.0)
     if coverage < BODIES.much_of_body:
         return [around]
     try:
-        main = Bodies(*(yield from scaled(main_part_steps(source, target, seed), 0.6, 1.0)), coverage)
+        with portion(0.6, 1.0):
+            main = Bodies(*main_parts(source, target, seed), coverage)
     except MeshError:  # the skins are not too small
         return [around]
     if coverage >= BODIES.all_of_body:
@@ -74,7 +73,7 @@ def bodies_steps(source: Surface, target: Surface, seed: int) -> Generator[float
     return [main, around] if coverage >= BODIES.whole_body else [around, main]
 
 
-def tight_bodies_steps(source: Surface, target: Surface) -> Generator[float, None, Bodies]:
-    """Skins that part limbs which touch, for pairs that others match with doubt; yields the fraction done."""
-    skins = yield from for_each(partial(skin_of, tight=True), (source, target))
+def tight_bodies(source: Surface, target: Surface) -> Bodies:
+    """Skins that part limbs which touch, for pairs that others match with doubt."""
+    skins = for_each(partial(skin_of, tight=True), (source, target))
     return Bodies(skins[0], skins[1], 1.0)

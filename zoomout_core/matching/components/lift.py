@@ -40,7 +40,7 @@ class LiftedMap(NamedTuple):
     notes: tuple[str, ...]
 
 
-def lifted(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> LiftedMap:
+def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> LiftedMap:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers.
 
     Args:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.proxy import proxy_steps
+from zoomout_core.matching.proxy import make_proxy
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.stepping import drain, scaled
+from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
-from zoomout_core.spectral.eigenbasis import working_basis_steps
+from zoomout_core.spectral.eigenbasis import working_basis
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -40,9 +39,7 @@ class MainPartTuning(Tuning, set_by="judgement"):
 MAIN_PARTS = MainPartTuning()
 
 
-def main_part_steps(
-    source: Surface, target: Surface, seed: int
-) -> Generator[float, None, tuple[WorkingMesh, WorkingMesh]]:
+def main_parts(source: Surface, target: Surface, seed: int) -> tuple[WorkingMesh, WorkingMesh]:
     """The component of each of two surfaces that is matched, and takes the others along.
 
     Those of the largest area, unless others have spectra that are clearly more alike, or are not sheets.
@@ -52,9 +49,6 @@ def main_part_steps(
         target: another one.
         seed: of the eigensolver.
 
-    Yields:
-        The fraction done.
-
     Returns:
         A component of the source, and one of the target.
 
@@ -62,12 +56,13 @@ def main_part_steps(
         MeshError: a component is too small.
     """
     roles = ((source, "mesh"),) * 2 if source is target else ((source, "source"), (target, "target"))
-    ours, theirs = yield from scaled(for_each(lambda each: _comparable(*each), roles), 0.0, 0.2)
+    with portion(0.0, 0.2):
+        ours, theirs = for_each(lambda each: _comparable(*each), roles)
     if len(ours) == len(theirs) == 1:
         return ours[0], theirs[0]
     count = min(MAIN_PARTS.eigenvalues + 1, *(len(part.vertices) - 1 for part in (*ours, *theirs)))
-    comparing = for_each(lambda part: _spectrum(part, count, seed), (*ours, *theirs))
-    spectra = yield from scaled(comparing, 0.2, 1.0)
+    with portion(0.2, 1.0):
+        spectra = for_each(lambda part: _spectrum(part, count, seed), (*ours, *theirs))
     of_source, of_target = np.array(spectra[: len(ours)]), np.array(spectra[len(ours) :])
     difference = np.abs(of_source[:, None] - of_target).mean(axis=2)
     pairs = [(ours[i], theirs[j]) for i, j in np.argwhere(difference <= difference.min() + MAIN_PARTS.alike)]
@@ -90,5 +85,5 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
 
 def _spectrum(part: WorkingMesh, count: int, seed: int) -> Floats:
     """(count - 1,) logarithms of the eigenvalues but the first, at unit area: the same in every pose."""
-    basis = drain(working_basis_steps(drain(proxy_steps(part, MAIN_PARTS.vertices)).mesh, count, seed))
+    basis = working_basis(make_proxy(part, MAIN_PARTS.vertices).mesh, count, seed)
     return np.log(np.maximum(basis.eigenvalues[1:], 1e-12))

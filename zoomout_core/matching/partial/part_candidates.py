@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, TypeVar
@@ -14,9 +14,9 @@ from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.landmark_maps import extended
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
-from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
-from zoomout_core.runtime.stepping import drain, scaled
+from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
@@ -93,8 +93,8 @@ class _Found(NamedTuple):
 _Map = TypeVar("_Map", _Found, PartCandidate)
 
 
-def part_candidates_steps(regions: Sequence[Region]) -> Generator[float, None, list[PartCandidate]]:
-    """Maps of a part to a whole, the most likely first; yields the fraction done.
+def part_candidates(regions: Sequence[Region]) -> list[PartCandidate]:
+    """Maps of a part to a whole, the most likely first.
 
     Of two fragments, each has regions that the other one lacks: landmarks of the whole are placed on the part, too, and
     the best maps of either search are compared, for those that only one finds seldom promise most of both.
@@ -105,39 +105,40 @@ def part_candidates_steps(regions: Sequence[Region]) -> Generator[float, None, l
     part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
     sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
     if is_small or not (part.is_fragment and whole.is_fragment):
-        return (yield from _from_landmarks_steps(_searched, sets, regions))
-    there = _from_landmarks_steps(_searched, sets, regions)
-    back = _from_landmarks_steps(_searched_back, landmark_sets(whole, PART_CANDIDATES.regions), regions)
-    found = (yield from scaled(there, 0.0, 0.5)) + (yield from scaled(back, 0.5, 1.0))
-    found.sort(key=lambda candidate: candidate.scores["fit"])
+        return _from_landmarks(_searched, sets, regions)
+    with portion(0.0, 0.5):
+        there = _from_landmarks(_searched, sets, regions)
+    with portion(0.5, 1.0):
+        back = _from_landmarks(_searched_back, landmark_sets(whole, PART_CANDIDATES.regions), regions)
+    found = sorted(there + back, key=lambda candidate: candidate.scores["fit"])
     return _differing(found, len(found))
 
 
-def _from_landmarks_steps(
+def _from_landmarks(
     search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
-) -> Generator[float, None, list[PartCandidate]]:
-    """The best maps of those that a search finds by sets of landmarks; yields the fraction done."""
-    sifted = yield from scaled(_sifted_steps(search, sets, regions), 0.0, 0.8)
+) -> list[PartCandidate]:
+    """The best maps of those that a search finds by sets of landmarks."""
+    with portion(0.0, 0.8):
+        sifted = _sift(search, sets, regions)
     # Some have come to lie on the same places.
-    compared = yield from scaled(for_each(_compared, _differing(sifted, PART_CANDIDATES.compared)), 0.8, 1.0)
+    with portion(0.8, 1.0):
+        compared = for_each(_compared, _differing(sifted, PART_CANDIDATES.compared))
     return sorted(compared, key=lambda candidate: candidate.scores["fit"])
 
 
-def rough_candidates_steps(
-    regions: Sequence[Region], sets: Sequence[Integers]
-) -> Generator[float, None, list[PartCandidate]]:
-    """Maps of a part to a whole by which it is bent roughly only, the most likely first; yields the fraction done.
+def rough_candidates(regions: Sequence[Region], sets: Sequence[Integers]) -> list[PartCandidate]:
+    """Maps of a part to a whole by which it is bent roughly only, the most likely first.
 
     Args:
         regions: that the part is looked for in, which compete; of the same part, at one scale or at several.
         sets: of landmarks that it is searched for by.
     """
-    return (yield from _sifted_steps(_searched, sets, regions))
+    return _sift(_searched, sets, regions)
 
 
-def _sifted_steps(
+def _sift(
     search: Callable[[Integers, Region], list[Integers]], sets: Sequence[Integers], regions: Sequence[Region]
-) -> Generator[float, None, list[PartCandidate]]:
+) -> list[PartCandidate]:
     for region in regions:
         _ = region.unlike, region.part.unaffected, region.whole.unaffected  # before several threads ask for it
 
@@ -146,10 +147,11 @@ def _sifted_steps(
         return [_Found(_promise(places, region), region, places) for places in search(landmarks, region)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
-    found = list(chain(*(yield from scaled(for_each(searched, tasks), 0.0, 0.5))))
-    found.sort(key=lambda one: one.promise)
+    with portion(0.0, 0.5):
+        found = sorted(chain(*for_each(searched, tasks)), key=lambda one: one.promise)
     ahead = _differing(found, PART_CANDIDATES.registered)
-    sifted = yield from scaled(for_each(_sifted, ahead), 0.5, 1.0)
+    with portion(0.5, 1.0):
+        sifted = for_each(_sifted, ahead)
     return sorted(sifted, key=lambda candidate: candidate.scores["fit"])
 
 
@@ -228,14 +230,14 @@ def _promise(places: Integers, region: Region) -> float:
 
 def _sifted(one: _Found) -> PartCandidate:
     part, whole = one.region.part, one.region.whole
-    registered = drain(registered_steps(one.places, part, whole, PART_REGISTRATION.coarse))
+    registered = register_part(one.places, part, whole, PART_REGISTRATION.coarse)
     scores = {"promise": one.promise} | _fit(registered, part)
     return PartCandidate(one.region, _images(registered, part, whole), registered, scores)
 
 
 def _compared(one: PartCandidate) -> PartCandidate:
     part, whole = one.region.part, one.region.whole
-    registered = drain(registered_steps(one.places, part, whole, PART_REGISTRATION.fine, one.registered))
+    registered = register_part(one.places, part, whole, PART_REGISTRATION.fine, one.registered)
     return PartCandidate(one.region, _images(registered, part, whole), registered, one.scores | _fit(registered, part))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,15 +19,15 @@ from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_s
 from zoomout_core.matching.partial.part_candidates import (
     PartCandidate,
     images_apart,
-    part_candidates_steps,
+    part_candidates,
 )
-from zoomout_core.matching.partial.part_registration import RegisteredPart, registered_steps
-from zoomout_core.matching.partial.region import REGION, Region, is_small, regions_steps
+from zoomout_core.matching.partial.part_registration import RegisteredPart, register_part
+from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Fit, fine_enough
 from zoomout_core.matching.scores import EVIDENCE, Disagreement, nothing_known
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -120,8 +120,8 @@ def part_of(pair: Pair) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return (target, source) if is_target else (source, target)
 
 
-def part_match_steps(pair: Pair, disagreement: Disagreement = nothing_known) -> Generator[float, None, list[Candidate]]:
-    """Candidates for a pair in one unit, the most likely first; yields the fraction done.
+def match_part(pair: Pair, disagreement: Disagreement = nothing_known) -> list[Candidate]:
+    """Candidates for a pair in one unit, the most likely first.
 
     Args:
         pair: the two shapes.
@@ -129,10 +129,12 @@ def part_match_steps(pair: Pair, disagreement: Disagreement = nothing_known) -> 
     """
     part, whole = part_of(pair)
     if is_small(part, whole):
-        regions = yield from scaled(regions_steps(part, whole), 0.0, 0.2)
+        with portion(0.0, 0.2):
+            regions = find_regions(part, whole)
     else:
         regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
-    found = yield from scaled(part_candidates_steps(regions), 0.2, 1.0)
+    with portion(0.2, 1.0):
+        found = part_candidates(regions)
     candidates = [_candidate(one, pair, disagreement) for one in found]
     candidates.sort(key=lambda candidate: candidate.scores["total"])
     return [replace(each, certainty=_certainty(each, candidates)) for each in candidates]
@@ -153,12 +155,12 @@ class PartFit:
     partners: Partners
 
 
-def part_fit_steps(pair: Pair, candidate: Candidate) -> Generator[float, None, PartFit]:
-    """Bend the part of a pair in one unit onto the other by a candidate; yields the fraction done."""
+def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
+    """Bend the part of a pair in one unit onto the other by a candidate."""
     assert candidate.part_match is not None
     part, whole = part_of(pair)
     region = candidate.part_match.region
-    in_region = yield from registered_steps(candidate.part_match.places, region.part, region.whole, NONRIGID.levels)
+    in_region = register_part(candidate.part_match.places, region.part, region.whole, NONRIGID.levels)
     registered = region.carried(in_region)
     residual = PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near

@@ -6,7 +6,7 @@ that agree; one that leads to another limb has to bend, stretch or turn it over.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from zoomout_core.matching.local_rigid_alignment import align
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph
-from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Level, bent_steps
+from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Level, bend
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.tuning import Tuning, tuned
 
@@ -84,14 +84,14 @@ class RegisteredPart:
         }
 
 
-def registered_steps(
+def register_part(
     places: Integers,
     part: IncompleteShape,
     whole: IncompleteShape,
     levels: Sequence[Level],
     begun: RegisteredPart | None = None,
-) -> Generator[float, None, RegisteredPart]:
-    """Bend a part onto a whole, yielding the fraction done.
+) -> RegisteredPart:
+    """Bend a part onto a whole.
 
     Args:
         places: (d_p,) for each place of the part that of the whole.
@@ -111,7 +111,7 @@ def registered_steps(
         start = begun.positions
     place, is_cut = here.voronoi_cell, whole.cut_distance_of_vertices == 0
     around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there, is_cut)
-    graph = yield from bent_steps(rest, normals, start, around, limit, here, levels, is_part=True)
+    graph = bend(rest, normals, start, around, limit, here, levels, is_part=True)
     positions, turned, blends = graph.moved()
     turned = unit_vectors(turned)
     closest = around.closest(positions, turned)

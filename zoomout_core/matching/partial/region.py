@@ -7,7 +7,6 @@ which this has the area of a usual part.
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,14 +14,14 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
 from zoomout_core.matching.partial.landmark_search import landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices, fine_enough
-from zoomout_core.runtime.stepping import scaled
-from zoomout_core.runtime.threads import for_each_stepped
+from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -153,14 +152,15 @@ def is_small(part: ShapeAnalysis, whole: ShapeAnalysis) -> bool:
     return bool(part.basis.areas.sum() < REGION.small * whole.basis.areas.sum())
 
 
-def regions_steps(part: ShapeAnalysis, whole: ShapeAnalysis) -> Generator[float, None, list[Region]]:
-    """Regions of a whole that a small part may lie in, the most promising first; yields the fraction done.
+def find_regions(part: ShapeAnalysis, whole: ShapeAnalysis) -> list[Region]:
+    """Regions of a whole that a small part may lie in, the most promising first.
 
     Args:
         part: the shape that is looked for; a coarse one is subdivided.
         whole: the shape that it is looked for on, in the same unit.
     """
-    finer = yield from scaled(_finer_steps(part), 0.0, 0.2)
+    with portion(0.0, 0.2):
+        finer = _finer(part)
     scale = np.sqrt(REGION.part_area / part.basis.areas.sum())
     here, there = IncompleteShape(at_scale(finer, scale)), IncompleteShape(at_scale(whole, scale))
     tip = landmarks_of(here, 1)[0]
@@ -171,11 +171,11 @@ def regions_steps(part: ShapeAnalysis, whole: ShapeAnalysis) -> Generator[float,
             chosen.append(int(place))
     inside = there.shape.distances[chosen] < REGION.radius * extent
     inside = inside[[bool(each[whole.mesh.triangles].all(axis=1).any()) for each in inside]]
-    looking = for_each_stepped(lambda each: _region_steps(here, there, part, whole, each), list(inside))
-    return (yield from scaled(looking, 0.2, 1.0))
+    with portion(0.2, 1.0):
+        return for_each(lambda each: _region(here, there, part, whole, each), list(inside))
 
 
-def _finer_steps(part: ShapeAnalysis) -> Generator[float, None, ShapeAnalysis]:
+def _finer(part: ShapeAnalysis) -> ShapeAnalysis:
     """A part that nodes can be spread over."""
     if fine_enough(part):
         return part
@@ -183,17 +183,17 @@ def _finer_steps(part: ShapeAnalysis) -> Generator[float, None, ShapeAnalysis]:
     # Analyses are made at unit area.
     scale = float(np.sqrt(part.basis.areas.sum()))
     mesh = replace(mesh, vertices=mesh.vertices / scale, scale=mesh.scale * scale)
-    made = yield from analysis_steps(mesh, PART_REGISTRATION.image_functions, REGION.samples, 0)
+    made = analyse(mesh, PART_REGISTRATION.image_functions, REGION.samples, 0)
     return at_scale(made, scale)
 
 
-def _region_steps(
+def _region(
     part: IncompleteShape, whole: IncompleteShape, of_part: ShapeAnalysis, of_whole: ShapeAnalysis, inside: Booleans
-) -> Generator[float, None, Region]:
+) -> Region:
     """The region of some vertices (n,) of the whole's mesh, which is made finer or coarser."""
     proxy = of_whole.proxy
     mesh, vertices = proxy.full.piece(inside[proxy.merged])
     mesh, nearest = mesh.subdivided(fewest_vertices())
-    shape = yield from analysis_steps(mesh, REGION.functions, ANALYSIS.distance_samples, 0, REGION.vertices)
+    shape = analyse(mesh, REGION.functions, ANALYSIS.distance_samples, 0, REGION.vertices)
     region = IncompleteShape(at_scale(shape, mesh.scale / whole.shape.proxy.full.scale))
     return Region(part, region, of_part, of_whole, proxy.merged[vertices[nearest[shape.proxy.full_vertex]]])

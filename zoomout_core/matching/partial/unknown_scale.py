@@ -5,7 +5,7 @@ These compete as regions do. Where it lies as it should, the distances between i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,12 +13,12 @@ import numpy as np
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import PartCandidate, landmark_sets, rough_candidates_steps
-from zoomout_core.matching.partial.part_match import part_match_steps
+from zoomout_core.matching.partial.part_candidates import PartCandidate, landmark_sets, rough_candidates
+from zoomout_core.matching.partial.part_match import match_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.scores import Disagreement
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -48,10 +48,10 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
 UNKNOWN_SCALE = UnknownScaleTuning()
 
 
-def at_unknown_scale_steps(
+def match_at_unknown_scale(
     pair: Pair, disagreement: Callable[[Pair], Disagreement]
-) -> Generator[float, None, tuple[Pair, list[Candidate]] | None]:
-    """A pair in the unit in which one shape lies best on the other as a part of it; yields the fraction done.
+) -> tuple[Pair, list[Candidate]] | None:
+    """A pair in the unit in which one shape lies best on the other as a part of it.
 
     Args:
         pair: the two shapes, each in a unit of its own.
@@ -66,33 +66,35 @@ def at_unknown_scale_steps(
     if not parts:
         return None
 
-    def placed_steps(part: int, scale: float) -> Generator[float, None, tuple[Pair, list[Candidate]]]:
+    def placed(part: int, scale: float) -> tuple[Pair, list[Candidate]]:
         unit, scales = max(scale, 1.0), [1.0, 1.0]
         scales[part] = scale
         source, target = (at_scale(shape, each / unit) for shape, each in zip(shapes, scales, strict=True))
         in_unit = replace(pair, source_shape=source, target_shape=target)
-        return in_unit, (yield from part_match_steps(in_unit, disagreement(in_unit)))
+        return in_unit, match_part(in_unit, disagreement(in_unit))
 
     found = []
     for step, part in enumerate(parts):
-        looking = _rough_scale_steps(shapes[part], shapes[1 - part])
-        found.append((*(yield from scaled(looking, 0.4 * step / len(parts), 0.4 * (step + 1) / len(parts))), part))
+        with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
+            found.append((*_rough_scale(shapes[part], shapes[1 - part]), part))
     _, scale, part = min(found)
-    best = yield from scaled(placed_steps(part, scale), 0.4, 0.55)
+    with portion(0.4, 0.55):
+        best = placed(part, scale)
     if len(parts) > 1 or best[1][0].certainty >= UNKNOWN_SCALE.likely:
         return best
     for step, scale in enumerate(UNKNOWN_SCALE.small_scales):
-        other = yield from scaled(placed_steps(part, scale), 0.55 + 0.15 * step, 0.7 + 0.15 * step)
+        with portion(0.55 + 0.15 * step, 0.7 + 0.15 * step):
+            other = placed(part, scale)
         best = max(best, other, key=lambda one: one[1][0].certainty)
     return best
 
 
-def _rough_scale_steps(part: ShapeAnalysis, whole: ShapeAnalysis) -> Generator[float, None, tuple[float, float]]:
+def _rough_scale(part: ShapeAnalysis, whole: ShapeAnalysis) -> tuple[float, float]:
     """How well a part fits at its best scale, the less the better, and that scale; both shapes have unit area."""
     there = IncompleteShape(whole)
     regions = [Region.everywhere(IncompleteShape(at_scale(part, scale)), there) for scale in UNKNOWN_SCALE.scales]
     sets = landmark_sets(regions[0].part, UNKNOWN_SCALE.regions)
-    best = (yield from rough_candidates_steps(regions, sets))[0]
+    best = rough_candidates(regions, sets)[0]
     scale = next(scale for scale, region in zip(UNKNOWN_SCALE.scales, regions, strict=True) if region is best.region)
     return best.scores["fit"], scale * stretch(best)
 

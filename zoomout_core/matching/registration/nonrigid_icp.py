@@ -10,7 +10,7 @@ Adams, Guibas and Pauly, Robust single-view geometry and motion reconstruction, 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from zoomout_core.matching.proxy import Proxy, carried
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
-from zoomout_core.runtime.stepping import scaled
+from zoomout_core.runtime.progress import advance, portion
 from zoomout_core.tuning import Tuning, tuned
 
 # The fraction of the progress of a fit that the rounds take.
@@ -124,9 +124,7 @@ def fine_enough(*shapes: ShapeAnalysis) -> bool:
     return all(len(shape.mesh.vertices) >= fewest_vertices() for shape in shapes)
 
 
-def fit_steps(
-    first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
-) -> Generator[float, None, Fit]:
+def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:
     """Bend a target onto its source, beginning with a map between them.
 
     Args:
@@ -134,9 +132,6 @@ def fit_steps(
         source: the shape that the map lands on.
         target: the shape that the map starts from.
         mirrored: the map reverses the orientation.
-
-    Yields:
-        The fraction done.
     """
     if not fine_enough(source, target):
         return Fit.unfitted(first)
@@ -144,16 +139,15 @@ def fit_steps(
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
     coefficients = target.basis.coefficients(images)[: RIGID_ALIGNMENT.image_functions]
-    yield 0.0
     aligned = align(coefficients, target, NONRIGID.alignment_width, mirrored)
     if aligned.facing(image_normals, source, target) is not aligned:
         normals = -normals
     around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
     still, placed = unmoved(first, rest, normals, around, limit, target)
     positions = np.where(still[:, None], placed, aligned.positions)
-    bending = bent_steps(rest, normals, positions, around, limit, target, NONRIGID.levels)
-    graph = yield from scaled(bending, 0.0, BENDING)
-    yield BENDING
+    with portion(0.0, BENDING):
+        graph = bend(rest, normals, positions, around, limit, target, NONRIGID.levels)
+    advance(BENDING)
     positions, turned, blends = graph.moved()
     found = around.closest(positions, turned)
     facing = np.einsum("nx,nx->n", turned, found.interpolate(source.mesh.vertex_normals)) > 0
@@ -170,7 +164,7 @@ def fit_steps(
     return Fit(surface_map, positions, nearest_rotations(blends) * sense, fits)
 
 
-def bent_steps(
+def bend(
     rest: Floats,
     normals: Floats,
     positions: Floats,
@@ -179,8 +173,8 @@ def bent_steps(
     target: ShapeAnalysis,
     levels: Sequence[Level],
     is_part: bool = False,
-) -> Generator[float, None, DeformationGraph]:
-    """The motion that bends a target onto a source, yielding the fraction done.
+) -> DeformationGraph:
+    """The motion that bends a target onto a source.
 
     Args:
         rest: (n_t, 3) the target's vertices, mirrored where the map mirrors.
@@ -202,7 +196,7 @@ def bent_steps(
             graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
         for j in range(rounds):
-            yield (i + j / rounds) / len(levels)
+            advance((i + j / rounds) / len(levels))
             positions, turned, _ = graph.moved()
             if sliding == 1:
                 weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)

@@ -7,7 +7,7 @@ is pushed into the skin that was outside of it.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -21,15 +21,14 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
-from zoomout_core.runtime.stepping import Steps, drain, spread, within
-from zoomout_core.runtime.threads import alone
+from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.dressing.contact import Barrier, Skin, held_off, held_off_as_a_whole
 from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, with_solid_parts
 from zoomout_core.transfer.frames import turned_gradients
 from zoomout_core.transfer.rules import Match
-from zoomout_core.transfer.wrapping.wrap import reversed_match_steps, wrap_steps
+from zoomout_core.transfer.wrapping.wrap import reversed_match, wrap
 from zoomout_core.tuning import Tuning, tuned
 
 # How something is carried: soft parts keep their form as far as they are stiff, rigid things turn and grow as a whole;
@@ -74,6 +73,7 @@ class Dressed:
     notes: tuple[str, ...]
 
 
+@memory_in_words
 def dress(
     result: Match | SurfaceMap,
     source: Surface,
@@ -83,6 +83,7 @@ def dress(
     manners: Sequence[Manner] | None = None,
     stiffness: float = 0.5,
     gap: float = 0.0,
+    progress: Callable[[Progress], object] | None = None,
 ) -> Dressed:
     """Carry what belongs to a source onto the body of a target.
 
@@ -94,36 +95,26 @@ def dress(
         manners: how each is carried; automatically, when not given.
         stiffness: how far what is soft keeps its form, from 0, where it follows every detail of the body, to 1.
         gap: how far from the skin what was outside of it stays at least, in the target's unit.
+        progress: called with the progress, see `zoomout_core.progress`.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
         ValueError: a number is out of its range, or there is not a manner for each.
     """
-    return drain(dress_steps(result, source, target, carried, manners=manners, stiffness=stiffness, gap=gap))
-
-
-@memory_in_words
-def dress_steps(
-    result: Match | SurfaceMap,
-    source: Surface,
-    target: Surface,
-    carried: Sequence[Carried],
-    *,
-    manners: Sequence[Manner] | None = None,
-    stiffness: float = 0.5,
-    gap: float = 0.0,
-) -> Steps[Dressed]:
-    """`dress` as a generator."""
     _check(carried, manners, stiffness, gap)
-    shape = yield from within(shape_of_source_steps(result, source, target), 0, SHAPED)
-    steps = carry_steps(source, shape, target, carried, manners=manners, stiffness=stiffness, gap=gap)
-    return (yield from within(steps, SHAPED, 1))
+    with listening(progress):
+        with portion(0, SHAPED):
+            shape = shape_of_source(result, source, target)
+        with portion(SHAPED, 1):
+            return carry(source, shape, target, carried, manners=manners, stiffness=stiffness, gap=gap)
 
 
-def shape_of_source_steps(result: Match | SurfaceMap, source: Surface, target: Surface) -> Steps[Floats]:
-    """(n_s, 3) the source's vertices where it has the target's shape; steps of `dress`."""
-    turned = yield from within(reversed_match_steps(result, source, target), 0, TURNED_ROUND)
-    return (yield from within(wrap_steps(turned, target, source), TURNED_ROUND, 1)).vertices
+def shape_of_source(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
+    """(n_s, 3) the source's vertices where it has the target's shape."""
+    with portion(0, TURNED_ROUND):
+        turned = reversed_match(result, source, target)
+    with portion(TURNED_ROUND, 1):
+        return wrap(turned, target, source).vertices
 
 
 def carry(
@@ -150,23 +141,10 @@ def carry(
     Raises:
         ValueError: a number is out of its range, or there is not a manner for each.
     """
-    return drain(carry_steps(body, shape, skin, carried, manners=manners, stiffness=stiffness, gap=gap))
-
-
-def carry_steps(
-    body: Surface,
-    shape: Floats,
-    skin: Surface,
-    carried: Sequence[Carried],
-    *,
-    manners: Sequence[Manner] | None = None,
-    stiffness: float = 0.5,
-    gap: float = 0.0,
-) -> Steps[Dressed]:
-    """`carry` as a generator."""
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
-    return (yield from spread(alone(_carried(body, shape, skin, carried, how, stiffness, gap)), 0, 1, STAGE))
+    with stage(STAGE):
+        return _carried(body, shape, skin, carried, how, stiffness, gap)
 
 
 def _carried(
@@ -177,15 +155,15 @@ def _carried(
     manners: Sequence[Manner],
     stiffness: float,
     gap: float,
-) -> Generator[float, None, Dressed]:
+) -> Dressed:
     following = Following(body, shape)
-    yield 0.1
+    advance(0.1)
     barriers = [Barrier(_skin(body, following.unit), _skin(skin, following.unit_after))]
-    yield 0.2
+    advance(0.2)
     fits = []
     for number, (each, manner) in enumerate(zip(carried, manners, strict=True), start=1):
         fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
-        yield 0.2 + 0.3 * number / len(carried)
+        advance(0.2 + 0.3 * number / len(carried))
     stuck = 0
     found: dict[int, tuple[Floats, Floats]] = {}
     # From the skin outwards: what lies beneath is a barrier for what lies above.
@@ -198,7 +176,7 @@ def _carried(
         if done < len(order) and fit.is_layer:
             triangles = fit.facing_away(barriers[0].before)
             barriers.append(Barrier(Skin(fit.form.rest, triangles), Skin(positions, triangles), is_layer=True))
-        yield 0.5 + 0.5 * done / len(order)
+        advance(0.5 + 0.5 * done / len(order))
     notes = (f"{stuck} places could not be brought out of the skin: look at these.",) if stuck else ()
     vertices, turns = zip(*(found[number] for number in range(len(fits))), strict=True)
     return Dressed(vertices, turns, notes)

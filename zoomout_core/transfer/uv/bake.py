@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, check_counts
 from zoomout_core.geometry.closest_points import barycentric_of_closest
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.stepping import Progress, Steps
+from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv.chart import chart_of
 
@@ -59,10 +59,10 @@ class Baked:
     outside: Booleans
 
 
-def bake_steps(
+def bake(
     mapped: MappedTarget, source_uv: Floats, picture: Picture, target_uv: Floats, width: int, height: int
-) -> Steps[Baked]:
-    """The source's images in the target's atlas; yields progress.
+) -> Baked:
+    """The source's images in the target's atlas.
 
     Args:
         mapped: the target on the source.
@@ -81,33 +81,35 @@ def bake_steps(
     islands = chart_of(source, source_uv).cut.triangle_island
     corners = source_uv[source.triangle_corners]  # (m_s, 3, 2)
     owned = []
-    for number, image in enumerate(picture.images):
-        yield Progress(0.2 * number / len(picture.images), "Reading the islands of the source")
-        chosen = np.flatnonzero(picture.number == number)
-        owned.append(_Islands(corners[chosen], islands[chosen], *image.shape[1::-1]))
-    yield Progress(0.2, "Looking for texels")
-    atlas = target_uv[target.triangle_corners]
-    texel, triangle, weights = _texels_of(atlas, width, height)
+    with stage("Reading the islands of the source", 0.0, 0.2):
+        for number, image in enumerate(picture.images):
+            advance(number / len(picture.images))
+            chosen = np.flatnonzero(picture.number == number)
+            owned.append(_Islands(corners[chosen], islands[chosen], *image.shape[1::-1]))
+    with stage("Looking for texels", 0.2, 0.3):
+        atlas = target_uv[target.triangle_corners]
+        texel, triangle, weights = _texels_of(atlas, width, height)
     if not len(texel):
         raise MeshError(
             "The target's texture coordinates cover no texel of the image: lay them out in the unit square, or give a "
             "larger image."
         )
     values = np.empty((len(texel), picture.images[0].shape[2]), dtype=np.uint8)
-    for first in range(0, len(texel), READ_TOGETHER):
-        yield Progress(0.3 + 0.6 * first / len(texel), "Baking")
-        block = slice(first, first + READ_TOGETHER)
-        place, inside = mapped.locate(triangle[block], weights[block])
-        uv = np.einsum("qc,qcx->qx", inside, corners[place])
-        for number in np.unique(picture.number[place]):
-            here = picture.number[place] == number
-            values[block][here] = owned[number].read(picture.images[number], uv[here], islands[place[here]])
-    yield Progress(0.9, "Filling gutters")
-    covered = np.zeros((height, width), dtype=bool)
-    image = np.zeros((height, width, values.shape[1]), dtype=np.uint8)
-    row, column = height - 1 - texel // width, texel % width
-    covered[row, column], image[row, column] = True, values
-    nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    with stage("Baking", 0.3, 0.9):
+        for first in range(0, len(texel), READ_TOGETHER):
+            advance(first / len(texel))
+            block = slice(first, first + READ_TOGETHER)
+            place, inside = mapped.locate(triangle[block], weights[block])
+            uv = np.einsum("qc,qcx->qx", inside, corners[place])
+            for number in np.unique(picture.number[place]):
+                here = picture.number[place] == number
+                values[block][here] = owned[number].read(picture.images[number], uv[here], islands[place[here]])
+    with stage("Filling gutters", 0.9, 1.0):
+        covered = np.zeros((height, width), dtype=bool)
+        image = np.zeros((height, width, values.shape[1]), dtype=np.uint8)
+        row, column = height - 1 - texel // width, texel % width
+        covered[row, column], image[row, column] = True, values
+        nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
     outside = ~((atlas >= -INSIDE) & (atlas <= 1 + INSIDE)).all(axis=(1, 2))
     return Baked(image[tuple(nearest)], covered, outside)
 

@@ -9,13 +9,13 @@ stage, which so take one factorisation (as in projective dynamics, Bouaziz et al
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.mesh.triangles import area_normals, triangle_areas
+from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.cut_mesh import edge_lengths
 from zoomout_core.transfer.frames import frames_of, on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -95,8 +95,8 @@ class Fit:
         self.length = FIT.softest * (FIT.stiffest / FIT.softest) ** smoothness
         self._image_pull = FIT.image_pull * (1 - smoothness) ** 2 * self.trust
 
-    def steps(self) -> Generator[float, None, Floats]:
-        """(n, 3) positions near the source: stages from stiff to soft; yields the fraction done."""
+    def run(self) -> Floats:
+        """(n, 3) positions near the source: stages from stiff to soft."""
         lengths = np.geomspace(FIT.coarse, self.length, FIT.stages)
         positions, done, rounds = self.feet.images, 0, FIT.stages * FIT.rounds + FIT.last_rounds
         for stage, length in enumerate(lengths):
@@ -107,14 +107,14 @@ class Fit:
                     self.turns = elastic.turns(positions)
                 positions = elastic.solve(drawn_to, self.skin.loads(self.turns))
                 done += 1
-                yield done / rounds
+                advance(done / rounds)
         self.feet.jump(positions)
         for _ in range(FIT.last_rounds):
             self.turns = elastic.turns(positions)
             self.feet.walk(positions)
             positions = elastic.solve(self.feet.with_images(self._image_pull), self.skin.loads(self.turns))
             done += 1
-            yield done / rounds
+            advance(done / rounds)
         self.turns = elastic.turns(positions)
         self.feet.walk(positions)
         return positions

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.mesh.triangles import area_normals, triangle_normals, unique_edges
+from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.wrapping.elastic import LEAST_PULL, Elastic
 from zoomout_core.transfer.wrapping.fit import Fit
 from zoomout_core.tuning import Tuning, tuned
@@ -60,8 +60,8 @@ class Unfolding:
         self._free = np.ones(n, dtype=bool)
         self._free[fit.pins.vertices] = False
 
-    def steps(self) -> Generator[float, None, Floats]:
-        """(n, 3) positions on the source, as far as no face turns over; yields the fraction done."""
+    def run(self) -> Floats:
+        """(n, 3) positions on the source, as far as no face turns over."""
         fit = self._fit
         turns = fit.turns
         normals = fit.turned_normals(fit.working.vertex_normals, fit.turns)
@@ -72,7 +72,7 @@ class Unfolding:
             if release:  # what was let go turns with its surroundings
                 turns = elastic.turns(skin)
                 skin, self._expected = elastic.solve(fit.feet.places, fit.skin.loads(turns)), self._turned(turns)
-            yield (release + 0.5) / UNFOLD.releases
+            advance((release + 0.5) / UNFOLD.releases)
             skin = skin + elastic.spread(fit.feet.places - skin)
             onto = np.minimum(onto, pull)
             positions, onto = self._relaxed(skin, onto)
@@ -83,7 +83,7 @@ class Unfolding:
             for _ in range(release + release // 2 + 1):
                 held = np.maximum(held, self._means @ held)
             pull = np.maximum(pull * (1 - held), LEAST_PULL)
-            yield (release + 1) / UNFOLD.releases
+            advance((release + 1) / UNFOLD.releases)
         return self._evened(positions)
 
     def _evened(self, positions: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -18,8 +19,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import area_normals
-from zoomout_core.runtime.stepping import Steps, drain, spread, within
-from zoomout_core.runtime.threads import alone, in_background
+from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.transfer.wrapping.cage import cage_of
 from zoomout_core.transfer.wrapping.elastic import Pins
@@ -50,6 +50,7 @@ class Wrapped:
     notes: tuple[str, ...]
 
 
+@memory_in_words
 def wrap(
     result: Match | SurfaceMap,
     source: ShapeLike,
@@ -60,6 +61,7 @@ def wrap(
     mask: ArrayLike | None = None,
     landmarks: tuple[ArrayLike, ArrayLike] | None = None,
     subdivided: bool = False,
+    progress: Callable[[Progress], object] | None = None,
 ) -> Wrapped:
     """Give the target's topology the source's shape.
 
@@ -80,37 +82,12 @@ def wrap(
             closest point of the surface; those of the target come to lie exactly on those of the source.
         subdivided: whether the target is the cage of a subdivision surface (Catmull and Clark 1978): then the surface
             that it tends to comes to lie on the source, and landmarks are places of that.
+        progress: called with the progress, see `zoomout_core.progress`.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing of the target would be wrapped.
         ValueError: a number is out of its range, or landmarks do not come in pairs.
     """
-    steps = wrap_steps(
-        result,
-        source,
-        target,
-        smoothness=smoothness,
-        detail=detail,
-        mask=mask,
-        landmarks=landmarks,
-        subdivided=subdivided,
-    )
-    return drain(steps)
-
-
-@memory_in_words
-def wrap_steps(
-    result: Match | SurfaceMap,
-    source: ShapeLike,
-    target: ShapeLike,
-    *,
-    smoothness: float = 0.5,
-    detail: float = 1.0,
-    mask: ArrayLike | None = None,
-    landmarks: tuple[ArrayLike, ArrayLike] | None = None,
-    subdivided: bool = False,
-) -> Steps[Wrapped]:
-    """`wrap` as a generator."""
     for name, value in (("smoothness", smoothness), ("detail", detail)):
         if not 0 <= value <= 1:
             raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
@@ -128,13 +105,15 @@ def wrap_steps(
     places = _places_of_landmarks(landmarks, source, target)
     pins = _pins(places, target.working.vertex_of[places[0]], len(target.working.vertices), unit)
 
-    fit = yield from spread(in_background(lambda: Fit(mapped, weight, given, pins, smoothness)), 0, READ, STAGE)
-    yield from spread(alone(fit.steps()), READ, FITTED, STAGE)
-    unfolding = Unfolding(fit)
-    positions = yield from spread(alone(unfolding.steps()), FITTED, UNFOLDED, STAGE)
-
-    def finished() -> Wrapped:
-        found = positions
+    with listening(progress), stage(STAGE):
+        with portion(0, READ):
+            fit = Fit(mapped, weight, given, pins, smoothness)
+        with portion(READ, FITTED):
+            fit.run()
+        unfolding = Unfolding(fit)
+        with portion(FITTED, UNFOLDED):
+            found = unfolding.run()
+        advance(UNFOLDED)
         if detail < 1:
             form = fit.form()
             found = form + detail * (found - form)
@@ -146,9 +125,7 @@ def wrap_steps(
             on_source[number < 0] = 0
             at_limit = _pins(places, places[0], len(found), 1.0)
             found = cage_of(mapped, found, fit.feet.triangle[number], on_source, detail, at_limit)
-        return Wrapped(found, turned_over, _notes(fit, turned_over))
-
-    return (yield from spread(in_background(finished), UNFOLDED, 1, STAGE))
+    return Wrapped(found, turned_over, _notes(fit, turned_over))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,22 +146,14 @@ def reversed_match(result: Match | SurfaceMap, source: Surface, target: Surface)
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
     """
-    return drain(reversed_match_steps(result, source, target))
-
-
-def reversed_match_steps(result: Match | SurfaceMap, source: Surface, target: Surface) -> Steps[ReversedMatch]:
-    """`reversed_match` as a generator."""
-    wrapped = yield from within(wrap_steps(result, source, target), 0, TURNED_ROUND)
-
-    def inverted() -> ReversedMatch:
+    with portion(0, TURNED_ROUND):
+        wrapped = wrap(result, source, target)
+    with stage("Turning the match round", TURNED_ROUND, 1):
         surface_map = _nearest_on(wrapped.vertices, result, source, target)
-        of_source: Booleans | None = getattr(result, "source_has_partner", None)
         if isinstance(result, SurfaceMap):
             return ReversedMatch(surface_map, np.ones(len(source.vertices)), None, None)
         confidence = surface_map.interpolate(np.asarray(result.confidence))
-        return ReversedMatch(surface_map, confidence, of_source, result.has_partner)
-
-    return (yield from spread(in_background(inverted), TURNED_ROUND, 1, "Turning the match round"))
+    return ReversedMatch(surface_map, confidence, getattr(result, "source_has_partner", None), result.has_partner)
 
 
 def _nearest_on(wrapped: Floats, result: Match | SurfaceMap, source: Surface, target: Surface) -> SurfaceMap:

@@ -8,17 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from creatures import directions
+from reports import fractions_of
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.analysis import analysis_steps
+from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.components import bodies
-from zoomout_core.matching.components.bodies import bodies_steps, tight_bodies_steps
+from zoomout_core.matching.components.bodies import find_bodies, tight_bodies
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.skins import _principal_axes, covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.progress import advance
 
 
 def ball(radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0), count: int = 300) -> Surface:
@@ -137,16 +138,15 @@ def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = Fal
     """What is tried, in order, for a surface of two parts, the larger of which lies below so much of the skin."""
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
-    def main_part_steps(*_: object):
-        yield from ()
+    def main_parts(*_: object) -> tuple[str, str]:
         if too_small:
             raise MeshError("too small")
         return "main", "main"
 
     monkeypatch.setattr(bodies, "skin_of", lambda *_: "skin")
     monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: covered)
-    monkeypatch.setattr(bodies, "main_part_steps", main_part_steps)
-    return [str(one.source) for one in drain(bodies_steps(surface, surface, 0))]
+    monkeypatch.setattr(bodies, "main_parts", main_parts)
+    return [str(one.source) for one in find_bodies(surface, surface, 0)]
 
 
 @pytest.mark.parametrize(
@@ -166,14 +166,14 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
     monkeypatch.setattr(bodies, "skin_of", lambda *_: SimpleNamespace())
     monkeypatch.setattr(bodies, "covered_by_main_part", lambda surface, _: covered[id(surface)])
     for pair in (surfaces, surfaces[::-1]):
-        tried = drain(bodies_steps(pair[0], pair[1], 0))
+        tried = find_bodies(pair[0], pair[1], 0)
         assert [one.coverage for one in tried] == [1.0, 0.6]
 
 
 def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> None:
     monkeypatch.setattr(bodies, "skin_of", lambda *_: pytest.fail("a skin was made"))
     one, other = ball(count=100), ball(2.0, count=80)
-    (found,) = drain(bodies_steps(one, other, 0))
+    (found,) = find_bodies(one, other, 0)
     assert found.coverage == 1
     assert (len(found.source.vertices), len(found.target.vertices)) == (100, 80)
 
@@ -182,30 +182,23 @@ def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) 
     pair = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
     monkeypatch.setattr(bodies, "skin_of", lambda surface, tight=False: (surface is pair[0], tight))
     monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: 0.3)
-    (around,) = drain(bodies_steps(pair[0], pair[1], 0))
+    (around,) = find_bodies(pair[0], pair[1], 0)
     assert around == ((True, False), (False, False), 1.0)
-    assert drain(tight_bodies_steps(pair[0], pair[1])) == ((True, True), (False, True), 1.0)
+    assert tight_bodies(pair[0], pair[1]) == ((True, True), (False, True), 1.0)
 
 
 def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
-    def one_by_one(function, items):
-        yield 0.0
-        found = [function(item) for item in items]
-        yield 0.5
-        yield 1.0
-        return found
-
-    monkeypatch.setattr(bodies, "for_each", one_by_one)
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
-    def main_part_steps(*_: object):
-        yield from (0.0, 1.0)
+    def main_parts(*_: object) -> tuple[str, str]:
+        advance(0.0)
+        advance(1.0)
         return "main", "main"
 
     monkeypatch.setattr(bodies, "skin_of", lambda *_: "skin")
     monkeypatch.setattr(bodies, "covered_by_main_part", lambda *_: 0.95)
-    monkeypatch.setattr(bodies, "main_part_steps", main_part_steps)
-    fractions = list(bodies_steps(surface, surface, 0))
+    monkeypatch.setattr(bodies, "main_parts", main_parts)
+    fractions = fractions_of(lambda: find_bodies(surface, surface, 0))
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1
     assert 0.3 < fractions[-2] == fractions[-3] < 0.9
@@ -215,7 +208,7 @@ def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
 
 
 def over_each_other(source: Surface, target: Surface) -> bool:
-    shapes = (drain(analysis_steps(one.working.part(0)[0], 30, 60, 0)) for one in (source, target))
+    shapes = (analyse(one.working.part(0)[0], 30, 60, 0) for one in (source, target))
     return overlapping(Pair(source, target, *shapes, 30, 20)) is not None
 
 

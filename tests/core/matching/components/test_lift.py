@@ -11,8 +11,8 @@ import pytest
 from loose_parts import BODY, RADIUS, ball, identity, pair_around_body, shape_of, sheet
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.components import lift
-from zoomout_core.matching.components.lift import LiftedMap, _from_shells, _is_smaller, lifted
+from zoomout_core.matching.components import lift as module
+from zoomout_core.matching.components.lift import LiftedMap, _from_shells, _is_smaller, lift
 from zoomout_core.matching.components.shells import ShellMap
 from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair
@@ -28,7 +28,7 @@ def lifted_around_body(pair: Pair) -> LiftedMap:
     n = len(shape.mesh.vertices)
     # The first half of the body's vertices has partners, on the target, and the second half on the source.
     partners = Partners(np.arange(n) < n // 2, np.arange(n) >= n // 2)
-    return lifted(pair, Fit.unfitted(identity(shape)), np.linspace(0.2, 0.7, n), partners)
+    return lift(pair, Fit.unfitted(identity(shape)), np.linspace(0.2, 0.7, n), partners)
 
 
 def images(found: LiftedMap, pair: Pair) -> np.ndarray:
@@ -176,6 +176,6 @@ def test_skins_are_mapped_by_their_shells(monkeypatch: pytest.MonkeyPatch) -> No
     pair = shells()
     skin = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(is_skin=True)))
     found = laid(pair, paired=2)
-    monkeypatch.setattr(lift, "map_shells", lambda *_: found)
+    monkeypatch.setattr(module, "map_shells", lambda *_: found)
     both: Any = SimpleNamespace(source=pair.source, target=pair.target, target_shape=skin)
-    assert lifted(both, None, None, None).notes == _from_shells(pair, found).notes  # type: ignore[arg-type]
+    assert lift(both, None, None, None).notes == _from_shells(pair, found).notes  # type: ignore[arg-type]

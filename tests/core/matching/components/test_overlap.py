@@ -8,15 +8,14 @@ from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
-from zoomout_core.matching.memory_cache import kept_analysis_steps
+from zoomout_core.matching.memory_cache import cached_analysis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 
 def pair_of(source: Surface, target: Surface) -> Pair:
     parts = [surface.working.part(0)[0] for surface in (source, target)]
-    return Pair(source, target, *(drain(kept_analysis_steps(part, 60, 200, 0, None)) for part in parts), 60, 20)
+    return Pair(source, target, *(cached_analysis(part, 60, 200, 0, None) for part in parts), 60, 20)
 
 
 def test_surfaces_that_lie_over_each_other_are_told_from_those_that_do_not() -> None:

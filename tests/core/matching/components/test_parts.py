@@ -24,11 +24,10 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
-from zoomout_core.matching.components.main_parts import main_part_steps
+from zoomout_core.matching.components.main_parts import main_parts
 from zoomout_core.matching.components.parts import Part, paired
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.spectral.sampling import farthest_points
 
 EYES = {"eye.L": np.array([0.3, -0.5, 1.0]), "eye.R": np.array([-0.3, -0.5, 1.0])}
@@ -170,7 +169,7 @@ def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None
     whole = [shell("suit", lambda rest: rest[:, 2] < 1.3, 0.01, 800, seed) for seed in (3, 4)]
     source, target = dressed(whole[:1], 1200, 0), dressed(whole[1:], 1000, 1, 0.9)
     sizes = [surface.surface.working.part(0)[0].scale for surface in (source, target)]
-    assert [part.scale for part in drain(main_part_steps(source.surface, target.surface, 0))] == sizes
+    assert [part.scale for part in main_parts(source.surface, target.surface, 0)] == sizes
 
 
 # --- by themselves ------------------------------------------------------------------------------------------

@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.matching.attempt import ATTEMPTS
-from zoomout_core.matching.components.bodies import BODIES, bodies_steps
+from zoomout_core.matching.components.bodies import BODIES, find_bodies
 from zoomout_core.matching.components.skins import SKINS, covered_by_main_part, skin_of, turned_outwards
 from zoomout_core.matching.ranking import RANKING
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 
@@ -219,14 +218,14 @@ def test_a_body_that_lies_below_all_else_is_matched_itself() -> None:
     eye = 0.03 * directions(60, 1) + [0.04, -0.16, 1.72]
     both = Surface.joined([skin, Surface(eye, ConvexHull(eye).simplices)])
     assert covered_by_main_part(both, skin_of(both)) > 0.95
-    first, *others = drain(bodies_steps(both, both, 0))
+    first, *others = find_bodies(both, both, 0)
     assert not first.source.is_skin
     assert not others
 
 
 def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
     assert covered_by_main_part(at_rest.surface, skin_of(at_rest.surface)) < 0.5
-    first, *others = drain(bodies_steps(at_rest.surface, at_rest.surface, 0))
+    first, *others = find_bodies(at_rest.surface, at_rest.surface, 0)
     assert first.source.is_skin
     assert not others
 

@@ -10,7 +10,7 @@ from creatures import creature, true_vertex
 from scipy.sparse.csgraph import dijkstra
 from shapes import sheet
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.extremities import (
     EXTREMITIES,
     Extremities,
@@ -27,14 +27,13 @@ from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 SOURCE, TARGET = creature(350), creature(320, seed=1)
 
 
 def shape_of(surface: Surface, k: int = 40) -> ShapeAnalysis:
-    return drain(analysis_steps(surface.working.part(0)[0], k, 150, 0))
+    return analyse(surface.working.part(0)[0], k, 150, 0)
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,10 @@ from scipy.spatial import cKDTree
 
 import zoomout_core as zo
 from zoomout_core.maps.functional_map import functional_map_of
-from zoomout_core.matching.analysis import analysis_steps
+from zoomout_core.matching.analysis import analyse
 from zoomout_core.matching.hypotheses.given import given_hypothesis, proximity_hypothesis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 SOURCE, TARGET = creature(300), creature(260, seed=1)
 TRUTH = true_vertex(SOURCE, TARGET)
@@ -29,7 +28,7 @@ def pair() -> Pair:
         np.vstack([body.triangles, eye.triangles + 300]),
     )
     target = Surface(100 * TARGET.surface.vertices, TARGET.surface.triangles)
-    shapes = (drain(analysis_steps(each.working.part(0)[0], 40, 100, 0)) for each in (source, target))
+    shapes = (analyse(each.working.part(0)[0], 40, 100, 0) for each in (source, target))
     return Pair(source, target, *shapes, 40, 20)
 
 
@@ -74,7 +73,7 @@ def test_proximity_is_that_of_the_surfaces_in_their_common_frame(pair: Pair) -> 
     np.testing.assert_allclose(found, given_hypothesis(pair, TRUTH).functional_map, atol=0.5)
     # A target elsewhere is nearest to the hand that is on its side, wherever it would fit.
     aside = Surface(pair.target.vertices + np.array([9000, 0, 0]), pair.target.triangles)
-    shape = drain(analysis_steps(aside.working.part(0)[0], 40, 100, 0))
+    shape = analyse(aside.working.part(0)[0], 40, 100, 0)
     away = proximity_hypothesis(Pair(pair.source, aside, pair.source_shape, shape, 40, 20)).functional_map
     hand = np.full(260, np.argmax(pair.source.vertices[:300, 0]))
     np.testing.assert_allclose(

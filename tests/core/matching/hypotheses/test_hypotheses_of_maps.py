@@ -28,7 +28,7 @@ from shapes import (
 
 import zoomout_core as zo
 from zoomout_core.maps.zoomout import nearest_samples, upsample
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.descriptors import DESCRIPTORS, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
     EXTREMITIES,
@@ -42,11 +42,10 @@ from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.landmark_features import landmark_features
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 
 def prepared(surface: Surface) -> ShapeAnalysis:
-    return drain(analysis_steps(surface.working.part(0)[0], 100, 500, 0))
+    return analyse(surface.working.part(0)[0], 100, 500, 0)
 
 
 def error_of(

@@ -8,18 +8,17 @@ from creatures import creature, mirrored_vertex, true_vertex
 from shapes import sheet, truth
 
 from zoomout_core.maps.zoomout import nearest_samples
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.landmark_features import LANDMARKS
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 SOURCE, TARGET = creature(300), creature(280, seed=1)
 AXES = ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0.45, 0, -1], [-0.45, 0, -1], [0, 1, -0.25])
 
 
 def shape_of(surface: Surface, k: int = 40) -> ShapeAnalysis:
-    return drain(analysis_steps(surface.working.part(0)[0], k, 150, 0))
+    return analyse(surface.working.part(0)[0], k, 150, 0)
 
 
 @pytest.mark.parametrize("vertex", [true_vertex(SOURCE, TARGET), mirrored_vertex(SOURCE, TARGET)])

@@ -10,7 +10,7 @@ import pytest
 from creatures import Creature, creature
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.extremities import (
     Extremities,
     _all_pairings,
@@ -23,11 +23,10 @@ from zoomout_core.matching.hypotheses.extremities import (
 from zoomout_core.matching.landmark_features import LandmarkFeatures
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.runtime.stepping import drain
 
 
 def shape_of(made: Creature) -> ShapeAnalysis:
-    return drain(analysis_steps(made.surface.working.part(0)[0], 60, 300, 0))
+    return analyse(made.surface.working.part(0)[0], 60, 300, 0)
 
 
 def tips(between: np.ndarray, persistence: list[float]) -> Extremities:
@@ -130,7 +129,7 @@ def test_limbs_are_extremities_and_bumps_are_not() -> None:
     ball = Surface(where * (1 + 0.02 * np.cos(9 * where[:, :1])), creature(600).surface.triangles)
     rod = Surface(where * [1, 1, 5], creature(600).surface.triangles)  # two ends tell no pose
     for surface in (ball, rod):
-        assert not has_extremities(drain(analysis_steps(surface.working.part(0)[0], 60, 300, 0)))
+        assert not has_extremities(analyse(surface.working.part(0)[0], 60, 300, 0))
 
 
 @pytest.mark.parametrize("sides", [(1,), (-1,)])

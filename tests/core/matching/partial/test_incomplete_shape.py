@@ -7,10 +7,9 @@ from creatures import creature, true_vertex
 from pieces import PartAndWhole, analysed, piece_of
 
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale, unlikeness
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 
@@ -20,7 +19,7 @@ def grid_shape(size: int = 31, turned_over: bool = False) -> ShapeAnalysis:
     corner = np.flatnonzero((i < size - 1) & (j < size - 1))
     triangles = np.concatenate([corner[:, None] + [0, size, 1], corner[:, None] + [1, size, size + 1]])
     surface = Surface(np.column_stack([i, j, 0 * i]) / (size - 1), triangles[:, ::-1] if turned_over else triangles)
-    return drain(analysis_steps(surface.working.part(0)[0], 30, 100, 0))
+    return analyse(surface.working.part(0)[0], 30, 100, 0)
 
 
 def places(shape: IncompleteShape) -> Floats:
@@ -44,7 +43,7 @@ def test_a_scaled_shape_has_all_lengths_scaled_and_lies_where_it_was() -> None:
 
 
 def test_a_scaled_stand_in_keeps_its_frame() -> None:
-    shape = drain(analysis_steps(creature(900).surface.working.part(0)[0], 30, 100, 0, 500))
+    shape = analyse(creature(900).surface.working.part(0)[0], 30, 100, 0, 500)
     twice = at_scale(shape, 2.0)
     assert len(twice.mesh.vertices) < 900
     np.testing.assert_allclose(twice.proxy.frame[1], shape.proxy.frame[1])

@@ -16,16 +16,15 @@ from zoomout_core.matching.partial.part_candidates import (
     _sifted,
     images_apart,
     landmark_sets,
-    part_candidates_steps,
+    part_candidates,
 )
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 
 @pytest.fixture(scope="module")
 def found(lower: PartAndWhole) -> list[PartCandidate]:
     with retuned(PART_CANDIDATES, regions=2, registered=8, compared=3):
-        return drain(part_candidates_steps([lower.everywhere]))
+        return part_candidates([lower.everywhere])
 
 
 def test_the_right_place_comes_first(lower: PartAndWhole, found: list[PartCandidate]) -> None:
@@ -48,7 +47,7 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
 
 def test_the_best_of_those_that_are_bent_roughly_are_bent_further(lower: PartAndWhole) -> None:
     with retuned(PART_CANDIDATES, regions=1, registered=4, compared=1):
-        (alone,) = drain(part_candidates_steps([lower.everywhere]))
+        (alone,) = part_candidates([lower.everywhere])
     roughly = _sifted(_Found(0.0, alone.region, alone.places)).registered
     assert np.mean(roughly.residual) > np.mean(alone.registered.residual)
 
@@ -85,7 +84,7 @@ def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
             retuned(PART_CANDIDATES, regions=1, registered=4, compared=2),
         ):
             pair = PartAndWhole(made_part, made_whole, *(IncompleteShape(shape) for shape in shapes))
-            found = drain(part_candidates_steps([pair.everywhere]))
+            found = part_candidates([pair.everywhere])
         errors[fragment] = np.median(pair.errors(found[0].registered.closest.vertex[has_partner], has_partner))
         for number, one in enumerate(found):
             for other in found[:number]:

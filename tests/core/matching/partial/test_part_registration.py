@@ -9,10 +9,9 @@ from pieces import PartAndWhole, analysed, piece_of
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Level
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 LEVELS = (*PART_REGISTRATION.coarse, *PART_REGISTRATION.fine)
@@ -20,7 +19,7 @@ LEVELS = (*PART_REGISTRATION.coarse, *PART_REGISTRATION.fine)
 
 @pytest.fixture(scope="module")
 def fitted(lower: PartAndWhole) -> RegisteredPart:
-    return drain(registered_steps(lower.true_places(), lower.part, lower.whole, LEVELS))
+    return register_part(lower.true_places(), lower.part, lower.whole, LEVELS)
 
 
 def test_a_part_lies_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPart) -> None:
@@ -38,7 +37,7 @@ def test_a_wrong_place_costs_strain_and_normals(lower: PartAndWhole, fitted: Reg
     points = lower.whole.shape.mesh.vertices[lower.whole.shape.search.samples[: len(lower.whole.between)]]
     elsewhere = points[lower.true_places()] * [-1, 1, -1]  # legs go to the arms
     match = np.argmin(np.linalg.norm(points - elsewhere[:, None], axis=2), axis=1)
-    wrong = drain(registered_steps(match, lower.part, lower.whole, LEVELS))
+    wrong = register_part(match, lower.part, lower.whole, LEVELS)
     areas = lower.part.shape.basis.areas
     right, astray = fitted.scores(areas), wrong.scores(areas)
     assert astray["strain"] > 1.5 * right["strain"]
@@ -56,7 +55,7 @@ def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
     The softer the part, and the more it is drawn along the surface, the farther: by 0.07 of these levels.
     """
     soft = Level(100, 1.0, 0.3, 1), Level(100, 1.1, 0.003, 8)
-    fitted = drain(registered_steps(lower.true_places(), lower.part, lower.whole, soft))
+    fitted = register_part(lower.true_places(), lower.part, lower.whole, soft)
     true = lower.whole.shape.mesh.vertices[true_vertex(lower.made_whole, lower.made_part)]
     off = np.linalg.norm(fitted.positions - true, axis=1)
     assert off[lower.part.cut_distance_of_vertices < 0.05].mean() < 0.02
@@ -79,7 +78,7 @@ def test_what_lies_on_another_limb_than_its_surroundings_is_not_near(
         return SurfaceMap(triangle, found.barycentric, found.source_triangles)
 
     monkeypatch.setattr(Surroundings, "closest", confused)
-    is_near = drain(registered_steps(lower.true_places(), lower.part, lower.whole, LEVELS)).is_near
+    is_near = register_part(lower.true_places(), lower.part, lower.whole, LEVELS).is_near
     assert len(astray) > 10
     assert not is_near[astray].any()
     assert np.delete(is_near, astray).mean() > 0.95
@@ -97,7 +96,7 @@ def both_cut(lower: PartAndWhole) -> PartAndWhole:
 def test_what_is_beyond_a_cut_of_the_whole_counts_for_nothing(both_cut: PartAndWhole) -> None:
     areas, feet = both_cut.part.shape.basis.areas, both_cut.made_part.directions[:, 2] < -0.85
     fitted, unaware = (
-        drain(registered_steps(both_cut.true_places(), both_cut.part, whole, LEVELS))
+        register_part(both_cut.true_places(), both_cut.part, whole, LEVELS)
         for whole in (both_cut.whole, ignorant(both_cut.whole))
     )
     assert 0.02 < feet.mean() < 0.3
@@ -114,7 +113,7 @@ def test_what_is_beyond_a_cut_of_the_whole_is_not_drawn_to_it(both_cut: PartAndW
     soft = Level(100, 1.0, 0.3, 1), Level(100, 1.1, 0.003, 8)
     feet = both_cut.made_part.directions[:, 2] < -0.85
     height = [
-        np.median(drain(registered_steps(both_cut.true_places(), both_cut.part, whole, soft)).positions[feet, 2])
+        np.median(register_part(both_cut.true_places(), both_cut.part, whole, soft).positions[feet, 2])
         for whole in (both_cut.whole, ignorant(both_cut.whole))
     ]
     assert height[0] < height[1] - 0.01

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -10,11 +9,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from pieces import PartAndWhole
+from reports import reports_of
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.matching import match as match_module
+from zoomout_core.matching.dense_map import dense_map
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.partial import part_candidates, part_match
+from zoomout_core.matching.partial import part_candidates as candidates_module
+from zoomout_core.matching.partial import part_match
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
 from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, extended
 from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair, distinct, landmarks_of
@@ -25,22 +26,22 @@ from zoomout_core.matching.partial.part_candidates import (
     _Found,
     _promise,
     _sifted,
-    part_candidates_steps,
+    part_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
     PART_MATCH,
     _candidate,
     _certainty,
     _on_part,
-    part_fit_steps,
-    part_match_steps,
+    fit_part,
+    match_part,
     units_differ,
 )
-from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, registered_steps
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.scores import EVIDENCE
-from zoomout_core.runtime.stepping import drain
+from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retuned
 
 # --- maps from landmarks ------------------------------------------------------------------------------------
@@ -171,19 +172,16 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
     def promised(places: Integers, _: Region) -> float:
         return float(next(i for i, each in enumerate(maps) if each is places))
 
-    monkeypatch.setattr(part_candidates, "_searched", lambda *_: maps[::-1])
-    monkeypatch.setattr(part_candidates, "_promise", promised)
-    monkeypatch.setattr(part_candidates, "_sifted", sifted)
-    monkeypatch.setattr(part_candidates, "_compared", lambda one: one)
-    results: list[list[PartCandidate]] = []
-
-    def steps() -> Generator[float, None, None]:
-        results.append((yield from part_candidates_steps([pair.everywhere])))
-
+    monkeypatch.setattr(candidates_module, "_searched", lambda *_: maps[::-1])
+    monkeypatch.setattr(candidates_module, "_promise", promised)
+    monkeypatch.setattr(candidates_module, "_sifted", sifted)
+    monkeypatch.setattr(candidates_module, "_compared", lambda one: one)
     with retuned(PART_CANDIDATES, regions=0, registered=3, compared=3):
-        fractions = [0.0, *steps(), 1.0]
+        result, reports = reports_of(lambda: part_candidates([pair.everywhere]))
+    fractions = [0.0, *(report.fraction for report in reports), 1.0]
     assert fractions == sorted(fractions)
-    return [found.places for found in results[0]]
+    assert len(set(fractions)) > 3
+    return [found.places for found in result]
 
 
 def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
@@ -210,19 +208,16 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
 
     there, back = [of_places(1.0, 0, 1), of_places(4.0, 2, 3)], [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
 
-    def from_landmarks_steps(search: object, *_: object) -> Generator[float, None, list[PartCandidate]]:
-        yield from (0.0, 0.5, 1.0)
-        return there if search is part_candidates._searched else back
+    def from_landmarks(search: object, *_: object) -> list[PartCandidate]:
+        for fraction in (0.0, 0.5, 1.0):
+            advance(fraction)
+        return there if search is candidates_module._searched else back
 
-    monkeypatch.setattr(part_candidates, "landmark_sets", lambda *_: [])
-    monkeypatch.setattr(part_candidates, "_from_landmarks_steps", from_landmarks_steps)
-    results: list[list[PartCandidate]] = []
-
-    def steps() -> Generator[float, None, None]:
-        results.append((yield from part_candidates_steps([region])))
-
-    assert list(steps()) == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
-    assert [one.scores["fit"] for one in results[0]] == [1.0, 2.0, 4.0]
+    monkeypatch.setattr(candidates_module, "landmark_sets", lambda *_: [])
+    monkeypatch.setattr(candidates_module, "_from_landmarks", from_landmarks)
+    result, reports = reports_of(lambda: part_candidates([region]))
+    assert [report.fraction for report in reports] == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
+    assert [one.scores["fit"] for one in result] == [1.0, 2.0, 4.0]
 
 
 # --- partners -----------------------------------------------------------------------------------------------
@@ -230,7 +225,7 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_joined(monkeypatch:
 
 @pytest.fixture(scope="module")
 def fitted(lower: PartAndWhole) -> RegisteredPart:
-    return drain(registered_steps(lower.true_places(), lower.part, lower.whole, PART_REGISTRATION.fine))
+    return register_part(lower.true_places(), lower.part, lower.whole, PART_REGISTRATION.fine)
 
 
 def surface_and_shapes(pair: PartAndWhole, part_is_target: bool = True) -> Pair:
@@ -278,17 +273,13 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
         is_near=~bad(2),
     )
 
-    def registered(*_: object) -> Generator[float, None, RegisteredPart]:
-        yield 0.5
-        return made
-
-    monkeypatch.setattr(part_match, "registered_steps", registered)
-    found = drain(part_fit_steps(surface_and_shapes(lower), candidate(lower.everywhere, lower.true_places())))
+    monkeypatch.setattr(part_match, "register_part", lambda *_: made)
+    found = fit_part(surface_and_shapes(lower), candidate(lower.everywhere, lower.true_places()))
     np.testing.assert_array_equal(found.partners.target, ~(bad(0) | bad(1) | bad(2)))
     np.testing.assert_array_equal(found.fit.fits, found.partners.target)
     assert 0.2 < found.partners.source.mean() < 0.8
     assert found.fit.surface_map is fitted.closest
-    back = drain(part_fit_steps(surface_and_shapes(lower, False), candidate(lower.everywhere, lower.true_places())))
+    back = fit_part(surface_and_shapes(lower, False), candidate(lower.everywhere, lower.true_places()))
     assert back.back is fitted.closest
     np.testing.assert_array_equal(back.fit.surface_map.triangle, found.back.triangle)
     np.testing.assert_array_equal(back.partners.source, found.partners.target)
@@ -299,13 +290,9 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
 def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
     lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch, part_is_target: bool
 ) -> None:
-    def registered(*_: object) -> Generator[float, None, RegisteredPart]:
-        yield 0.5
-        return fitted
-
-    monkeypatch.setattr(part_match, "registered_steps", registered)
+    monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
     pair = surface_and_shapes(lower, part_is_target)
-    refined = drain(match_module._part_steps(pair, candidate(lower.everywhere, lower.true_places())))
+    refined = dense_map(pair, candidate(lower.everywhere, lower.true_places()))
     assert abs(refined.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
     assert refined.functional_map.shape == (20, 40)
 
@@ -351,21 +338,16 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
 def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = at_mirror_images(lower), lower.true_places()
     made = [_sifted(_Found(0.0, lower.everywhere, places)) for places in maps]
-
-    def found(*_: object) -> Generator[float, None, list[PartCandidate]]:
-        yield 0.5
-        return made
-
-    monkeypatch.setattr(part_match, "part_candidates_steps", found)
+    monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
     pair = surface_and_shapes(lower)
-    first, second = drain(part_match_steps(pair))
+    first, second = match_part(pair)
     assert first.part_match is made[1]
     assert first.certainty > 100 * second.certainty
 
     def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
         return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
 
-    known = drain(part_match_steps(pair, against_the_first))
+    known = match_part(pair, against_the_first)
     assert known[0].part_match is made[0]
     assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE.axes)
     # What is known makes a place unlikely beside others; the fit alone says how likely any is.

@@ -15,24 +15,23 @@ from scipy.special import expit
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.matching.match import _part_steps
+from zoomout_core.matching.dense_map import dense_map
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, PartCandidate, _Found, images_apart
 from zoomout_core.matching.partial.part_match import (
     _certainty,
+    fit_part,
     in_one_unit,
-    part_fit_steps,
-    part_match_steps,
+    match_part,
     part_of,
     sizes_differ,
 )
 from zoomout_core.matching.partial.part_registration import RegisteredPart
-from zoomout_core.matching.partial.region import REGION, Region, is_small, regions_steps
+from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.registration.nonrigid_icp import fewest_vertices
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 # Of a body with a hand at either side: the directions of the fingers of the left one, and their lengths.
@@ -74,13 +73,13 @@ def made() -> tuple[Creature, Creature, Pair]:
 
 @pytest.fixture(scope="module")
 def regions(made: tuple[Creature, Creature, Pair]) -> list[Region]:
-    return drain(regions_steps(*part_of(made[2])))
+    return find_regions(*part_of(made[2]))
 
 
 @pytest.fixture(scope="module")
 def found(made: tuple[Creature, Creature, Pair]) -> list[Candidate]:
     with retuned(REGION, small=0.15):
-        return drain(part_match_steps(made[2]))
+        return match_part(made[2])
 
 
 def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.ndarray:
@@ -103,14 +102,14 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
     assert max(other.certainty for other in found[1:]) < 0.1
     # As usual parts are looked for, it is not.
     with retuned(REGION, small=0.0), retuned(PART_CANDIDATES, regions=1):
-        usual = drain(part_match_steps(made[2]))
+        usual = match_part(made[2])
     assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
 
 
 def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
-    fit = drain(part_fit_steps(made[2], found[0]))
+    fit = fit_part(made[2], found[0])
     assert np.median(errors_of(fit.fit.surface_map, made)) < 0.02
     assert fit.partners.target.mean() > 0.95
     on_hand = made[1].directions[:, 0] > WRIST
@@ -130,12 +129,12 @@ def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
     swapped = replace(swapped, source_shape=pair.target_shape, target_shape=pair.source_shape)
     with retuned(REGION, small=0.15):
         one = replace(found[0], functional_map=np.eye(60, 20))
-        refined = drain(_part_steps(swapped, one))
+        refined = dense_map(swapped, one)
     on_hand = made[1].directions[:, 0] > WRIST
     assert np.median(refined.confidence[on_hand]) > 0.5
     assert np.median(refined.confidence[~on_hand]) == 0
     with retuned(REGION, small=0.0):
-        by_whole = drain(_part_steps(swapped, one)).confidence
+        by_whole = dense_map(swapped, one).confidence
     assert np.median(by_whole[on_hand]) < 0.3
 
 
@@ -154,12 +153,12 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
         assert not region.is_everywhere
     for retuning in ({"most": 1}, {"apart": 10.0}):
         with retuned(REGION, **retuning):
-            assert len(drain(regions_steps(*part_of(pair)))) == 1
+            assert len(find_regions(*part_of(pair))) == 1
     with retuned(REGION, most=1, radius=2.5):
-        (larger,) = drain(regions_steps(*part_of(pair)))
+        (larger,) = find_regions(*part_of(pair))
     assert larger.contains.sum() > 1.5 * regions[0].contains.sum()
     with retuned(REGION, most=1, vertices=300):
-        (coarser,) = drain(regions_steps(*part_of(pair)))
+        (coarser,) = find_regions(*part_of(pair))
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
 
 
@@ -168,7 +167,7 @@ def test_a_coarse_part_is_subdivided_and_carried_on_its_own_vertices() -> None:
     n = len(hand.directions)
     assert n < fewest_vertices()
     with retuned(REGION, most=1):
-        (region,) = drain(regions_steps(*part_of(pair)))
+        (region,) = find_regions(*part_of(pair))
     for shape in (region.part.shape, region.whole.shape):
         assert len(shape.mesh.vertices) >= fewest_vertices()
     np.testing.assert_allclose(region.part.shape.mesh.vertices[:n] * region.unit, pair.target_shape.mesh.vertices)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,8 +10,9 @@ import pytest
 from pieces import PartAndWhole
 
 import zoomout_core as zo
-from zoomout_core.matching import match
-from zoomout_core.matching.attempt import ATTEMPTS
+from zoomout_core.matching import retry
+from zoomout_core.matching.attempt import ATTEMPTS, Attempt
+from zoomout_core.matching.notes import OTHER_UNITS, RESCALED
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import unknown_scale
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
@@ -20,12 +20,11 @@ from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.unknown_scale import (
     UNKNOWN_SCALE,
-    at_unknown_scale_steps,
+    match_at_unknown_scale,
     stretch,
     times_as_large,
 )
 from zoomout_core.matching.scores import nothing_known
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 FEWER_SEARCHES = {"landmarks": 7, "regions": 0, "registered": 4}
@@ -57,14 +56,14 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     assert np.median(errors) < 0.05
     times = times_as_large(result.pair)
     assert 40 * times == pytest.approx(1, rel=0.15)
-    assert match.RESCALED.format(times) in result.notes
-    assert match.OTHER_UNITS not in result.notes
+    assert RESCALED.format(times) in result.notes
+    assert OTHER_UNITS not in result.notes
 
 
 def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
     with retuned(PART_CANDIDATES, **FEWER_SEARCHES), retuned(UNKNOWN_SCALE, likely=0.0, scales=(0.55, 0.9)):
         for shapes, is_target in (((lower.whole, lower.part), True), ((lower.part, lower.whole), False)):
-            found = drain(at_unknown_scale_steps(pair_of(*shapes), lambda _: nothing_known))
+            found = match_at_unknown_scale(pair_of(*shapes), lambda _: nothing_known)
             assert found is not None
             pair, candidates = found
             part, whole = (pair.target_shape, pair.source_shape)[:: 1 if is_target else -1]
@@ -74,7 +73,7 @@ def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
 
 
 def test_without_a_long_border_nothing_is_looked_for(lower: PartAndWhole) -> None:
-    assert drain(at_unknown_scale_steps(pair_of(lower.whole, lower.whole), lambda _: nothing_known)) is None
+    assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: nothing_known) is None
 
 
 def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> None:
@@ -94,20 +93,15 @@ def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
 ) -> None:
     seen: list[float] = []
 
-    def placed(pair: Pair, _: object) -> Generator[float, None, list[Any]]:
-        yield 0.5
+    def placed(pair: Pair, _: object) -> list[Any]:
         seen.append(float(np.sqrt(pair.target_shape.basis.areas.sum())))
         certain = certain_at is not None and seen[-1] == pytest.approx(certain_at)
         return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
 
-    def rough(*_: object) -> Generator[float, None, tuple[float, float]]:
-        yield 0.5
-        return -1.0, 0.5
-
-    monkeypatch.setattr(unknown_scale, "part_match_steps", placed)
-    monkeypatch.setattr(unknown_scale, "_rough_scale_steps", rough)
+    monkeypatch.setattr(unknown_scale, "match_part", placed)
+    monkeypatch.setattr(unknown_scale, "_rough_scale", lambda *_: (-1.0, 0.5))
     source = lower.part if fragments == 2 else lower.whole
-    found = drain(at_unknown_scale_steps(pair_of(source, lower.part), lambda _: nothing_known))
+    found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: nothing_known)
     assert found is not None
     if fragments == 1:
         assert seen == pytest.approx(tried)
@@ -130,21 +124,15 @@ def test_another_unit_has_to_be_likelier_than_the_same_one(
             proxy=SimpleNamespace(full=SimpleNamespace(scale=scale)),
         )
 
-    def steps(found: object) -> Any:
-        def looked_for(*_: object) -> Generator[float, None, Any]:
-            yield 0.5
-            return found
-
-        return looked_for
-
     given = SimpleNamespace(source_shape=shape(1.0), target_shape=shape(1.0))
     elsewhere = Pair(*(SimpleNamespace() for _ in range(2)), shape(times), shape(1.0), 60, 20)  # type: ignore[arg-type]
-    monkeypatch.setattr(match, "in_one_unit", lambda pair: pair)
-    monkeypatch.setattr(match, "part_match_steps", steps([SimpleNamespace(certainty=0.3)]))
-    monkeypatch.setattr(match, "at_unknown_scale_steps", steps((elsewhere, [SimpleNamespace(certainty=certainty)])))
-    monkeypatch.setattr(match, "agree", lambda *_: False)
-    whole = match.Attempt(given, [SimpleNamespace(certainty=0.1, turns=1)], 0.9)  # type: ignore[arg-type, list-item]
+    monkeypatch.setattr(retry, "in_one_unit", lambda pair: pair)
+    monkeypatch.setattr(retry, "match_part", lambda *_: [SimpleNamespace(certainty=0.3)])
+    rescaled = elsewhere, [SimpleNamespace(certainty=certainty)]
+    monkeypatch.setattr(retry, "match_at_unknown_scale", lambda *_: rescaled)
+    monkeypatch.setattr(retry, "agree", lambda *_: False)
+    whole = Attempt(given, [SimpleNamespace(certainty=0.1, turns=1)], 0.9)  # type: ignore[arg-type, list-item]
     known: Any = SimpleNamespace(disagreement=lambda _: None)
-    found = drain(match._part_attempt_steps(whole, known))
+    found = retry.attempt_part(whole, known)
     assert (found.candidates[0].certainty == certainty) == taken
     assert any("different units" in note for note in getattr(found.pair, "notes", ())) == noted

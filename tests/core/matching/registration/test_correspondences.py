@@ -7,9 +7,8 @@ import pytest
 from creatures import creature
 from loose_parts import ball
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
-from zoomout_core.runtime.stepping import drain
 
 MADE = creature(500, seed=0)
 TAIL = MADE.directions[:, 1] > 0.8
@@ -17,7 +16,7 @@ TAIL = MADE.directions[:, 1] > 0.8
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    return drain(analysis_steps(MADE.surface.working.part(0)[0], 60, 300, 0))
+    return analyse(MADE.surface.working.part(0)[0], 60, 300, 0)
 
 
 def strengths(
@@ -129,7 +128,7 @@ def test_there_are_more_places_for_more_nodes_and_together_they_stand_for_the_su
 @pytest.fixture(scope="module")
 def leaf() -> ShapeAnalysis:
     """An ellipsoid whose two sides are nearer to each other than its vertices."""
-    return drain(analysis_steps(ball(1.0, radii=(1, 1, 0.03), count=400).working.part(0)[0], 60, 300, 0))
+    return analyse(ball(1.0, radii=(1, 1, 0.03), count=400).working.part(0)[0], 60, 300, 0)
 
 
 def middle_of(shape: ShapeAnalysis) -> np.ndarray:

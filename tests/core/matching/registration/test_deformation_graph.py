@@ -10,16 +10,15 @@ import pytest
 from creatures import creature
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
-from zoomout_core.runtime.stepping import drain
 
 STIFFNESS = 0.3
 
 
 @pytest.fixture(scope="module")
 def shape() -> ShapeAnalysis:
-    return drain(analysis_steps(creature(500).surface.working.part(0)[0], 60, 300, 0))
+    return analyse(creature(500).surface.working.part(0)[0], 60, 300, 0)
 
 
 def chain(count: int, length: float = 0.1, axis: int = 0) -> DeformationGraph:

@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from creatures import Creature, creature, true_vertex
 from loose_parts import ball
+from reports import reports_of
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_steps, lifted_fit
+from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_nonrigid, lifted_fit
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.stepping import drain
 
 
 def shape_of(made: Creature, proxy_vertices: int | None = None) -> ShapeAnalysis:
-    return drain(analysis_steps(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices))
+    return analyse(made.surface.working.part(0)[0], 120, 1000, 0, proxy_vertices)
 
 
 def blurred_truth(
@@ -49,7 +49,7 @@ def errors(surface_map: SurfaceMap, source: Creature, target: Creature) -> Float
 def test_a_fit_is_several_times_as_exact_as_the_map_that_it_begins_with(bend: float) -> None:
     source, target = creature(1500, seed=0), creature(1300, seed=1, bend=bend)
     shapes = blurred_truth(source, target)
-    before, after = shapes[2], drain(fit_steps(shapes[2], shapes[0], shapes[1], False)).surface_map
+    before, after = shapes[2], fit_nonrigid(shapes[2], shapes[0], shapes[1], False).surface_map
     assert np.median(errors(after, source, target)) < np.median(errors(before, source, target)) / (
         4 if bend == 0 else 2
     )
@@ -60,7 +60,7 @@ def test_a_mirrored_map_stays_mirrored() -> None:
     source_shape, target_shape, _ = blurred_truth(source, target)
     flipped = Creature(target.surface, target.directions * [-1, 1, 1])
     _, _, mirrored = blurred_truth(source, flipped)
-    fit = drain(fit_steps(mirrored, source_shape, target_shape, True))
+    fit = fit_nonrigid(mirrored, source_shape, target_shape, True)
     assert np.median(errors(fit.surface_map, source, flipped)) < np.median(errors(mirrored, source, flipped)) / 2
     assert np.linalg.det(fit.rotations[fit.fits]).max() < 0
 
@@ -105,7 +105,7 @@ def test_a_fit_that_is_a_little_off_an_exact_map_is_not_astray(small) -> None:
 
 
 def test_a_coarse_creature_that_bends_is_laid_five_times_as_exactly_as_by_the_first_map(small) -> None:
-    fit = drain(fit_steps(small[2], small[0], small[1], False))
+    fit = fit_nonrigid(small[2], small[0], small[1], False)
     off = errors(fit.surface_map, *SMALL)
     assert np.median(off) < np.median(errors(small[2], *SMALL)) / 5
     assert np.quantile(off, 0.9) < 0.035
@@ -115,10 +115,10 @@ def test_a_coarse_creature_that_bends_is_laid_five_times_as_exactly_as_by_the_fi
 def test_where_the_fit_goes_astray_the_first_map_stands(small, monkeypatch) -> None:
     source, target, first = small
     tail = SMALL[1].directions[:, 1] > 0.8
-    whole = drain(fit_steps(first, source, target, False))
+    whole = fit_nonrigid(first, source, target, False)
     assert whole.fits[tail].mean() > 0.5
     monkeypatch.setattr("zoomout_core.matching.registration.nonrigid_icp._astray", lambda *_: tail)
-    fit = drain(fit_steps(first, source, target, False))
+    fit = fit_nonrigid(first, source, target, False)
     assert not fit.fits[tail].any()
     np.testing.assert_array_equal(fit.fits[~tail], whole.fits[~tail])
     for where, expected in ((~fit.fits, first), (fit.fits, whole.surface_map)):
@@ -132,7 +132,7 @@ def test_what_the_first_map_takes_elsewhere_does_not_fit_where_it_came_to_lie(sm
     tail = SMALL[0].directions[:, 1] > 0.85
     vertex = np.arange(len(tail))
     vertex[tail] = np.argmin(SMALL[0].directions[:, 1])
-    fit = drain(fit_steps(onto(shape, vertex), shape, shape, False))
+    fit = fit_nonrigid(onto(shape, vertex), shape, shape, False)
     off = np.linalg.norm(fit.positions - shape.mesh.vertices, axis=1)
     back_in_place = tail & (off < 0.05)
     assert back_in_place.any()
@@ -150,7 +150,7 @@ def test_what_comes_to_lie_on_a_side_that_faces_the_other_way_does_not_fit(small
 
     monkeypatch.setattr(Surroundings, "closest", turned_at_the_tail)
     monkeypatch.setattr("zoomout_core.matching.registration.nonrigid_icp._astray", lambda *_: np.zeros(len(tail), bool))
-    fit = drain(fit_steps(onto(shape, np.arange(len(tail))), shape, shape, False))
+    fit = fit_nonrigid(onto(shape, np.arange(len(tail))), shape, shape, False)
     image_normals = fit.surface_map.interpolate(shape.mesh.vertex_normals)
     assert (np.einsum("nx,nx->n", image_normals, shape.mesh.vertex_normals) > 0).all()
     assert fit.fits[~tail].mean() > 0.9
@@ -195,14 +195,8 @@ def test_a_turned_or_mirrored_copy_is_laid_on_its_like(small, mirrored: bool) ->
     triangles = made.triangles[:, ::-1] if mirrored else made.triangles
     copy = Creature(Surface(made.vertices * sense @ turn.T, triangles), SMALL[0].directions)
     target = shape_of(copy)
-    steps = fit_steps(onto(source, np.arange(500)), source, target, mirrored)
-    fractions: list[float] = []
-    while True:
-        try:
-            fractions.append(next(steps))
-        except StopIteration as finished:
-            fit = finished.value
-            break
+    fit, reports = reports_of(lambda: fit_nonrigid(onto(source, np.arange(500)), source, target, mirrored))
+    fractions = [report.fraction for report in reports]
     assert fractions == sorted(fractions)
     assert 0 <= fractions[0] < fractions[-1] < 1
     assert fractions[-1] > 0.8
@@ -216,7 +210,7 @@ def test_a_turned_or_mirrored_copy_is_laid_on_its_like(small, mirrored: bool) ->
 def test_coarse_meshes_keep_the_map_that_they_have() -> None:
     source, target = creature(300, seed=0), creature(280, seed=1)
     source_shape, target_shape, first = blurred_truth(source, target)
-    fit = drain(fit_steps(first, source_shape, target_shape, False))
+    fit = fit_nonrigid(first, source_shape, target_shape, False)
     assert fit.surface_map is first
     assert not fit.fits.any()
     assert fit.positions.shape == (280, 3)

@@ -11,18 +11,17 @@ from loose_parts import ball
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.analysis import ShapeAnalysis, analysis_steps
+from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.rigid_icp import RIGID, settle, unmoved
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.tuning import retuned
 
 TURN = Rotation.from_rotvec([0.2, 1.0, -0.4]).as_matrix()
 
 
 def shape_of(made: Creature) -> ShapeAnalysis:
-    return drain(analysis_steps(made.surface.working.part(0)[0], 120, 400, 0))
+    return analyse(made.surface.working.part(0)[0], 120, 400, 0)
 
 
 @pytest.fixture(scope="module")

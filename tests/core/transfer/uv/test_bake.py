@@ -8,10 +8,9 @@ import pytest
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.runtime.stepping import drain
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.uv import bake
-from zoomout_core.transfer.uv.bake import Baked, Picture, bake_steps
+from zoomout_core.transfer.uv import bake as module
+from zoomout_core.transfer.uv.bake import Baked, Picture, bake
 
 BACKGROUND = 255  # of the third channel, which is zero where an island is
 
@@ -55,7 +54,7 @@ def picture(size: int) -> Picture:
 def baked(atlas: np.ndarray, shown: Picture, uv: np.ndarray, width: int = 64, height: int = 64) -> Baked:
     found = closest_points(TARGET.vertices, SOURCE.vertices, SOURCE.triangles)
     mapped = MappedTarget(SOURCE, TARGET, SurfaceMap(*found, SOURCE.triangles), np.ones(len(TARGET.vertices)))
-    return drain(bake_steps(mapped, atlas, shown, uv, width, height))
+    return bake(mapped, atlas, shown, uv, width, height)
 
 
 def places(image: np.ndarray) -> np.ndarray:
@@ -117,8 +116,8 @@ def test_an_island_without_a_texel_is_read_where_it_lies(alone: bool) -> None:
 def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeypatch: pytest.MonkeyPatch) -> None:
     uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]
     at_once = baked(ATLAS, picture(33), uv)
-    monkeypatch.setattr(bake, "BLOCK", 64)
-    monkeypatch.setattr(bake, "READ_TOGETHER", 100)
+    monkeypatch.setattr(module, "BLOCK", 64)
+    monkeypatch.setattr(module, "READ_TOGETHER", 100)
     np.testing.assert_array_equal(baked(ATLAS, picture(33), uv).image, at_once.image)
 
 

@@ -1,4 +1,4 @@
-"""Meshes that are edited while an operator is suspended between two of its steps: it says so, and writes nothing."""
+"""Meshes that are edited while an operator is at work and the window has its turn: it says so, and writes nothing."""
 
 from itertools import islice
 
@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scenes import add_uv_map, delete_vertex, new_material, positions, set_weights, snapshot_file
 from true_match import keep_true_match
+from turns import finish, turns
 
 import zoomout_core as zo
 from blender_addon.adapters import USUAL_DATA
-from blender_addon.services.collection_match import match_collections_steps
-from blender_addon.services.match import match_steps
-from blender_addon.services.seam_cut import cut_seams_steps
-from blender_addon.services.transfer import transfer_steps
+from blender_addon.jobs import Job
+from blender_addon.services.collection_match import match_collections_async
+from blender_addon.services.match import match
+from blender_addon.services.seam_cut import cut_seams_async
+from blender_addon.services.transfer import transfer
 
 
 def moved(obj):
@@ -33,8 +35,8 @@ def divided(obj):
     obj.data.update()
 
 
-# Steps after which both are read, and what they carry, in any work.
-LAST = 7
+# Turns of the window after which both are read, and what they carry, in any work; and in that on collections.
+LAST, LAST_OF_COLLECTIONS = 7, 5
 EDITS = (moved, delete_vertex, divided)
 
 
@@ -65,29 +67,28 @@ def pair(source, target):
 
 
 WORK = {
-    "match": lambda: match_steps(bpy.context, "Source", "Target", k_final=30),
-    "transfer": lambda: transfer_steps(bpy.context, "Source", "Target", USUAL_DATA),
-    "cut seams": lambda: cut_seams_steps(bpy.context, "Source", "Target"),
-    "collections": lambda: match_collections_steps(bpy.context, "Sources", "Targets", k_final=30),
+    "match": lambda: match(bpy.context, "Source", "Target", k_final=30),
+    "transfer": lambda: transfer(bpy.context, "Source", "Target", USUAL_DATA),
+    "cut seams": lambda: cut_seams_async(bpy.context, "Source", "Target"),
+    "collections": lambda: match_collections_async(bpy.context, "Sources", "Targets", k_final=30),
 }
 
 
 @pytest.mark.parametrize("edit", EDITS)
 @pytest.mark.parametrize("edited", ["Source", "Target"])
 @pytest.mark.parametrize("work", WORK)
-def test_an_edit_between_two_steps_is_noticed_and_nothing_is_written(pair, work, edited, edit):
+def test_an_edit_between_two_turns_is_noticed_and_nothing_is_written(pair, work, edited, edit):
     taken_before = range(1, LAST)
     if work == "collections":
-        # Its objects are read one after another, each as it is then. They are matched each time: some steps for each
-        # edit, all of them together.
-        taken_before = taken_before[2 if edited == "Target" else 0 :][EDITS.index(edit) :: len(EDITS)]
+        # Its objects are read one after another, each as it is then.
+        taken_before = range(3 if edited == "Target" else 1, LAST_OF_COLLECTIONS + 1)
     for taken in taken_before:
-        steps = WORK[work]()
-        assert len([*islice(steps, taken)]) == taken
+        job = Job(WORK[work]())
+        assert len([*islice(turns(job), taken)]) == taken
         edit(pair[edited])
         bpy.context.view_layer.update()
         before = snapshot_file()
         with pytest.raises(zo.MeshError, match=f"'{edited}' was edited while it was being worked on: start again"):
-            zo.drain(steps)
+            finish(job)
         assert snapshot_file() == before
         keep_true_match(pair["Target"])

@@ -7,8 +7,10 @@ import bpy
 import pytest
 
 import zoomout_core as zo
+from blender_addon import jobs
 from blender_addon.operators import activity, modal
-from blender_addon.operators.stepped import SteppedOperator, work_for
+from blender_addon.operators.modal_operator import ModalOperator
+from zoomout_core.runtime.progress import stage
 
 TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "X", "WHEELUPMOUSE"))
 
@@ -37,10 +39,10 @@ class Window:
 
 
 class Work:
-    """An operator whose steps are given; it writes at the end."""
+    """An operator of a number of pauses; it writes at the end."""
 
     execute, invoke, modal, cancel, _end, _finished, _failed = (
-        getattr(SteppedOperator, name)
+        getattr(ModalOperator, name)
         for name in ("execute", "invoke", "modal", "cancel", "_end", "_finished", "_failed")
     )
     bl_label, bl_options = "Work", {"REGISTER", "UNDO"}
@@ -48,10 +50,11 @@ class Work:
     def __init__(self, count=3, error=None):
         self.count, self.error, self.written, self.closed, self.reports = count, error, False, False, []
 
-    def steps(self, context):
+    async def work(self, context):
         try:
             for i in range(self.count):
-                yield zo.Progress(i / self.count, "Working")
+                with stage("Working", i / self.count):
+                    await jobs.pause()
             if self.error:
                 raise self.error
             self.written = True
@@ -65,12 +68,16 @@ class Work:
 
 @pytest.fixture
 def window(monkeypatch):
-    monkeypatch.setattr("blender_addon.operators.stepped.bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
-    monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: None)
-    monkeypatch.setattr("blender_addon.operators.stepped.SLICE", 0.0)  # one step a tick
-    monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 0.0)
+    monkeypatch.setattr(
+        "blender_addon.operators.modal_operator.bpy", SimpleNamespace(app=SimpleNamespace(background=False))
+    )
+    monkeypatch.setattr("blender_addon.operators.modal_operator.redraw_sidebars", lambda: None)
+    monkeypatch.setattr("blender_addon.operators.modal_operator.SLICE", 0.0)  # one pause a tick
+    monkeypatch.setattr("blender_addon.operators.modal_operator.REDRAWN", 0.0)
     monkeypatch.setattr(modal, "_running", [])
-    return Window()
+    yield Window()
+    for work, _ in modal._running:
+        work._job.cancel()
 
 
 def run(work, window, events):
@@ -92,8 +99,10 @@ def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
 
 def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkeypatch):
     drawn = []
-    monkeypatch.setattr("blender_addon.operators.stepped.redraw_sidebars", lambda: drawn.append(activity.running))
-    monkeypatch.setattr("blender_addon.operators.stepped.REDRAWN", 1000.0)
+    monkeypatch.setattr(
+        "blender_addon.operators.modal_operator.redraw_sidebars", lambda: drawn.append(activity.running)
+    )
+    monkeypatch.setattr("blender_addon.operators.modal_operator.REDRAWN", 1000.0)
     work = Work(count=5)
     run(work, window, [TICK] * 4)
     assert drawn == [zo.Progress(0.0, "Beginning")]
@@ -138,7 +147,7 @@ def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, mon
     override = SimpleNamespace(temp_override=lambda window: nullcontext())
     monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(context=override))
     work = Work(count=3)
-    work.cancel = lambda context: SteppedOperator.cancel(work, window)
+    work.cancel = lambda context: ModalOperator.cancel(work, window)
     run(work, window, [TICK])
     modal.cancel_all()
     assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
@@ -182,10 +191,3 @@ def test_without_a_window_the_work_runs_straight_through():
     work, window = Work(), Window()
     assert work.invoke(window, None) == {"FINISHED"}
     assert (work.written, window.timers, window.handlers) == (True, [], 0)
-
-
-def test_a_slice_takes_as_many_steps_as_fit_and_one_at_least():
-    steps = iter(range(1_000_000))
-    assert work_for(steps, 0.0) == 0
-    assert work_for(steps, 0.02) > 100
-    assert next(steps) < 1_000_000

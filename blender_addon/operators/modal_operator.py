@@ -1,4 +1,4 @@
-"""Operators whose work is a generator: with a window it runs in slices that ESC can end, else straight through.
+"""Operators whose work is a coroutine: with a window it runs in slices that ESC can end, else straight through.
 
 They run in Object Mode: another mode is left before, and comes back at the end, whatever that is.
 """
@@ -6,22 +6,22 @@ They run in Object Mode: another mode is left before, and comes back at the end,
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import bpy
 from bpy.types import Context, Event, Operator
 
 import zoomout_core as zo
-from zoomout_core.runtime.stepping import Progress, Steps, drain
+from zoomout_core.runtime.progress import Progress
 
+from ..jobs import Job, run
 from ..scene.redraw import redraw_sidebars
 from ..services.preflight import obstacle
 from ..services.targets import Outcome
 from ..translations import reported, translated
 from . import activity, modal, modes
 
-# Seconds of work between two events; the step that is then running may take up to a tenth of a second more.
+# Seconds of work between two events; the piece of work that is then running may take up to a tenth of a second more.
 SLICE = 0.05
 # Seconds between two redraws of the progress, which take time from the work, much of it without a GPU.
 REDRAWN = 0.2
@@ -32,11 +32,11 @@ LOOKING = frozenset({"MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE
 _drawn = 0.0
 
 
-class SteppedOperator(Operator):
-    """The base of operators that give `steps`, a generator of Progress that returns a sentence for the user."""
+class ModalOperator(Operator):
+    """The base of operators that take long."""
 
-    def steps(self, context: Context) -> Steps[str]:
-        """The work; it writes only after its last yield."""
+    async def work(self, context: Context) -> str:
+        """The work, which returns a sentence for the user; it writes only after its last `await`."""
         raise NotImplementedError
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
@@ -62,7 +62,7 @@ class SteppedOperator(Operator):
         left = modes.leave(context, self)
         result = {"CANCELLED"}
         try:
-            result = self._finished(drain(self.steps(context)))
+            result = self._finished(run(self.work(context)))
         except zo.MeshError as error:
             result = self._failed(error)
         finally:
@@ -74,8 +74,8 @@ class SteppedOperator(Operator):
         if bpy.app.background or not modal.can_begin(context.window):
             return self.execute(context)
         self._left = modes.leave(context, self)
-        self._steps = self.steps(context)
-        _show_progress(context, Progress(0.0, "Beginning"))
+        self._job = Job(self.work(context))
+        _show_progress(context, self._job.progress)
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         modal.begin(context, self)
         return {"RUNNING_MODAL"}
@@ -89,17 +89,15 @@ class SteppedOperator(Operator):
         if event.type != "TIMER":
             return {"PASS_THROUGH" if event.type in LOOKING else "RUNNING_MODAL"}
         try:
-            progress = work_for(self._steps, SLICE)
-        except StopIteration as finished:
-            result = self._finished(finished.value)
+            if not self._job.advance(SLICE):
+                _show_progress(context, self._job.progress)
+                return {"RUNNING_MODAL"}
+            result = self._finished(self._job.result)
         except zo.MeshError as error:
             result = self._failed(error)
         except BaseException:
             self.cancel(context)
             raise
-        else:
-            _show_progress(context, progress)
-            return {"RUNNING_MODAL"}
         self._end(context)
         return modes.come_back_after(context, self._left, self, result)
 
@@ -110,7 +108,7 @@ class SteppedOperator(Operator):
 
     def _end(self, context: Context) -> None:
         modal.end(self)
-        self._steps.close()
+        self._job.cancel()
         context.window_manager.event_timer_remove(self._timer)
         _show_progress(context, None)
 
@@ -136,16 +134,3 @@ def _show_progress(context: Context, progress: Progress | None) -> None:
         text = translated("{}: {} (ESC cancels)").format(translated(progress.stage), f"{progress.fraction:.0%}")
     context.workspace.status_text_set(text)
     redraw_sidebars()
-
-
-def work_for(steps: Iterator[Progress], seconds: float) -> Progress:
-    """Advance a generator by as many steps as fit into a time, one at least.
-
-    Raises:
-        StopIteration: it has finished; the exception holds its result.
-    """
-    end = time.monotonic() + seconds
-    while True:
-        progress = next(steps)
-        if time.monotonic() >= end:
-            return progress

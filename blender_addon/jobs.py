@@ -1,0 +1,128 @@
+"""Work that leaves the window alive: coroutines on Blender's main thread, whose computations run in a thread.
+
+`bpy` may be touched on the main thread only. A coroutine reads and writes there, and awaits what it computes from
+arrays.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable, Coroutine, Generator
+from contextvars import copy_context
+from time import monotonic
+from typing import Any, Generic, TypeAlias, TypeVar, cast
+
+from zoomout_core.runtime.background import Background
+from zoomout_core.runtime.progress import Progress, progress
+
+Result = TypeVar("Result")
+# What a coroutine gives whoever runs it: a function to call meanwhile, or None for a pause.
+Work: TypeAlias = Coroutine[Callable[[], Any] | None, Any, Result]
+
+# Seconds to wait for a computation before the window gets its turn: less than users notice.
+WAIT = 0.02
+
+
+@types.coroutine
+def compute(work: Callable[[], Result]) -> Generator[Callable[[], Result], Any, Result]:
+    """Call a function, in a thread where the window is to stay alive; it must not touch `bpy`.
+
+    >>> result = await compute(partial(zo.match, source, target))
+    """
+    return cast(Result, (yield work))
+
+
+@types.coroutine
+def pause() -> Generator[None, Any, None]:
+    """Let the window be redrawn between two pieces of work on the main thread.
+
+    Objects and meshes may be edited or removed meanwhile: find them again afterwards.
+    """
+    yield None
+
+
+def run(coroutine: Work[Result]) -> Result:
+    """Run a coroutine to its end and return its result; all of it in the calling thread."""
+    try:
+        work = coroutine.send(None)
+        while True:
+            try:
+                result = None if work is None else work()
+            except BaseException as error:
+                work = coroutine.throw(error)
+            else:
+                work = coroutine.send(result)
+    except StopIteration as finished:
+        return cast(Result, finished.value)
+
+
+class Job(Generic[Result]):
+    """A coroutine that advances in slices on the main thread, while its computations run in a thread.
+
+    Args:
+        coroutine: to be run.
+
+    Attributes:
+        progress: the latest that was reported.
+        result: what the coroutine returned, once it has finished.
+    """
+
+    result: Result
+
+    def __init__(self, coroutine: Work[Result]) -> None:
+        self.progress = Progress(0.0, "Beginning")
+        self._given, self._running = coroutine, self._watched(coroutine)
+        self._context = copy_context()
+        self._background: Background[Any] | None = None
+
+    def advance(self, seconds: float) -> bool:
+        """Work for some seconds, or until a computation keeps it waiting; returns whether the coroutine has finished.
+
+        It gets to its next `compute` or `pause` at least, unless it waits. What it raises is raised here.
+        """
+        end = monotonic() + seconds
+        while True:
+            if not self._is_ready(min(max(end - monotonic(), 0), WAIT)):
+                return False
+            if self._step():
+                return True
+            if monotonic() >= end:
+                return False
+
+    def cancel(self) -> None:
+        """End the coroutine where it is, and its computation when that next reports progress, without waiting."""
+        if self._background is not None:
+            self._background.cancel()
+            self._background = None
+        self._context.run(self._running.close)
+        self._given.close()  # which has not begun otherwise
+
+    def _is_ready(self, seconds: float) -> bool:
+        """Wait for a computation, up to some seconds; returns whether the coroutine can go on."""
+        return self._background is None or self._background.wait(seconds)
+
+    def _step(self) -> bool:
+        """Go on to the next `compute` or `pause`; returns whether the coroutine has finished."""
+        background, self._background = self._background, None
+        try:
+            work = self._context.run(self._proceed, background)
+        except StopIteration as finished:
+            self.result = finished.value
+            return True
+        if work is not None:
+            self._background = self._context.run(Background, work)
+        return False
+
+    def _proceed(self, background: Background[Any] | None) -> Callable[[], Any] | None:
+        try:
+            result = None if background is None else background.result()
+        except BaseException as error:
+            return self._running.throw(error)
+        return self._running.send(result)
+
+    async def _watched(self, coroutine: Work[Result]) -> Result:
+        with progress(self._listen):
+            return await coroutine
+
+    def _listen(self, latest: Progress) -> None:
+        self.progress = Progress(latest.fraction, latest.stage or self.progress.stage)

@@ -1,0 +1,47 @@
+"""Golden hashes: the same twice, whatever the threads; a change, an error and a missing file are told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from benchmarks import golden, golden_cases
+from benchmarks.__main__ import main
+
+NAMES = "small 60", "error no axis"
+
+
+def run(folder: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(main, ["golden", "--data", str(folder), *arguments])
+
+
+def test_what_differs_from_an_earlier_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    absent = golden_cases.Case("part absent", lambda _: {}, ("absent.off",))
+    cases = (*(case for case in golden.CASES if case.name in NAMES), absent)
+    monkeypatch.setattr(golden, "CASES", cases)
+    file = tmp_path / "golden.json"
+    first = run(tmp_path, "--json", str(file))
+    assert first.exit_code == 0, first.output
+    assert "part absent" in first.output
+    tables = json.loads(file.read_text())
+    one, several, *errors = tables["pairs"]
+    assert (one["threads"], several["threads"]) == golden.THREADS
+    assert {**one, "threads": 0, "seconds": 0} == {**several, "threads": 0, "seconds": 0}
+    assert all(record["error"].startswith("ValueError: common_axes") for record in errors)
+
+    assert run(tmp_path, "--only", "small", "--against", str(file)).exit_code == 0
+    one["confidence"] = "another"
+    file.write_text(json.dumps(tables))
+    changed = run(tmp_path, "--against", str(file))
+    assert changed.exit_code == 1
+    assert "DIFFERS: confidence" in changed.output
+    assert "1 fields differ" in changed.output
+
+
+def test_a_name_of_no_case_is_refused(tmp_path: Path) -> None:
+    refused = run(tmp_path, "--only", "nothing")
+    assert refused.exit_code == 1
+    assert "No case begins with nothing; these sorts are known: whole, part" in refused.output

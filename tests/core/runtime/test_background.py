@@ -1,0 +1,148 @@
+"""A computation in the background is polled and cancelled, and its caller waits for nothing."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+import zoomout_core as zo
+from zoomout_core.runtime.background import Background
+from zoomout_core.runtime.progress import advance, stage
+from zoomout_core.runtime.threads import side_by_side
+
+# Seconds after which a test fails that waits for a thread.
+LONG = 10
+
+
+class Work:
+    """A computation that goes on when it is told to, and reports a tenth more each time."""
+
+    def __init__(self, ends_with: str | Exception = "done") -> None:
+        self.may_go_on, self.reported, self.cancelled = (threading.Semaphore(0) for _ in range(3))
+        self.ends_with = ends_with
+
+    def __call__(self) -> str:
+        try:
+            with stage("Thinking"):
+                for tenth in range(1, 4):
+                    assert self.may_go_on.acquire(timeout=LONG)
+                    advance(tenth / 10)
+                    self.reported.release()
+        except zo.Cancelled:
+            self.cancelled.release()
+            raise
+        if isinstance(self.ends_with, Exception):
+            raise self.ends_with
+        return self.ends_with
+
+    def go_on(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.may_go_on.release()
+
+    def has_reported(self) -> bool:
+        return self.reported.acquire(timeout=LONG)
+
+
+@pytest.fixture(autouse=True)
+def two_threads() -> Iterator[None]:
+    zo.set_threads(2)
+    yield
+    zo.set_threads(None)
+
+
+def test_it_is_polled_while_it_runs() -> None:
+    work = Work()
+    running = Background(work)
+    assert not running.wait(0)
+    for tenth in range(1, 4):
+        work.go_on()
+        assert work.has_reported()
+        assert running.progress == zo.Progress(tenth / 10, "Thinking")
+    assert running.wait(LONG)
+    assert running.result() == "done"
+    assert running.result() == "done"
+
+
+def test_nothing_is_reported_before_it_reports() -> None:
+    go_on = threading.Event()
+    running = Background(lambda: go_on.wait(timeout=LONG))
+    assert running.progress == zo.Progress(0.0, "")
+    go_on.set()
+    assert running.result() is True
+
+
+def test_its_caller_waits_for_nothing_even_to_cancel_it() -> None:
+    work = Work()
+    began = time.monotonic()
+    running = Background(work)
+    assert not running.wait(0)
+    running.cancel()
+    assert not running.wait(0.01)
+    assert time.monotonic() - began < 1
+    assert not work.cancelled.acquire(blocking=False)
+    work.go_on()
+    assert work.cancelled.acquire(timeout=LONG)
+    with pytest.raises(zo.Cancelled):
+        running.result()
+    assert running.wait(0)
+
+
+def test_what_reports_no_more_ends_with_its_result_though_it_was_cancelled() -> None:
+    go_on = threading.Event()
+    running = Background(lambda: go_on.wait(timeout=LONG))
+    running.cancel()
+    go_on.set()
+    assert running.result() is True
+
+
+def test_its_error_reaches_the_caller() -> None:
+    work = Work(ValueError("no such thing"))
+    running = Background(work)
+    work.go_on(3)
+    with pytest.raises(ValueError, match="no such thing"):
+        running.result()
+    assert running.wait(0)
+
+
+def test_computations_side_by_side_within_it_are_heard_and_cancelled() -> None:
+    works = Work("first"), Work("second")
+    running = Background(lambda: side_by_side(*works))
+    for work in works:
+        work.go_on()
+        assert work.has_reported()
+    assert running.progress.fraction == pytest.approx(0.1)
+    running.cancel()
+    works[0].go_on()
+    assert works[0].cancelled.acquire(timeout=LONG)
+    with pytest.raises(zo.Cancelled):
+        running.result()
+    works[1].go_on()
+    assert works[1].cancelled.acquire(timeout=LONG)
+
+
+def test_the_listener_of_the_block_in_which_it_begins_hears_it() -> None:
+    heard: list[zo.Progress] = []
+    work = Work()
+    with zo.progress(heard.append), stage("Working", 0.5, 1.0):
+        running = Background(work)
+    work.go_on(3)
+    assert running.result() == "done"
+    assert [one.fraction for one in heard] == pytest.approx([0.5, 0.5, 0.55, 0.6, 0.65])
+    assert [one.stage for one in heard] == ["Working"] + 4 * ["Thinking"]
+
+
+def test_only_so_many_are_at_work_at_a_time_as_there_are_threads() -> None:
+    zo.set_threads(1)
+    first, second = Work("first"), Work("second")
+    running = Background(first)
+    first.go_on()
+    assert first.has_reported()
+    waiting = Background(second)
+    second.go_on(3)
+    assert not waiting.wait(0.05)
+    assert waiting.progress == zo.Progress(0.0, "")
+    first.go_on(2)
+    assert (running.result(), waiting.result()) == ("first", "second")

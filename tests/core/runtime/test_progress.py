@@ -1,0 +1,152 @@
+"""Progress of nested computations, what listeners hear of it, and how they end it."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from creatures import creature
+from reports import fractions_of, reports_of
+
+import zoomout_core as zo
+from zoomout_core.runtime.progress import advance, listening, portion, renaming, stage
+
+
+def told(progress: zo.Progress) -> tuple[float, str]:
+    return round(progress.fraction, 9), progress.stage
+
+
+def test_portions_nest_and_map_their_progress_into_the_enclosing_one() -> None:
+    def work() -> None:
+        advance(0.1)
+        with portion(0.2, 0.6):
+            advance(0.5)
+            with portion(0.5, 1.0):
+                advance(0.0)
+                advance(0.5)
+            advance(1.0)
+        advance(0.8)
+
+    assert fractions_of(work) == pytest.approx([0.1, 0.4, 0.4, 0.5, 0.6, 0.8])
+
+
+def test_the_innermost_title_wins_and_an_untitled_report_keeps_that_of_its_stage() -> None:
+    def work() -> None:
+        advance(0.0)
+        with stage("Outer", 0.1, 0.9):
+            advance(0.25)
+            with stage("Inner", 0.5, 0.75):
+                advance(1.0)
+                with portion(0.0, 1.0):
+                    advance(1.0)
+            advance(0.75)
+        advance(0.95)
+
+    _, reports = reports_of(work)
+    assert [told(one) for one in reports] == [
+        (0.0, ""),
+        (0.1, "Outer"),
+        (0.3, "Outer"),
+        (0.5, "Inner"),
+        (0.7, "Inner"),
+        (0.7, "Inner"),
+        (0.7, "Outer"),
+        (0.95, "Outer"),
+    ]
+
+
+def test_a_stage_is_told_as_it_begins_and_a_portion_is_not() -> None:
+    heard: list[zo.Progress] = []
+    with zo.progress(heard.append):
+        with portion(0.1, 0.2):
+            pass
+        assert heard == []
+        with stage("Thinking", 0.3, 0.4):
+            assert heard == [zo.Progress(0.3, "Thinking")]
+
+
+def test_titles_can_be_changed_where_there_are_any() -> None:
+    heard: list[zo.Progress] = []
+    with zo.progress(heard.append), renaming(str.upper):
+        advance(0.1)
+        with stage("Thinking", 0.2, 0.4):
+            advance(0.5)
+    assert [told(one) for one in heard] == [(0.1, ""), (0.2, "THINKING"), (0.3, "THINKING")]
+
+
+def test_fractions_that_a_listener_hears_never_fall_nor_exceed_one() -> None:
+    heard: list[zo.Progress] = []
+    with zo.progress(heard.append):
+        for fraction in (0.2, 0.1, 0.5, 1.2, 0.9):
+            advance(fraction)
+    assert [one.fraction for one in heard] == [0.2, 0.2, 0.5, 1.0, 1.0]
+
+
+def test_each_of_several_listeners_hears_the_progress_of_its_own_block() -> None:
+    outer: list[zo.Progress] = []
+    inner: list[zo.Progress] = []
+    with zo.progress(outer.append):
+        with stage("First", 0.0, 0.5), zo.progress(inner.append):
+            advance(0.5)
+        with stage("Second", 0.5, 1.0), listening(None):
+            advance(1.0)
+    assert [told(one) for one in inner] == [(0.5, "")]
+    assert [told(one) for one in outer] == [(0.0, "First"), (0.25, "First"), (0.5, "Second"), (1.0, "Second")]
+
+
+def test_blocks_end_with_an_error_as_well_and_without_a_listener_nothing_is_told() -> None:
+    heard: list[zo.Progress] = []
+    with pytest.raises(ValueError, match="no such thing"), zo.progress(heard.append), stage("Thinking", 0.5, 1.0):
+        raise ValueError("no such thing")
+    with stage("Unheard"):
+        advance(0.5)
+    assert heard == [zo.Progress(0.5, "Thinking")]
+
+
+def test_other_threads_of_the_program_are_not_listened_to() -> None:
+    heard: list[zo.Progress] = []
+    with zo.progress(heard.append):
+        other = threading.Thread(target=advance, args=(0.5,))
+        other.start()
+        other.join()
+    assert heard == []
+
+
+def test_a_cancelled_computation_is_no_failure_that_could_be_caught_as_one() -> None:
+    def work() -> str:
+        try:
+            advance(0.5)
+        except Exception:
+            return "caught"
+        return "done"
+
+    def cancel(_: zo.Progress) -> None:
+        raise zo.Cancelled
+
+    with pytest.raises(zo.Cancelled), zo.progress(cancel):
+        work()
+
+
+@pytest.mark.parametrize("error", [zo.Cancelled, KeyError])
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("at", ["Reading the meshes", "Analysing the shapes", "Guessing", "Refining"])
+def test_what_a_listener_raises_ends_a_match_and_reaches_the_caller(
+    error: type[BaseException], threads: int, at: str
+) -> None:
+    source, target = creature(220).surface, creature(200, seed=1).surface
+    heard: list[zo.Progress] = []
+
+    def listen(progress: zo.Progress) -> None:
+        heard.append(progress)
+        if progress.stage == at:
+            raise error
+
+    zo.set_threads(threads)
+    zo.forget_shapes()
+    try:
+        with pytest.raises(error):
+            zo.match(source, target, initial="proximity", k_final=20, samples=60, progress=listen)
+    finally:
+        zo.set_threads(None)
+    assert at in {one.stage for one in heard}
+    assert "Carrying over to all vertices" not in {one.stage for one in heard}

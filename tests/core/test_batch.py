@@ -1,0 +1,68 @@
+"""Jobs one after the other, and the progress of all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import zoomout_core as zo
+from zoomout_core.batch import Job, run_jobs
+from zoomout_core.command_options import progress_bar
+from zoomout_core.runtime.progress import advance, stage
+
+JOBS = [Job(Path(f"{number}.ply"), Path(f"{number}.glb")) for number in range(3)]
+
+
+def work(job: Job) -> tuple[dict[str, Any], list[str]]:
+    """Fails for the second."""
+    with stage("Working"):
+        advance(0.5)
+        if job is JOBS[1]:
+            raise zo.MeshError("It is no mesh.")
+    return {"stem": job.target.stem}, [f"Did {job.target.stem}."]
+
+
+def test_a_job_that_fails_leaves_the_others_alone() -> None:
+    outcomes = run_jobs(JOBS, work)
+    assert [outcome.job for outcome in outcomes] == JOBS
+    assert [outcome.error for outcome in outcomes] == ["", "It is no mesh.", ""]
+    assert [outcome.report for outcome in outcomes] == [{"stem": "0"}, {}, {"stem": "2"}]
+
+
+def test_progress_says_which_job_it_is_of() -> None:
+    told: list[zo.Progress] = []
+    with zo.progress(told.append):
+        run_jobs(JOBS, work)
+    halfway = [one for one in told if one.stage and one.fraction * 6 % 2 > 0.5]
+    assert [one.stage for one in halfway] == ["1/3 Working", "2/3 Working", "3/3 Working"]
+    assert [one.fraction for one in halfway] == pytest.approx([1 / 6, 3 / 6, 5 / 6])
+    told.clear()
+    with zo.progress(told.append):
+        run_jobs(JOBS[:1], work)
+    assert {one.stage for one in told} <= {"", "Working"}
+
+
+def test_a_cancelled_batch_does_no_further_job() -> None:
+    begun = []
+
+    def listen(latest: zo.Progress) -> None:
+        if latest.stage == "2/3 Working":
+            raise zo.Cancelled
+
+    def noted(job: Job) -> tuple[dict[str, Any], list[str]]:
+        begun.append(job)
+        return work(job)
+
+    with pytest.raises(zo.Cancelled), zo.progress(listen):
+        run_jobs(JOBS, noted)
+    assert begun == JOBS[:2]
+
+
+def test_the_bar_on_the_terminal_follows(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar(), stage("Working"):
+        advance(0.25)
+    said = capsys.readouterr().err
+    assert "Working" in said
+    assert "100%" in said

@@ -1,0 +1,114 @@
+"""From a candidate on samples to a map between the meshes of two shapes: ZoomOut, then bending the target."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.confidence import Partners, confidence_of, partners_by_cycle
+from zoomout_core.matching.constraints import pinned
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.part_match import PartFit, fit_part
+from zoomout_core.matching.partial.region import is_small
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.refinement import REFINEMENT, refine
+from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
+from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.threads import side_by_side
+
+
+class DenseMap(NamedTuple):
+    """The map of a candidate between the shapes' meshes.
+
+    Attributes:
+        fit: of the target to the source.
+        partners: which vertices have one.
+        functional_map: (k_target, k_source).
+        confidence: (n_t,) of the target's vertices.
+        folded: the part of the target's area, in [0, 1], that the map turns over.
+    """
+
+    fit: Fit
+    partners: Partners
+    functional_map: Floats
+    confidence: Floats
+    folded: float
+
+
+def dense_map(pair: Pair, candidate: Candidate) -> DenseMap:
+    """Refine a candidate on all vertices of the shapes' meshes."""
+    return _map_of_wholes(pair, candidate) if candidate.part_match is None else _map_of_part(pair, candidate)
+
+
+def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
+    """The map of all of the target, by eigenfunctions and by bending it."""
+    source, target = pair.source_shape, pair.target_shape
+
+    def forwards() -> tuple[Fit, Floats]:
+        how = candidate.mirrored, pair.k_final, pair.step
+        with portion(0.0, 0.6):
+            refined, functional_map = refine(source, target, candidate.functional_map, candidate.final_anchors, *how)
+        with portion(0.6, 1.0):
+            return bend_refined(refined, functional_map, source, target, candidate.mirrored)
+
+    def backwards() -> SurfaceMap:
+        how = candidate.mirrored, min(pair.k_final, REFINEMENT.most_functions_back), pair.step
+        swapped = None if candidate.final_anchors is None else candidate.final_anchors.swapped()
+        back, _ = refine(target, source, candidate.reverse_functional_map, swapped, *how)
+        _ = source.proxy.search  # the map back ends first: there is time to prepare what the lift needs
+        return back
+
+    (fit, functional_map), back = side_by_side(forwards, backwards)
+    if pair.exact_landmarks is not None and not target.proxy.full.is_skin:
+        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    measured = confidence_of(fit.surface_map, back, functional_map, source, target, candidate.reverses_orientation)
+    return DenseMap(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
+
+
+def bend_refined(
+    refined: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
+) -> tuple[Fit, Floats]:
+    """Bend the target onto the source by a refined map; returns the fit and its functional map, of the same size."""
+    fit = fit_nonrigid(refined, source, target, mirrored)
+    k_target, k_source = functional_map.shape
+    images = fit.surface_map.interpolate(source.basis.eigenvectors[:, :k_source])
+    return fit, target.basis.coefficients(images)[:k_target]
+
+
+def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
+    """The map of a part and a whole, either way, by bending the part."""
+    source, target = pair.source_shape, pair.target_shape
+    found = fit_part(pair, candidate)
+    fit = found.fit
+    if pair.exact_landmarks is not None:
+        fit = Fit.unfitted(pinned(fit.surface_map, pair, pair.exact_landmarks))
+    there = fit.surface_map
+    k_target, k_source = candidate.functional_map.shape
+    images = there.interpolate(source.basis.eigenvectors[:, :k_source])
+    functional_map = target.basis.coefficients(images)[:k_target]
+    known = found.partners.target
+    confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, known)
+    if is_small(source, target):
+        confidence, folded = _confidence_by_part(pair, found, (k_target, k_source))
+    # Between the bases of both at unit area, as of all maps.
+    functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
+    return DenseMap(fit, found.partners, functional_map, confidence, folded)
+
+
+def _confidence_by_part(pair: Pair, found: PartFit, size: tuple[int, int]) -> tuple[Floats, float]:
+    """`confidence_of` the map of a whole to a small part, read off the map of the part.
+
+    The rest of the whole, all of which goes to the part as well, would outweigh the part's own place.
+    """
+    (k_target, k_source), source, target = size, pair.source_shape, pair.target_shape
+    images = found.back.interpolate(target.basis.eigenvectors[:, :k_target])
+    functional_map = source.basis.coefficients(images)[:k_source]
+    has_partner = found.partners.source
+    of_part, folded = confidence_of(
+        found.back, found.fit.surface_map, functional_map, target, source, False, has_partner
+    )
+    return found.partners.target * found.fit.surface_map.interpolate(of_part), folded

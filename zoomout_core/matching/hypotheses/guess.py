@@ -1,0 +1,109 @@
+"""The hypotheses that a match begins with, from all sources: guesses, signs, landmarks, an earlier map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import TypeAlias
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.anchors import Anchors, coordinates
+from zoomout_core.maps.nearest import nearest
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.components.overlap import overlapping
+from zoomout_core.matching.constraints import CONSTRAINTS, Constraints
+from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
+from zoomout_core.matching.hypotheses.extremities import (
+    extremity_hypotheses,
+    has_extremities,
+    more_extremity_hypotheses,
+)
+from zoomout_core.matching.hypotheses.given import proximity_hypothesis
+from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
+from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
+from zoomout_core.matching.hypotheses.rotations import rotation_hypotheses
+from zoomout_core.matching.hypotheses.signs import sign_hypotheses
+from zoomout_core.matching.options import Initial
+from zoomout_core.matching.pair import Pair, landmarks_on_parts
+from zoomout_core.matching.scores import Disagreement
+from zoomout_core.runtime.threads import for_each
+
+# Makes hypotheses from the two shapes, and from what tells how far a map disagrees with what is known.
+Guess: TypeAlias = Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[Hypothesis]]
+
+# To have another kind of guess tried, add it here.
+GUESSES: tuple[Guess, ...] = (extremity_hypotheses, descriptor_hypotheses)
+# Tried where these lead to no map that is likely.
+MORE_GUESSES: tuple[Guess, ...] = (more_extremity_hypotheses,)
+
+
+def guess(
+    pair: Pair, initial: Initial, evidence: Constraints, disagreement: Disagreement, earlier: Hypothesis | None
+) -> list[Hypothesis]:
+    """The hypotheses that a match begins with.
+
+    Args:
+        pair: the two shapes.
+        initial: how to begin, see `MatchOptions`.
+        evidence: all that is known of the map.
+        disagreement: of a map with that.
+        earlier: a map that was given, if one was.
+    """
+    source, target = pair.source_shape, pair.target_shape
+    if initial == "given" and earlier is not None:
+        return [earlier]
+    if initial == "proximity":
+        return [proximity_hypothesis(pair)]
+    hypotheses = [*_guessed(pair, GUESSES, disagreement), *rotation_hypotheses(source, target)]
+    if not (has_extremities(source) and has_extremities(target)):
+        # They are many, and on 40 pairs of shapes with extremities they added no success.
+        hypotheses += sign_hypotheses(source, target)
+    if evidence.standing is not None:
+        hypotheses.insert(0, proximity_hypothesis(pair))
+    if earlier is not None:
+        hypotheses.insert(0, earlier)
+    anchors = evidence.anchors(pair)
+    if evidence.landmarks is not None:
+        by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
+        assert by_landmarks.anchors is not None
+        hypotheses.insert(0, replace(by_landmarks, anchors=None))
+        anchors = by_landmarks.anchors.scaled(CONSTRAINTS.landmarks_over_guesses).and_those(anchors)
+    return _anchored(hypotheses, anchors)
+
+
+def guess_more(pair: Pair, evidence: Constraints, disagreement: Disagreement) -> list[Hypothesis]:
+    """More hypotheses, for where those of `guess` lead to no map that is likely."""
+    return _anchored(_guessed(pair, MORE_GUESSES, disagreement), evidence.anchors(pair))
+
+
+def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
+    """All that is known of the map of a pair: by the user, from an earlier map, from where the two stand in space."""
+    return replace(known, earlier=_images(pair, earlier), standing=_standing(pair))
+
+
+def _guessed(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
+    shapes = pair.source_shape, pair.target_shape
+    return list(chain.from_iterable(for_each(lambda make: make(*shapes, disagreement), guesses)))
+
+
+def _anchored(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypothesis]:
+    """Hypotheses that known places hold in place to the end, whatever they begin with."""
+    if anchors is None:
+        return hypotheses
+    held = [anchors.and_those(each.anchors) for each in hypotheses]
+    return [replace(each, anchors=both, final_anchors=both) for each, both in zip(hypotheses, held, strict=True)]
+
+
+def _images(pair: Pair, earlier: Hypothesis | None) -> Integers | None:
+    """(s,) vertex of the source's shape for each search sample of the target, by an earlier map."""
+    if earlier is None:
+        return None
+    source, target = pair.source_shape, pair.target_shape
+    return nearest(*coordinates(target.search.rows, source.basis.eigenvectors, earlier.functional_map, None))
+
+
+def _standing(pair: Pair) -> Floats | None:
+    """(s, 3) positions of the target's search samples, in the frame of the source's part; None if they mean nothing."""
+    places = None if pair.source is pair.target else overlapping(pair)
+    return None if places is None else places[pair.target_shape.search.samples]

@@ -1,0 +1,57 @@
+"""The signature of `match`, made from `MatchOptions`, so that each option is declared once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from inspect import Parameter, signature
+from typing import ParamSpec, Protocol, cast, overload
+
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.shapes import ShapeLike
+from zoomout_core.runtime.progress import Progress
+
+Arguments = ParamSpec("Arguments")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MatchArguments(MatchOptions):
+    """The keyword arguments of `match`: the options, and what is no option of a map."""
+
+    options: MatchOptions | None = None
+    progress: Callable[[Progress], object] | None = None
+
+
+class MatchFunction(Protocol[Arguments]):
+    """The signature of `match`, from the fields of `MatchArguments`, so that type checkers know the options."""
+
+    @overload
+    def __call__(
+        self, source: ShapeLike, target: ShapeLike, *args: Arguments.args, **kwargs: Arguments.kwargs
+    ) -> MatchResult: ...
+
+    @overload
+    def __call__(
+        self,
+        source: ShapeLike,
+        target: ShapeLike,
+        options: MatchOptions | None,
+        /,
+        *args: Arguments.args,
+        **kwargs: Arguments.kwargs,
+    ) -> MatchResult: ...
+
+
+def with_arguments(
+    arguments: Callable[Arguments, MatchArguments],
+) -> Callable[[Callable[..., MatchResult]], MatchFunction[Arguments]]:
+    """Give `match` the signature of its arguments, for type checkers and for `help`."""
+
+    def typed(function: Callable[..., MatchResult]) -> MatchFunction[Arguments]:
+        known = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        options = signature(MatchOptions).parameters.values()
+        function.__signature__ = signature(function).replace(parameters=[*known, *options])  # type: ignore[attr-defined]
+        return cast("MatchFunction[Arguments]", function)
+
+    return typed

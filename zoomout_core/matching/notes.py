@@ -1,0 +1,122 @@
+"""What a user should know of a match, a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoomout_core.matching.confidence import Partners
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
+from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.tuning import Tuning, tuned
+
+UNSURE = (
+    "This map is right with a probability of {:.0%} only: check that no sides are swapped, and try another candidate "
+    "or add landmarks if they are."
+)
+NOT_RECOGNISED = (
+    "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or place one over the other in the "
+    "same pose and start from proximity."
+)
+TURNED = (
+    "The shape looks the same when it is turned: at least {} maps are as good as this one, which is right with a "
+    "probability of {:.0%} only; try another candidate, or add landmarks that tell them apart."
+)
+FOLDED = (
+    "The map turns over {:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
+)
+OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
+RESCALED = "The two seem to be in different units: matched as if the target were {:.3g} times as large as it is."
+TOO_COARSE = "One of the two has too few vertices to be tried as a part of the other, or to have one: subdivide it."
+
+
+@dataclass(frozen=True)
+class NoteTuning(Tuning, set_by="judgement"):
+    """Which maps come with a note.
+
+    Attributes:
+        sure: certainty below which a map is said to be unsure.
+        lost: certainty below which the shapes are said not to be recognised.
+        folds: share of the target's area above which it is said to be turned over.
+        without_partner: share of either surface's area above which it is said to have no partner.
+        rounding: how far apart coordinates are, over the length of an edge, from which on they are said to be coarse:
+            then maps were a thousandth of the square root of the area off, and five where it was 0.9.
+    """
+
+    sure: float = tuned(0.9, "probability", 0, 1)
+    lost: float = tuned(0.1, "probability", 0, 1)
+    folds: float = tuned(0.05, "1", 0, 1)
+    without_partner: float = tuned(0.03, "1", 0, 1)
+    rounding: float = tuned(0.2, "edge lengths", 0, 10)
+
+
+NOTES = NoteTuning()
+
+
+def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
+    """Limits of one shape as it was given, and of the surface that was made of it."""
+    return (*notes_on_cloud(role, shape, surface), *_notes_on_rounding(role, surface))
+
+
+def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
+    """What points alone do not tell."""
+    if not isinstance(shape, PointCloud):
+        return ()
+    left_out = int((surface.working.vertex_of < 0).sum())
+    notes = (
+        (
+            shape.normals is None and not surface.working.sides_are_known,
+            f"Nothing tells the outer side of the {role}, an open point cloud without normals: this map may be the "
+            "mirror image of the right one; compare the other candidates.",
+        ),
+        (
+            left_out > NOTES.without_partner * len(shape.points),
+            f"{left_out} of the {role}'s points are on no part of the surface that runs through the others: noise, or "
+            "another density.",
+        ),
+    )
+    return tuple(text for true, text in notes if true)
+
+
+def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
+    """Coordinates so far from the origin that their rounding is a notable part of an edge."""
+    coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
+    if coarse < NOTES.rounding:
+        return ()
+    return (
+        f"The {role} lies so far from its origin that its coordinates are rounded by {coarse:.0%} of an edge: move it "
+        "to the origin in the program that made it.",
+    )
+
+
+def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, folded: float) -> tuple[str, ...]:
+    """Doubts about a map as a whole.
+
+    Args:
+        candidates: all maps that were found.
+        chosen: the number of the map among them.
+        placed: the part of the target's area for which there is something on the source.
+        folded: the part of it that the map turns over.
+    """
+    notes: tuple[str, ...] = (FOLDED.format(folded),) if folded > NOTES.folds else ()
+    certainty = candidates[chosen].certainty * placed
+    if certainty >= NOTES.sure:
+        return notes
+    turns = likely_turns(candidates, chosen)
+    if turns > 1 and certainty_but_for_turns(candidates) * placed >= NOTES.lost:
+        return (TURNED.format(turns, certainty), *notes)
+    return ((UNSURE if certainty >= NOTES.lost else NOT_RECOGNISED).format(certainty), *notes)
+
+
+def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
+    """Parts that only one of the two surfaces has."""
+    notes = (
+        (pair.target, partners.target, "target seems to have no partner on the source: confidence is low there."),
+        (pair.source, partners.source, "source seems to have no partner on the target: nothing was matched to it."),
+    )
+    shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
+    return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > NOTES.without_partner)

@@ -1,0 +1,151 @@
+"""From two surfaces to a dense map: prepare both, guess, refine and rank, bring the best to full resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
+from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
+from zoomout_core.matching.constraints import Constraints, checked_axes, checked_regions
+from zoomout_core.matching.hypotheses.given import given_hypothesis
+from zoomout_core.matching.hypotheses.guess import gather_evidence, guess
+from zoomout_core.matching.match_signature import MatchArguments, with_arguments
+from zoomout_core.matching.memory_cache import kept_working_mesh
+from zoomout_core.matching.memory_need import check_memory
+from zoomout_core.matching.notes import notes_on_input
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks
+from zoomout_core.matching.preparation import AHEAD, prepare_shape
+from zoomout_core.matching.ranking import Candidate, rank
+from zoomout_core.matching.result import MatchResult, make_result
+from zoomout_core.matching.retry import needs_retry, retry
+from zoomout_core.matching.rotational_symmetry import with_turned
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
+from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.runtime.progress import Progress, listening, portion, stage
+from zoomout_core.runtime.threads import on_one_blas_thread, side_by_side
+
+# Fractions of the progress at which each body is begun, a retry, and the refinement.
+BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
+# Fraction of a body's progress that the analysis of the shapes takes.
+ANALYSING = 0.8
+
+
+@with_arguments(MatchArguments)
+@memory_in_words
+@on_one_blas_thread
+def match(
+    source: ShapeLike,
+    target: ShapeLike,
+    options: MatchOptions | None = None,
+    *,
+    progress: Callable[[Progress], object] | None = None,
+    **given: Any,
+) -> MatchResult:
+    """Find for every vertex of the target the point on the source that it corresponds to.
+
+    Args:
+        source: the surface that the map lands on; it carries the attributes. Of a point cloud it is the surface that
+            is reconstructed from it, `PointCloud.surface`. Arrays (vertices, faces), a mesh of another library and the
+            path of a file do as well, see `ShapeLike`.
+        target: the surface, or the points, that the map starts from; it receives them.
+        options: how to match them, see `MatchOptions`.
+        progress: called with the `Progress` now and then, see `zoomout_core.progress`.
+        given: the same as keyword arguments, or what of the options is to be different.
+
+    Returns:
+        The most likely map with the alternatives. Its `notes` say what is uncertain.
+
+    Raises:
+        MeshError: a mesh that cannot be matched; the message says what to do.
+        ValueError: options that do not fit together.
+    """
+    if options is not None and not isinstance(options, MatchOptions):
+        raise TypeError(f"{options!r} is not MatchOptions: give options by their names, such as initial='proximity'.")
+    options = MatchOptions(**given) if options is None else replace(options, **given)
+    with listening(progress):
+        with stage("Reading the meshes", 0.0, 0.01):
+            shapes = as_shape(source), as_shape(target)
+            surfaces = side_by_side(lambda: _read(shapes[0]), lambda: _read(shapes[1]))
+        landmarks, repeated = distinct_landmarks(options.landmarks)
+        of_source, of_target = map(notes_on_input, ("source", "target"), shapes, surfaces)
+        options = replace(options, landmarks=landmarks)
+        return _match_surfaces(*surfaces, options, (*of_source, *of_target, *repeated))
+
+
+def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, notes: tuple[str, ...]) -> MatchResult:
+    """`match` of surfaces; notes on these are passed on to the result."""
+    axes, regions = checked_axes(options.common_axes), checked_regions(options.regions, source, target)
+    known = Constraints(options.landmarks, axes, regions)
+    sizes = [len(surface.working.vertices) for surface in (source, target)]
+    check_memory(sizes, options.k_final, options.proxy_vertices)
+    with stage("Finding the bodies", 0.01, BODIES[0]):
+        bodies = find_bodies(source, target, options.seed)
+    attempts: list[Attempt] = []
+    most = len(bodies) + (options.initial == "auto" and any(body.source.is_skin for body in bodies))
+    for number, (start, end) in enumerate(pairwise(BODIES[: most + 1])):
+        if number == len(bodies):
+            with stage("Finding the bodies", start, start):
+                bodies.append(tight_bodies(source, target))
+        try:
+            with portion(start, end):
+                attempts.append(_attempt(source, target, bodies[number], known, options, notes))
+        except LandmarkError:  # on a part that another body has, and this one has not
+            if not attempts:
+                raise
+        if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
+            break
+    best = best_of(attempts)
+    if needs_retry(best, options):
+        with portion(RETRY, RESULT):
+            best = retry(best, known, options)
+    with portion(RESULT, 1.0):
+        return make_result(best.pair, tuple(best.candidates), 0)
+
+
+def _attempt(
+    source: Surface, target: Surface, body: Bodies, known: Constraints, options: MatchOptions, notes: tuple[str, ...]
+) -> Attempt:
+    """Match one body of the source with one of the target."""
+    automatic = options.initial in ("auto", "landmarks")
+    size = options.k_final, options.samples, options.seed, options.proxy_vertices, AHEAD if automatic else ()
+    with stage("Analysing the shapes", 0.0, ANALYSING):
+        shapes = side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
+    exact = options.landmarks if options.exact_landmarks else None
+    pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes)
+    with portion(ANALYSING, 1.0):
+        return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
+
+
+def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> list[Candidate]:
+    """Maps between two shapes, the most likely first."""
+    with stage("Guessing", 0.0, 0.15):
+        earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
+        evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known
+        disagreement = evidence.disagreement(pair)
+        hypotheses, _ = side_by_side(
+            lambda: guess(pair, options.initial, evidence, disagreement, earlier), lambda: _prepare_lift(pair)
+        )
+    with stage("Comparing candidates", 0.15, 1.0):
+        candidates = rank(hypotheses, pair.source_shape, pair.target_shape, disagreement)
+    if options.initial not in ("auto", "landmarks"):
+        return candidates
+    return with_turned(candidates, pair.source_shape, pair.target_shape, disagreement)
+
+
+def _prepare_lift(pair: Pair) -> None:
+    """Compute ahead what carrying the map over to all vertices needs."""
+    if not pair.target_shape.proxy.full.is_skin:
+        _ = pair.target_shape.proxy.place, pair.source_shape.proxy.place
+    _ = pair.source_shape.neighbourhoods
+
+
+def _read(shape: Surface | PointCloud) -> Surface:
+    """The surface of a shape, with its working mesh."""
+    surface = as_surface(shape)
+    kept_working_mesh(surface)
+    return surface

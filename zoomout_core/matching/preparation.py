@@ -1,0 +1,53 @@
+"""Preparing one side of a match: its analysis, and what hypotheses will ask of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Literal
+
+from zoomout_core.matching.analysis import ANALYSIS, ShapeAnalysis
+from zoomout_core.matching.hypotheses.extremities import extremities
+from zoomout_core.matching.memory_cache import cached_analysis
+from zoomout_core.matching.proxy import proxy_size
+from zoomout_core.matching.rotational_symmetry import self_maps
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.progress import advance, portion
+
+# What hypotheses need of each shape alone: it is computed for both shapes in parallel, and cached with them.
+AHEAD: tuple[Callable[[ShapeAnalysis], object], ...] = (
+    extremities,
+    attrgetter("descriptors"),
+    attrgetter("pseudo_scalars"),
+    attrgetter("curvature"),
+    attrgetter("surroundings"),
+    self_maps,
+)
+
+
+def prepare_shape(
+    part: WorkingMesh,
+    k_final: int,
+    samples: int,
+    seed: int,
+    proxy_vertices: int | Literal["auto"] | None,
+    ahead: tuple[Callable[[ShapeAnalysis], object], ...] = AHEAD,
+) -> ShapeAnalysis:
+    """Analyse a connected part of unit area, or take its analysis from the cache.
+
+    Args:
+        part: the mesh.
+        k_final: size of the final functional map, see `MatchOptions`, as for what follows.
+        samples: farthest points that ZoomOut runs on.
+        seed: of the eigensolver.
+        proxy_vertices: size of the stand-in of a larger mesh.
+        ahead: what is computed of the shape besides.
+    """
+    with portion(0.0, 0.97):
+        functions = max(k_final, ANALYSIS.fewest_functions)
+        size = proxy_size(len(part.vertices), proxy_vertices)
+        shape = cached_analysis(part, functions, samples, seed, size)
+    for prepare in ahead:
+        advance(0.97)
+        prepare(shape)
+    return shape

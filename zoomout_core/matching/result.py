@@ -1,0 +1,194 @@
+"""The result of a match: the map of one candidate, and what else is known about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.maps.anchors import Anchors
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.matching.analysis import ShapeAnalysis
+from zoomout_core.matching.components.lift import lift
+from zoomout_core.matching.dense_map import dense_map
+from zoomout_core.matching.notes import notes_on_map, notes_on_rest
+from zoomout_core.matching.pair import Pair, surface_vertices
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.matching.partial.part_candidates import PartCandidate
+from zoomout_core.matching.partial.part_registration import RegisteredPart
+from zoomout_core.matching.partial.region import Region
+from zoomout_core.matching.proxy import Proxy
+from zoomout_core.matching.ranking import Candidate
+from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.array_files import ArrayFileError
+from zoomout_core.runtime.object_files import fields_of, load_object, save_object
+from zoomout_core.runtime.progress import stage
+from zoomout_core.runtime.summary import Summary
+from zoomout_core.runtime.threads import on_one_blas_thread
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+
+# Confidence below which a vertex counts as doubtful in summaries.
+LOW = 0.5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatchResult(Summary):
+    """A map from the target to the source, and what else is known about it.
+
+    Attributes:
+        surface_map: for every target vertex a point on the source surface.
+        confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby.
+        has_partner: (n_t,) whether there is something on the source that a vertex of the target corresponds to. What
+            has none, such as a tail that the source lacks, lies where its surroundings do. True where no face is.
+        source_has_partner: (n_s,) the same of the source's vertices.
+        functional_map: (k_target, k_source) between the bases of the main parts.
+        candidates: all maps that were found, the most likely first.
+        chosen: the number of the candidate that this result is made from.
+        notes: what a user should know, a sentence each.
+        pair: what other candidates are made from.
+        placed: the part of the target's area, in [0, 1], for which there is something on the source.
+    """
+
+    surface_map: SurfaceMap
+    confidence: Floats
+    has_partner: Booleans
+    source_has_partner: Booleans
+    functional_map: Floats
+    candidates: tuple[Candidate, ...]
+    chosen: int
+    notes: tuple[str, ...]
+    pair: Pair
+    placed: float
+
+    @property
+    def source(self) -> Surface:
+        """The surface that the map lands on."""
+        return self.pair.source
+
+    @property
+    def target(self) -> Surface:
+        """The surface that the map starts from."""
+        return self.pair.target
+
+    @property
+    def certainty(self) -> float:
+        """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
+
+        It is of all of the target, and falls with the part of it for which nothing was found.
+        """
+        return self.candidates[self.chosen].certainty * self.placed
+
+    @property
+    def share_without_partner(self) -> float:
+        """The part of the target's area, in [0, 1], to which nothing on the source corresponds."""
+        return self.pair.target.share_of_area(~self.has_partner)
+
+    @property
+    def source_share_without_partner(self) -> float:
+        """The part of the source's area, in [0, 1], to which nothing on the target corresponds."""
+        return self.pair.source.share_of_area(~self.source_has_partner)
+
+    def _summary(self) -> dict[str, str]:
+        candidate, without = self.candidates[self.chosen], self.share_without_partner
+        mean, low = self.confidence.mean(), (self.confidence < LOW).mean()
+        return {
+            "source": f"{len(self.pair.source.vertices):,} vertices",
+            "target": f"{len(self.pair.target.vertices):,} vertices, {without:.1%} of its area without a partner",
+            "certainty": f"{self.certainty:.0%}",
+            "confidence": f"{mean:.2f} on average, below {LOW} at {low:.1%} of the vertices",
+            "candidate": f"{self.chosen} of {len(self.candidates)}, from {candidate.origin}",
+            "notes": " ".join(self.notes) or "none",
+        }
+
+    def outline(self, candidate: int) -> tuple[Integers, Integers]:
+        """Where a candidate leads, roughly, before its full map is worked out.
+
+        Returns:
+            (s,) some vertices of the target's main part, the same for all candidates, and (s,) a vertex of the source
+            for each of them.
+        """
+        source, target = self.pair.source_shape, self.pair.target_shape
+        images = source.search.samples[self.candidates[candidate].sample_map]
+        return surface_vertices(target, target.search.samples), surface_vertices(source, images)
+
+    @memory_in_words
+    @on_one_blas_thread
+    def use(self, candidate: int) -> MatchResult:
+        """The result of another candidate, by its number.
+
+        Raises:
+            ValueError: there is no such candidate.
+        """
+        if not 0 <= candidate < len(self.candidates):
+            raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(self.candidates) - 1}.")
+        return make_result(self.pair, self.candidates, candidate)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the whole result, other candidates included, to an .npz file that `load_result` reads.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        save_object(path, self, STORED)
+
+
+def load_result(path: str | PathLike[str]) -> MatchResult:
+    """Read a result that `MatchResult.save` has written.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        MeshError: it holds no result, or one of another version.
+    """
+    try:
+        result = load_object(path, STORED)
+    except ArrayFileError as error:
+        raise MeshError(f"{path} is no saved result: {error}. Save one with `result.save(path)`.") from error
+    if not isinstance(result, MatchResult):
+        raise MeshError(f"{path} is no saved result: save one with `result.save(path)`.")
+    return result
+
+
+# All that a result refers to.
+STORED = {
+    Surface: ("vertices", "corner_vertex", "face_start", "triangle_corners", "_edges", "_working", "_rounding"),
+    **fields_of(
+        MatchResult,
+        SurfaceMap,
+        Candidate,
+        Anchors,
+        Pair,
+        ShapeAnalysis,
+        Proxy,
+        WorkingMesh,
+        SpectralBasis,
+        SampledBasis,
+        PartCandidate,
+        Region,
+        IncompleteShape,
+        RegisteredPart,
+    ),
+}
+
+
+def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> MatchResult:
+    """Refine a candidate, by its number, and carry its map over to the whole surfaces."""
+    with stage("Refining", 0.0, 0.8):
+        dense = dense_map(pair, candidates[chosen])
+    with stage("Carrying over to all vertices", 0.8, 1.0):
+        whole = lift(pair, dense.fit, dense.confidence, dense.partners)
+    doubts = notes_on_map(candidates, chosen, whole.placed, dense.folded)
+    return MatchResult(
+        surface_map=whole.surface_map,
+        confidence=whole.confidence,
+        has_partner=whole.partners.target,
+        source_has_partner=whole.partners.source,
+        functional_map=dense.functional_map,
+        candidates=candidates,
+        chosen=chosen,
+        notes=(*doubts, *notes_on_rest(pair, whole.partners), *whole.notes, *pair.notes),
+        pair=pair,
+        placed=whole.placed,
+    )

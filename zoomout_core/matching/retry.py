@@ -1,0 +1,121 @@
+"""Second attempts, where the first one is unsure: one shape as a part of the other, and more guesses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from zoomout_core.matching.attempt import Attempt, agree, confirmed
+from zoomout_core.matching.constraints import Constraints
+from zoomout_core.matching.hypotheses.given import given_hypothesis
+from zoomout_core.matching.hypotheses.guess import gather_evidence, guess_more
+from zoomout_core.matching.notes import OTHER_UNITS, RESCALED, TOO_COARSE
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.part_match import (
+    PART_MATCH,
+    in_one_unit,
+    match_part,
+    may_be_part,
+    part_of,
+    sizes_differ,
+    too_coarse,
+    units_differ,
+)
+from zoomout_core.matching.partial.region import REGION, is_small
+from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, match_at_unknown_scale, times_as_large
+from zoomout_core.matching.ranking import CERTAINTY, Candidate, rank, with_others
+from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, with_turned
+from zoomout_core.runtime.progress import portion, stage
+
+
+def needs_retry(first: Attempt, options: MatchOptions) -> bool:
+    """Whether an attempt is unsure, and options let another one be made."""
+    if options.initial not in ("auto", "landmarks"):
+        return False
+    return certainty_but_for_turns(first.candidates) < PART_MATCH.unsure or sizes_differ(first.pair)
+
+
+def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
+    """The map of a part, where that is surer, or the first attempt with the candidates of more guesses."""
+    if options.partial == "auto" and may_be_part(first.pair):
+        if too_coarse(first.pair):
+            first = replace(first, pair=_with_note(first.pair, TOO_COARSE))
+        else:
+            with portion(0.0, 0.7):
+                second = attempt_part(first, known)
+            if second is not first:
+                return second
+            if units_differ(first.pair):
+                first = replace(first, pair=_with_note(first.pair, OTHER_UNITS))
+    if options.initial == "auto" and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
+        with portion(0.7, 1.0):
+            return _with_more_guesses(first, known, options)
+    return first
+
+
+def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
+    """An attempt at the same pair, or the one by which one shape is a part of the other, where this is surer.
+
+    First in the unit that both are given in, if that may be one, and at any scale where this leads to no likely map.
+    """
+    best, other_units = whole, units_differ(whole.pair)
+    if not other_units:
+        pair = in_one_unit(whole.pair)
+        with stage("Placing a part", 0.0, 0.3):
+            candidates = match_part(pair, known.disagreement(pair))
+        best = _as_part(whole, pair, candidates, PART_MATCH.likely)
+    if best.candidates[0].certainty >= UNKNOWN_SCALE.likely:
+        return best
+    with stage("Finding the scale of a part", 0.3, 1.0):
+        found = match_at_unknown_scale(whole.pair, known.disagreement)
+    if found is None:
+        return best
+    pair, candidates = found
+    times, likely = times_as_large(pair), PART_MATCH.likely
+    if abs(np.log(times)) > np.log(UNKNOWN_SCALE.one_unit):
+        pair, likely = _with_note(pair, RESCALED.format(times)), UNKNOWN_SCALE.likely
+    rescaled = _as_part(whole, pair, candidates, likely)
+    surer = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
+    return best if surer or rescaled is whole else rescaled
+
+
+def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely: float) -> Attempt:
+    """An attempt at a pair as two wholes, or the one by which one shape is a part of the other, where this is surer.
+
+    Args:
+        whole: the attempt at two wholes.
+        pair: its pair with both shapes in one unit.
+        candidates: for this pair with one shape as a part.
+        likely: certainty below which no shape is taken for a part.
+    """
+    # The certainty of the map of two wholes knows nothing of their sizes.
+    of_whole = certainty_but_for_turns(whole.candidates) * (REGION.as_wholes if is_small(*part_of(pair)) else 1)
+    if not candidates or candidates[0].certainty <= max(likely, of_whole):
+        return whole
+    part = Attempt(pair, candidates, whole.coverage)
+    areas = [shape.basis.areas.sum() for shape in (pair.source_shape, pair.target_shape)]
+    if min(areas) >= PART_MATCH.nearly_whole * max(areas) and agree(whole, part):
+        return confirmed(whole, candidates[0].certainty)
+    return part
+
+
+def _with_more_guesses(attempt: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
+    """An attempt with the candidates of more guesses beside its own."""
+    pair = attempt.pair
+    shapes = pair.source_shape, pair.target_shape
+    earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
+    evidence = gather_evidence(pair, known, earlier)
+    disagreement = evidence.disagreement(pair)
+    with stage("Guessing again", 0.0, 0.3):
+        hypotheses = guess_more(pair, evidence, disagreement)
+    with stage("Comparing candidates", 0.3, 1.0):
+        found = rank(hypotheses, *shapes, disagreement)
+    candidates = with_others(attempt.candidates, found, *shapes)
+    return replace(attempt, candidates=with_turned(candidates, *shapes, disagreement))
+
+
+def _with_note(pair: Pair, note: str) -> Pair:
+    return replace(pair, notes=(*pair.notes, note))

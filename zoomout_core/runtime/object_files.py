@@ -1,0 +1,143 @@
+"""Trees of dataclasses in .npz files: plain arrays and one JSON text, so that nothing in a file can run.
+
+What occurs several times in a tree is stored once, and is one object again when it is read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from os import PathLike
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.outputs import written_whole
+
+TREE = "tree"
+SPARSE = "data", "indices", "indptr"
+# The classes that may be in a file, and the attributes that are kept of each.
+Classes: TypeAlias = Mapping[type, Sequence[str]]
+
+
+def fields_of(*classes: type) -> dict[type, tuple[str, ...]]:
+    """The fields of some dataclasses."""
+    return {each: tuple(field.name for field in fields(each)) for each in classes}
+
+
+def save_object(path: str | PathLike[str], value: object, classes: Classes) -> None:
+    """Write an object with all that it refers to.
+
+    Args:
+        path: of the file, which takes the place of an earlier one only when it is complete.
+        value: an object of one of the classes. Their attributes are numbers, strings, arrays, sparse matrices, tuples,
+            lists, dictionaries with strings as keys, and objects of these classes.
+        classes: that occur, with their attributes.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    writer = _Writer(classes)
+    tree = {"root": writer.encode(value), "objects": writer.objects}
+    arrays = {f"array {number}": array for number, array in enumerate(writer.arrays)}
+    with written_whole(path) as part:
+        np.savez(part, **{TREE: np.frombuffer(json.dumps(tree).encode(), np.uint8)}, **arrays)
+
+
+def load_object(path: str | PathLike[str], classes: Classes) -> Any:
+    """Read what `save_object` has written.
+
+    Args:
+        path: of the file.
+        classes: that it may hold, with their attributes.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ArrayFileError: it is no such file, a broken one, or it holds another class.
+    """
+    arrays = read_arrays(path)
+    try:
+        tree = json.loads(arrays[TREE].tobytes())
+        return _Reader(tree["objects"], arrays, classes).decode(tree["root"])
+    except ArrayFileError:
+        raise
+    except Exception as error:  # where parts do not fit together, what fails depends on the fault
+        raise ArrayFileError("it is not what was saved, or from another version") from error
+
+
+class _Writer:
+    """Numbers objects and arrays as they are met."""
+
+    def __init__(self, classes: Classes) -> None:
+        self.objects: list[Any] = []
+        self.arrays: list[np.ndarray[Any, Any]] = []
+        self._classes = classes
+        # By identity; what is met is kept alive, so that no identity is used twice.
+        self._numbers: dict[int, tuple[object, int]] = {}
+
+    def encode(self, value: object) -> Any:
+        if value is None or isinstance(value, bool | int | float | str):
+            return value
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, np.ndarray):
+            return {"array": self._number(value, self.arrays, lambda array: array)}
+        if isinstance(value, csc_array):
+            return {"object": self._number(value, self.objects, self._sparse)}
+        if isinstance(value, dict):
+            return {"dict": {key: self.encode(each) for key, each in value.items()}}
+        if type(value) in (tuple, list):
+            return {type(value).__name__: [self.encode(each) for each in value]}  # type: ignore[attr-defined]
+        return {"object": self._number(value, self.objects, self._instance)}
+
+    def _number(self, value: Any, store: list[Any], make: Callable[[Any], Any]) -> int:
+        if id(value) not in self._numbers:
+            self._numbers[id(value)] = value, len(store)
+            store.append(None)
+            number = len(store) - 1
+            store[number] = make(value)
+        return self._numbers[id(value)][1]
+
+    def _sparse(self, matrix: csc_array) -> Any:
+        parts = [self.encode(getattr(matrix, name)) for name in SPARSE]
+        return {"class": csc_array.__name__, "parts": parts, "shape": list(matrix.shape)}
+
+    def _instance(self, value: Any) -> Any:
+        names = self._classes[type(value)]
+        return {"class": type(value).__name__, "fields": {name: self.encode(getattr(value, name)) for name in names}}
+
+
+class _Reader:
+    """Makes the objects of a tree, each once."""
+
+    def __init__(self, objects: list[Any], arrays: dict[str, Any], classes: Classes) -> None:
+        self._objects, self._arrays, self._made = objects, arrays, dict[int, Any]()
+        self._classes = {each.__name__: (each, names) for each, names in classes.items()}
+
+    def decode(self, tree: Any) -> Any:
+        if not isinstance(tree, dict):
+            return tree
+        ((kind, content),) = tree.items()
+        if kind == "array":
+            return self._arrays[f"array {content}"]
+        if kind == "dict":
+            return {key: self.decode(each) for key, each in content.items()}
+        if kind in ("tuple", "list"):
+            return (tuple if kind == "tuple" else list)(self.decode(each) for each in content)
+        if content not in self._made:
+            self._made[content] = self._object(self._objects[content])
+        return self._made[content]
+
+    def _object(self, stored: Any) -> Any:
+        if stored["class"] == csc_array.__name__:
+            matrix = csc_array(tuple(self.decode(part) for part in stored["parts"]), shape=tuple(stored["shape"]))
+            matrix.check_format(full_check=True)  # beyond its arrays, compiled code would read what is not there
+            return matrix
+        made, names = self._classes[stored["class"]]
+        value: Any = object.__new__(made)
+        for name in names:
+            object.__setattr__(value, name, self.decode(stored["fields"][name]))
+        return value

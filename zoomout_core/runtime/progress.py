@@ -1,0 +1,149 @@
+"""Ambient progress: a computation reports how far it is, and whoever listens may cancel it.
+
+The current reporter is a context variable, so no function has to pass it on. Threads of the core run in a copy of the
+context (`runtime/threads.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
+from dataclasses import dataclass
+from threading import Lock
+from typing import TypeAlias
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a long computation.
+
+    Attributes:
+        fraction: part done, in [0, 1], never decreasing.
+        stage: description of the current stage, for users.
+    """
+
+    fraction: float
+    stage: str
+
+
+class Cancelled(BaseException):
+    """A computation was stopped at the user's request."""
+
+
+# Takes the fraction of the current portion that is done, in [0, 1], and the stage; empty for the portion's own.
+Report: TypeAlias = Callable[[float, str], None]
+
+
+def _ignore(_fraction: float, _stage: str) -> None:
+    """Nobody listens."""
+
+
+_report: ContextVar[Report] = ContextVar("report", default=_ignore)
+
+
+def advance(fraction: float) -> None:
+    """Report the fraction of the current stage or portion that is done, in [0, 1].
+
+    Raises:
+        Cancelled: the user asked to stop.
+    """
+    _report.get()(fraction, "")
+
+
+def portion(start: float, end: float) -> AbstractContextManager[None]:
+    """Map the progress of a block from [0, 1] to [start, end] of the enclosing one."""
+    return stage("", start, end)
+
+
+@contextmanager
+def stage(title: str, start: float = 0.0, end: float = 1.0) -> Iterator[None]:
+    """Name a block for users, and map its progress from [0, 1] to [start, end] of the enclosing one."""
+    outer = _report.get()
+
+    def report(fraction: float, inner: str) -> None:
+        outer(start + (end - start) * fraction, inner or title)
+
+    if title:
+        report(0.0, "")
+    with reporting(report):
+        yield
+
+
+@contextmanager
+def reporting(report: Report) -> Iterator[None]:
+    """Send the progress of a block to a function in place of the enclosing block's."""
+    token = _report.set(report)
+    try:
+        yield
+    finally:
+        _report.reset(token)
+
+
+@contextmanager
+def renaming(rename: Callable[[str], str]) -> Iterator[None]:
+    """Change the titles of the stages of a block."""
+    outer = _report.get()
+
+    def report(fraction: float, title: str) -> None:
+        outer(fraction, rename(title) if title else "")
+
+    with reporting(report):
+        yield
+
+
+@contextmanager
+def progress(listener: Callable[[Progress], object]) -> Iterator[None]:
+    """Call a listener with the `Progress` of all that is computed in a block.
+
+    Args:
+        listener: called by one thread at a time, not always the same one. An exception that it raises, such as
+            `Cancelled`, ends the computation. Listeners of enclosing blocks are called as well.
+    """
+    outer, lock, reached = _report.get(), Lock(), Progress(0.0, "")
+
+    def report(fraction: float, title: str) -> None:
+        nonlocal reached
+        with lock:
+            reached = Progress(max(reached.fraction, min(1.0, fraction)), title or reached.stage)
+            listener(reached)
+        outer(fraction, title)
+
+    with reporting(report):
+        yield
+
+
+def listening(listener: Callable[[Progress], object] | None) -> AbstractContextManager[None]:
+    """`progress`, or nothing where there is no listener."""
+    return nullcontext() if listener is None else progress(listener)
+
+
+class Strands:
+    """The progress of computations side by side: that of the whole is the mean of theirs.
+
+    Args:
+        count: how many there are.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._outer, self._lock = _report.get(), Lock()
+        self._fractions, self._stopped = [0.0] * count, False
+
+    def stop(self) -> None:
+        """Raise `Cancelled` in each computation when it next reports."""
+        self._stopped = True
+
+    def strand(self, number: int) -> AbstractContextManager[None]:
+        """A block that is one of the computations; raises `Cancelled` where these were stopped before it began."""
+        if self._stopped:
+            raise Cancelled
+
+        def report(fraction: float, title: str) -> None:
+            if self._stopped:
+                raise Cancelled
+            with self._lock:
+                self._fractions[number] = fraction
+                mean = sum(self._fractions) / len(self._fractions)
+            self._outer(mean, title)
+
+        return reporting(report)
