@@ -35,7 +35,14 @@ nb_execution_show_tb = True
 nb_merge_streams = True
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # docstrings tell shapes, and signatures the rest
+autodoc_typehints = "signature"
+autodoc_type_aliases = {
+    "ArrayLike": "ArrayLike",
+    "ShapeLike": "ShapeLike",
+    "Floats": "Floats",
+    "Integers": "Integers",
+    "Booleans": "Booleans",
+}
 autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False

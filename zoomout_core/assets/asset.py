@@ -74,6 +74,10 @@ class Asset:
         skin: the joints that move it; None if there are none.
         document: of a glTF file, with the nodes, animations and materials that it holds; None of another format.
         notes: what was left out, a sentence each.
+
+    Example:
+        >>> zo.Asset(source).attributes
+        ()
     """
 
     surface: Surface

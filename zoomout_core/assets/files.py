@@ -31,6 +31,11 @@ def read_asset(path: str | PathLike[str]) -> Asset:
     Raises:
         MeshError: the file is missing, cannot be read, or holds no faces.
         ImportError: a package that reads this format is not installed.
+
+    Example:
+        >>> notes = zo.write_asset(zo.Asset(source), folder / "creature.glb")
+        >>> len(zo.read_asset(folder / "creature.glb").surface.triangles) == len(source.triangles)
+        True
     """
     place = existing(path)
     reader = READERS.get(place.suffix.lower())
@@ -55,6 +60,10 @@ def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:
     Raises:
         MeshError: no file of this ending can be written.
         OutputError: it could not be written; what was there before is there still.
+
+    Example:
+        >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store
+        ()
     """
     check_format(path)
     with written_together(path) as place:

@@ -85,6 +85,12 @@ def transfer_asset(
     Raises:
         MeshError: the source has nothing of these kinds, or the map is of other surfaces.
         ValueError: the shape is none of these.
+
+    Example:
+        >>> color = zo.Attribute("color", zo.Domain.POINT, zo.Kind.COLOR, np.ones((len(source.vertices), 4)))
+        >>> made = zo.transfer_asset(zo.Asset(source, (color,)), zo.Asset(target), result, kinds=["color"])
+        >>> [attribute.name for attribute in made.asset.attributes]
+        ['color']
     """
     if shape not in SHAPES:
         raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")

@@ -77,6 +77,12 @@ class CollectionResult:
         seconds_of_shapes: that preparing took, of those that were prepared now.
         matched: how many pairs were matched now, not found.
         temporary: what removes the folder when the result is dropped, where none was given.
+
+    Example:
+        >>> options = zo.MatchOptions(k_final=30)
+        >>> collection = zo.match_collection({"a": source, "b": target}, template="a", options=options)
+        >>> sorted(collection.items)
+        ['a', 'b']
     """
 
     folder: Path
@@ -139,6 +145,12 @@ def match_collection(
     Raises:
         MeshError: no choice of pairs, or an unknown name.
         ImportError: the engine needs a package that is missing.
+
+    Example:
+        >>> options = zo.MatchOptions(k_final=30)
+        >>> collection = zo.match_collection({"a": source, "b": target}, template="a", options=options)
+        >>> collection.matched
+        1
     """
     if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
         raise MeshError("Give one of a template, pairs and a number of neighbours: it says which shapes are matched.")

@@ -42,6 +42,10 @@ def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
         ValueError: the radius is no positive number.
         MeshError: no surface passes through the points.
         TypeError: the shape is none.
+
+    Example:
+        >>> zo.shot(source).shape == (len(source.vertices), 352)
+        True
     """
     shape = as_shape(shape)
     mesh = as_surface(shape).working

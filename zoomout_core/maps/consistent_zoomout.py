@@ -40,6 +40,11 @@ class ConsistentMaps:
         latent: for each shape (k, d) what of its functions each function of the latent space is: a canonical consistent
             latent basis.
         bases: as given.
+
+    Example:
+        >>> C = zo.functional_map_of(truth, *bases, 20, 20)
+        >>> zo.consistent_zoomout(bases, {(0, 1): C, (1, 0): C.T}, k_final=30).latent[0].shape[0]
+        30
     """
 
     latent: list[Floats]
@@ -82,6 +87,10 @@ def consistent_zoomout(
 
     Raises:
         ValueError: the pairs leave shapes apart, a number is below one, or a basis has too few functions.
+
+    Example:
+        >>> C = zo.functional_map_of(truth, *bases, 20, 20)
+        >>> maps = zo.consistent_zoomout(bases, {(0, 1): C, (1, 0): C.T}, k_final=30)
     """
     check_counts(k_initial=k_initial, k_final=k_final, step=step, samples=samples)
     fewest = min(len(basis.eigenvalues) for basis in bases)

@@ -83,6 +83,11 @@ def fit_functional_map(
         ValueError: descriptors that do not fit their basis or each other, are none or not finite; sizes beyond the
             bases, or bases without the constant function; operators that do not fit; weights below zero, or of which
             neither a nor b is above it.
+
+    Example:
+        >>> f, g = (zo.wave_kernel_signature(basis) for basis in bases)
+        >>> zo.fit_functional_map(*bases, f, g, k=10).shape
+        (10, 10)
     """
     k_source, k_target = _sizes(k)
     F = checked_descriptors(basis_source, descriptors_source, "The source's descriptors")

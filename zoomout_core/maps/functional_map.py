@@ -39,6 +39,10 @@ def functional_map_of(
 
     Raises:
         ValueError: the map is not between these shapes, or the bases hold fewer functions.
+
+    Example:
+        >>> zo.functional_map_of(truth, *bases, 20, 20).shape
+        (20, 20)
     """
     k_source = len(basis_source.eigenvalues) if k_source is None else k_source
     k_target = len(basis_target.eigenvalues) if k_target is None else k_target
@@ -63,6 +67,10 @@ def vertex_map_of(functional_map: ArrayLike, basis_source: SpectralBasis, basis_
 
     Raises:
         ValueError: the functional map is none, or larger than the bases.
+
+    Example:
+        >>> zo.vertex_map_of(np.eye(20), bases[0], bases[0]).shape == (len(source.vertices),)
+        True
     """
     return nearest(*_embeddings(functional_map, basis_source, basis_target))
 
@@ -84,6 +92,10 @@ def precise_map_of(
 
     Raises:
         ValueError: the functional map is none, or larger than the bases, or the source's basis is of another shape.
+
+    Example:
+        >>> zo.precise_map_of(np.eye(20), bases[0], bases[0], source).barycentric.shape == source.vertices.shape
+        True
     """
     surface = as_surface(source)
     if len(surface.vertices) != len(basis_source.areas):
@@ -153,7 +165,13 @@ def check_fits_bases(size: tuple[int, ...], basis_source: SpectralBasis, basis_t
 
 
 def commutativity_error(functional_map: Floats, eigenvalues_source: Floats, eigenvalues_target: Floats) -> float:
-    """||Lambda_target C - C Lambda_source||, relative to the largest eigenvalue; zero for an isometry."""
+    """||Lambda_target C - C Lambda_source||, relative to the largest eigenvalue; zero for an isometry.
+
+    Example:
+        >>> C, (a, b) = zo.functional_map_of(truth, *bases, 20, 20), bases
+        >>> zo.commutativity_error(C, a.eigenvalues, b.eigenvalues) > 0
+        True
+    """
     k_target, k_source = functional_map.shape
     difference = eigenvalues_target[:k_target, None] - eigenvalues_source[:k_source]
     largest = max(eigenvalues_target[k_target - 1], eigenvalues_source[k_source - 1])
@@ -169,7 +187,12 @@ def frequency_error(functional_map: Floats, eigenvalues_source: Floats, eigenval
 
 
 def orthonormality_error(functional_map: Floats) -> float:
-    """ZoomOut's energy: the sum over k of ||C_k' C_k - I||^2 / k over the leading square blocks."""
+    """ZoomOut's energy: the sum over k of ||C_k' C_k - I||^2 / k over the leading square blocks.
+
+    Example:
+        >>> zo.orthonormality_error(np.eye(10))
+        0.0
+    """
     energy = 0.0
     for k in range(1, min(functional_map.shape) + 1):
         block = functional_map[:k, :k]

@@ -30,6 +30,11 @@ class SurfaceMap:
         triangle: (n_t,) the source triangle that holds the image.
         barycentric: (n_t, 3) the image in that triangle, non-negative, summing to one.
         source_triangles: (m_s, 3) vertex numbers of the source's triangles.
+
+    Example:
+        >>> surface_map = zo.SurfaceMap.from_vertices(truth, source)
+        >>> bool((surface_map.vertex == truth).all())
+        True
     """
 
     triangle: Integers

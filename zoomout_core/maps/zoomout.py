@@ -125,6 +125,11 @@ def zoomout(
     Raises:
         ValueError: the bases hold too few eigenfunctions, the initial map does not fit them, a number is below one, or
             the samples do not tell the functions apart.
+
+    Example:
+        >>> C = zo.functional_map_of(truth, *bases, 10, 10)
+        >>> zo.zoomout(*bases, C, k_final=40).functional_map.shape
+        (40, 40)
     """
     if not (isinstance(basis_source, SpectralBasis) and isinstance(basis_target, SpectralBasis)):
         raise TypeError("Two bases are needed: give what `eigenbasis` returns for the source and for the target.")
@@ -167,6 +172,10 @@ def zoomout_both_ways(
 
     Raises:
         ValueError: as for `zoomout`.
+
+    Example:
+        >>> C = zo.functional_map_of(truth, *bases, 10, 10)
+        >>> there, back = zo.zoomout_both_ways(*bases, C, k_final=40)
     """
     there, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
     back = there.T
@@ -206,6 +215,11 @@ def slanted_sizes(
 
     Raises:
         ValueError: a number is below one, or the bases hold too few eigenfunctions.
+
+    Example:
+        >>> sizes = zo.slanted_sizes(*bases, k_initial=20, k_final=40)  # (k_target, k_source) of each round
+        >>> len(sizes[0])
+        2
     """
     check_counts(k_initial=k_initial, k_final=k_final, step=step)
     on_source, on_target = basis_source.eigenvalues, basis_target.eigenvalues

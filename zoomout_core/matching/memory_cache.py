@@ -93,6 +93,10 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MOST_BYTE
     Args:
         folder: where; made if it is missing. None to leave the disk alone again, as it is at first.
         most_bytes: what they may take there; those used longest ago go first.
+
+    Example:
+        >>> zo.store_shapes(folder)  # analysed shapes are read from there, also by other processes
+        >>> zo.store_shapes(None)
     """
     global _folder
     _folder = None if folder is None else ShapeFolder(folder, most_bytes)
@@ -111,7 +115,11 @@ def shapes_stored_in(folder: str | PathLike[str], most_bytes: int = MOST_BYTES_O
 
 
 def forget_shapes() -> None:
-    """Drop all shapes that are kept in memory."""
+    """Drop all shapes that are kept in memory.
+
+    Example:
+        >>> zo.forget_shapes()  # the next match analyses its shapes anew
+    """
     _shapes.forget()
     _meshes.forget()
 

@@ -50,6 +50,10 @@ class MatchOptions:
 
     Raises:
         ValueError: options that do not fit together.
+
+    Example:
+        >>> zo.MatchOptions(k_final=200).initial
+        'auto'
     """
 
     initial: Initial = "auto"

@@ -63,6 +63,11 @@ def match(
     Raises:
         MeshError: a mesh that cannot be matched; the message says what to do.
         ValueError: options that do not fit together.
+
+    Example:
+        >>> result = zo.match(source, target, k_final=40)
+        >>> result.surface_map.vertex.shape == (len(target.vertices),)
+        True
     """
     if options is not None and not isinstance(options, MatchOptions):
         raise TypeError(f"{options!r} is not MatchOptions: give options by their names, such as initial='proximity'.")

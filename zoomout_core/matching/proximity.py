@@ -35,6 +35,10 @@ class ProximityMatch:
         surface_map: for every target vertex a point on the source surface.
         confidence: (n_t,) 1 where that is near and faces the same way, else 0.
         notes: what a user should know, a sentence each.
+
+    Example:
+        >>> zo.match_by_proximity(source, source).confidence.shape == (len(source.vertices),)
+        True
     """
 
     surface_map: SurfaceMap
@@ -70,6 +74,11 @@ def match_by_proximity(
     Raises:
         ValueError: a distance that is not positive, or an angle that is not from 0 to 180.
         MeshError: nothing of the target is near the source.
+
+    Example:
+        >>> clothes = source.with_vertices(1.01 * source.vertices)
+        >>> bool(zo.match_by_proximity(source, clothes).confidence.min() > 0)
+        True
     """
     if not isinstance(most_distance, Real) or not 0 < most_distance < np.inf:
         raise ValueError(f"most_distance is {most_distance!r}: give a part of the square root of the source's area.")

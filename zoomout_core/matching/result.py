@@ -50,6 +50,10 @@ class MatchResult(Summary):
         notes: what a user should know, a sentence each.
         pair: what other candidates are made from.
         placed: the part of the target's area, in [0, 1], for which there is something on the source.
+
+    Example:
+        >>> result.surface_map.interpolate(source.vertices).shape == target.vertices.shape
+        True
     """
 
     surface_map: SurfaceMap
@@ -141,6 +145,11 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
     Raises:
         FileNotFoundError: there is no such file.
         MeshError: it holds no result, or one of another version.
+
+    Example:
+        >>> result.save(folder / "result.npz")
+        >>> zo.load_result(folder / "result.npz").certainty == result.certainty
+        True
     """
     try:
         result = load_object(path, STORED)

@@ -43,6 +43,11 @@ def read_surface(path: str | PathLike[str]) -> Surface:
         MeshError: the file is missing, cannot be read, holds no faces, or holds faces that cannot be used.
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
+
+    Example:
+        >>> notes = zo.write_asset(zo.Asset(source), folder / "creature.obj")
+        >>> len(zo.read_surface(folder / "creature.obj").triangles) == len(source.triangles)
+        True
     """
     shape = read_shape(path)
     if isinstance(shape, PointCloud):
@@ -78,6 +83,11 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
         MeshError: the file is missing, cannot be read, or holds points that cannot be used.
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
+
+    Example:
+        >>> np.savetxt(folder / "scan.xyz", target.vertices)
+        >>> len(zo.read_point_cloud(folder / "scan.xyz").points) == len(target.vertices)
+        True
     """
     vertices = read_polygons(path)[0]
     try:

@@ -29,7 +29,13 @@ FARTHEST, MANY = 1e6, 10_000
 
 
 class MeshError(ValueError):
-    """A mesh that cannot be used; the message says in one sentence what is wrong and what to do."""
+    """A mesh that cannot be used; the message says in one sentence what is wrong and what to do.
+
+    Example:
+        >>> zo.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+        Traceback (most recent call last):
+        zoomout_core.mesh.surface.MeshError: The mesh has no area: ...
+    """
 
 
 class Surface(Summary):
@@ -48,6 +54,11 @@ class Surface(Summary):
 
     Raises:
         MeshError: no faces, numbers that are not whole or out of range, coordinates that are not finite, or no area.
+
+    Example:
+        >>> square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+        >>> square.area
+        1.0
     """
 
     def __init__(
@@ -220,6 +231,10 @@ class PointCloud:
 
     Raises:
         MeshError: fewer than 12 points, coordinates that are not finite, or not a normal for each point.
+
+    Example:
+        >>> zo.match(source, zo.PointCloud(target.vertices), k_final=30).surface_map.triangle.shape == truth.shape
+        True
     """
 
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None) -> None:

@@ -21,6 +21,10 @@ class Progress:
     Attributes:
         fraction: part done, in [0, 1], never decreasing.
         stage: description of the current stage, for users.
+
+    Example:
+        >>> zo.Progress(0.5, "Refining").fraction
+        0.5
     """
 
     fraction: float
@@ -28,7 +32,12 @@ class Progress:
 
 
 class Cancelled(BaseException):
-    """A computation was stopped at the user's request."""
+    """A computation was stopped at the user's request.
+
+    Example:
+        >>> issubclass(zo.Cancelled, Exception)  # `except Exception` does not catch it
+        False
+    """
 
 
 # Takes the fraction of the current portion that is done, in [0, 1], and the stage; empty for the portion's own.
@@ -99,6 +108,10 @@ def progress(listener: Callable[[Progress], object]) -> Iterator[None]:
     Args:
         listener: called by one thread at a time, not always the same one. An exception that it raises, such as
             `Cancelled`, ends the computation. Listeners of enclosing blocks are called as well.
+
+    Example:
+        >>> with zo.progress(lambda progress: None):  # receives Progress(fraction, stage) again and again
+        ...     result = zo.match(source, target, k_final=30)
     """
     outer, lock, reached = _report.get(), Lock(), Progress(0.0, "")
 

@@ -76,6 +76,10 @@ def set_threads(count: int | None) -> None:
 
     Raises:
         ValueError: it is no such number.
+
+    Example:
+        >>> zo.set_threads(2)
+        >>> zo.set_threads(None)  # as many as there are cores, up to 8
     """
     global _cores
     _cores = None if count is None else _Cores(_checked("The number of threads", count))

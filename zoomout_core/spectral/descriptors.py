@@ -47,6 +47,10 @@ def wave_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None 
 
     Raises:
         ValueError: no eigenfunction is left, or a number is out of range.
+
+    Example:
+        >>> zo.wave_kernel_signature(bases[0], count=20).shape == (len(source.vertices), 20)
+        True
     """
     used, weights = _wave_weights(basis, count, k, width)
     return basis.eigenvectors[:, used] ** 2 @ weights.T
@@ -62,6 +66,10 @@ def heat_kernel_signature(basis: SpectralBasis, count: int = 100, k: int | None 
 
     Raises:
         ValueError: no eigenfunction is left, or a number is out of range.
+
+    Example:
+        >>> zo.heat_kernel_signature(bases[0], count=20).shape == (len(source.vertices), 20)
+        True
     """
     used, weights = _heat_weights(basis, count, k)
     return basis.eigenvectors[:, used] ** 2 @ weights.T
@@ -83,6 +91,10 @@ def wave_kernel_map(
 
     Raises:
         ValueError: as for `wave_kernel_signature`, or landmarks are no vertices.
+
+    Example:
+        >>> zo.wave_kernel_map(bases[0], [0, 5], count=20).shape == (len(source.vertices), 40)
+        True
     """
     return _from_landmarks(basis, landmarks, *_wave_weights(basis, count, k, width))
 
@@ -100,6 +112,10 @@ def heat_kernel_map(basis: SpectralBasis, landmarks: ArrayLike, count: int = 100
 
     Raises:
         ValueError: as for `heat_kernel_signature`, or landmarks are no vertices.
+
+    Example:
+        >>> zo.heat_kernel_map(bases[0], [0, 5], count=20).shape == (len(source.vertices), 40)
+        True
     """
     return _from_landmarks(basis, landmarks, *_heat_weights(basis, count, k))
 

@@ -97,6 +97,11 @@ class SpectralBasis(Summary):
         points: (n, 3) the vertices' positions.
         components: number of connected components on which constant functions are eigenfunctions: as many of the first
             eigenvalues are zero. A Hamiltonian has none where its potential is above zero.
+
+    Example:
+        >>> basis = zo.eigenbasis(source, 10)
+        >>> basis.eigenvectors.shape == (len(source.vertices), 10)
+        True
     """
 
     eigenvalues: Floats
@@ -166,6 +171,10 @@ def eigenbasis(shape: ShapeLike, k: int = 200, seed: int = 0) -> SpectralBasis:
     Raises:
         MeshError: k is out of range, or no surface passes through the points.
         TypeError: the shape is none, or k no whole number.
+
+    Example:
+        >>> zo.eigenbasis(source, k=10).eigenvalues.shape
+        (10,)
     """
     shape = as_shape(shape)
     surface = as_surface(shape)

@@ -47,6 +47,11 @@ def hamiltonian_basis(
             is no number of at least zero.
         MeshError: k is out of range, or no surface passes through the points.
         TypeError: the shape is none, or k no whole number.
+
+    Example:
+        >>> potential = (source.vertices[:, 2] < 0).astype(float)  # functions avoid the lower half
+        >>> zo.hamiltonian_basis(source, potential, k=10).eigenvalues.shape
+        (10,)
     """
     shape = as_shape(shape)
     surface = as_surface(shape)

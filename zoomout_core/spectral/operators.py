@@ -25,6 +25,10 @@ def multiplication_operators(basis: SpectralBasis, descriptors: ArrayLike, k: in
 
     Raises:
         ValueError: descriptors that do not fit the basis or are not finite, or k beyond what it holds.
+
+    Example:
+        >>> zo.multiplication_operators(bases[0], source.vertices, 10).shape
+        (3, 10, 10)
     """
     functions = checked_descriptors(basis, descriptors, "The descriptors")
     check_size(basis, k)
@@ -48,6 +52,10 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
     Raises:
         ValueError: as for `multiplication_operators`, or the basis is of another surface.
         MeshError: no surface passes through the points.
+
+    Example:
+        >>> zo.orientation_operators(source, bases[0], source.vertices, 10).shape
+        (3, 10, 10)
     """
     surface = as_surface(shape)
     if len(surface.vertices) != len(basis.areas):

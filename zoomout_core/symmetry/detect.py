@@ -83,6 +83,11 @@ class Symmetry(SelfMap):
             of the area; for a reflection that of T(T(x)).
         origin: what it was found by, in words.
         notes: what a user should know, a sentence each.
+
+    Example:
+        >>> symmetry, *others = zo.detect_symmetry(source, k_final=30)
+        >>> symmetry.sides().shape == (len(source.vertices),)
+        True
     """
 
     functional_map: Floats
@@ -138,6 +143,11 @@ def detect_symmetry(
     Raises:
         MeshError: a mesh that cannot be analysed; the message says what to do.
         ValueError: a number or a direction that makes no sense.
+
+    Example:
+        >>> symmetry, *others = zo.detect_symmetry(source, k_final=30)
+        >>> symmetry.reverses_orientation
+        True
     """
     check_sizes(k_final, step, samples, proxy_vertices)
     if most < 1:

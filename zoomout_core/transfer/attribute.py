@@ -12,7 +12,12 @@ from zoomout_core.arrays import Booleans
 
 
 class Domain(Enum):
-    """What an attribute has one value for each of."""
+    """What an attribute has one value for each of.
+
+    Example:
+        >>> [domain.name for domain in zo.Domain]
+        ['POINT', 'EDGE', 'FACE', 'CORNER']
+    """
 
     POINT = auto()
     EDGE = auto()
@@ -21,7 +26,12 @@ class Domain(Enum):
 
 
 class Kind(Enum):
-    """How values may be mixed; the rules stand in `rules.RULES`."""
+    """How values may be mixed; the rules stand in `rules.RULES`.
+
+    Example:
+        >>> zo.Kind.UV.name
+        'UV'
+    """
 
     SCALAR = auto()
     VECTOR = auto()
@@ -49,6 +59,11 @@ class Attribute:
         values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array, for OFFSET (n, keys, 3).
         labels: names of the columns, where they have names (vertex groups, shape keys).
         notes: what the user should know about how the values came about, a sentence each.
+
+    Example:
+        >>> heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, source.vertices[:, 2])
+        >>> heights.values.shape == (len(source.vertices),)
+        True
     """
 
     name: str

@@ -153,6 +153,11 @@ def transfer(
             is of other surfaces.
         ValueError: `fill_below` is no confidence.
         TypeError: something else is given as the attribute, the match or a surface, or a bare map without surfaces.
+
+    Example:
+        >>> heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, source.vertices[:, 2])
+        >>> zo.transfer(heights, result).values.shape == (len(target.vertices),)
+        True
     """
     if not isinstance(attribute, Attribute):
         raise TypeError(f"An Attribute is needed, not a {type(attribute).__name__}: give its name, domain and kind.")
@@ -221,6 +226,10 @@ def conform(result: Match | SurfaceMap, source: ShapeLike | None = None, target:
 
     Raises:
         MeshError: the map is of other surfaces.
+
+    Example:
+        >>> zo.conform(result).shape == target.vertices.shape
+        True
     """
     return conformed(map_target(result, source, target))
 

@@ -66,6 +66,11 @@ class Dressed:
         vertices: for each thing (n, 3) positions of its vertices, in the target's frame and unit.
         turns: for each thing (n, 3, 3) what takes small differences of positions from the source to the target.
         notes: what a user should know, a sentence each.
+
+    Example:
+        >>> dressed = zo.dress(result, source, target, [source])
+        >>> dressed.vertices[0].shape == source.vertices.shape
+        True
     """
 
     vertices: tuple[Floats, ...]
@@ -100,6 +105,11 @@ def dress(
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
         ValueError: a number is out of its range, or there is not a manner for each.
+
+    Example:
+        >>> dressed = zo.dress(result, source, target, [source])
+        >>> len(dressed.vertices)
+        1
     """
     _check(carried, manners, stiffness, gap)
     with listening(progress):

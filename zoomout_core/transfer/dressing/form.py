@@ -29,6 +29,11 @@ class Lines:
 
     Raises:
         MeshError: there are no points, coordinates are not finite, or numbers are out of range.
+
+    Example:
+        >>> strand = zo.Lines(source.vertices[:3], [(0, 1), (1, 2)])
+        >>> len(strand.vertices)
+        3
     """
 
     def __init__(self, vertices: ArrayLike, edges: ArrayLike) -> None:

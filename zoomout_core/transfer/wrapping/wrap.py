@@ -43,6 +43,10 @@ class Wrapped:
         vertices: (n_t, 3) positions of its vertices, in the source's frame and unit.
         turned_over: number of its triangles that face against the way that their surroundings have turned.
         notes: what a user should know, a sentence each.
+
+    Example:
+        >>> zo.wrap(result, source, target).vertices.shape == target.vertices.shape
+        True
     """
 
     vertices: Floats
@@ -87,6 +91,11 @@ def wrap(
     Raises:
         MeshError: the map is of other surfaces, or nothing of the target would be wrapped.
         ValueError: a number is out of its range, or landmarks do not come in pairs.
+
+    Example:
+        >>> wrapped = zo.wrap(result, source, target)
+        >>> wrapped.vertices.shape == target.vertices.shape
+        True
     """
     for name, value in (("smoothness", smoothness), ("detail", detail)):
         if not 0 <= value <= 1:
