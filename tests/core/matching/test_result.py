@@ -1,0 +1,99 @@
+"""Results are kept whole, shown in a few lines, and hold what a transfer needs."""
+
+from __future__ import annotations
+
+from inspect import signature
+from pathlib import Path
+
+import numpy as np
+import pytest
+from creatures import creature
+
+import zoomout_core as zo
+from zoomout_core.runtime.array_files import read_arrays
+
+OPTIONS = {"k_final": 30, "samples": 120}
+
+
+@pytest.fixture(scope="module")
+def result() -> zo.MatchResult:
+    return zo.match(creature(400).surface, creature(350, seed=1, bend=0.9).surface, **OPTIONS)
+
+
+def assert_equal(found: zo.MatchResult, expected: zo.MatchResult) -> None:
+    for name in ("triangle", "barycentric"):
+        np.testing.assert_array_equal(getattr(found.surface_map, name), getattr(expected.surface_map, name))
+    for name in ("confidence", "has_partner", "source_has_partner", "functional_map"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert (found.certainty, found.notes, found.chosen) == (expected.certainty, expected.notes, expected.chosen)
+
+
+def test_a_saved_result_is_the_same_and_has_its_other_candidates(result: zo.MatchResult, tmp_path: Path) -> None:
+    result.save(tmp_path / "result.npz")
+    loaded = zo.load_result(tmp_path / "result.npz")
+    assert_equal(loaded, result)
+    assert_equal(loaded.use(1), result.use(1))
+
+
+def test_a_symmetric_match_is_of_one_surface_when_it_is_read_again(tmp_path: Path) -> None:
+    surface = creature(300).surface
+    zo.match(surface, surface, **OPTIONS).save(tmp_path / "result.npz")
+    loaded = zo.load_result(tmp_path / "result.npz")
+    assert loaded.source is loaded.target
+
+
+def test_the_map_of_a_part_is_saved_as_well(tmp_path: Path) -> None:
+    whole = creature(700).surface
+    inside = whole.vertices[:, 2] > np.quantile(whole.vertices[:, 2], 0.3)
+    faces = whole.triangles[inside[whole.triangles].all(axis=1)]
+    used, numbers = np.unique(faces, return_inverse=True)
+    part = zo.Surface(whole.vertices[used], numbers.reshape(-1, 3))
+    found = zo.match(whole, part, **OPTIONS)
+    assert found.candidates[0].part_match is not None
+    found.save(tmp_path / "part.npz")
+    loaded = zo.load_result(tmp_path / "part.npz")
+    assert_equal(loaded.use(0), found.use(0))
+
+
+def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        zo.load_result(tmp_path / "none.npz")
+    np.savez(tmp_path / "other.npz", triangle=np.zeros(3))
+    result.save(tmp_path / "result.npz")
+    arrays = read_arrays(tmp_path / "result.npz")
+    del arrays["array 3"]
+    np.savez(tmp_path / "broken.npz", **arrays)
+    tree = arrays["tree"].tobytes().replace(b'"MatchResult"', b'"os.system"')
+    np.savez(tmp_path / "hostile.npz", **arrays | {"tree": np.frombuffer(tree, np.uint8)})
+    for name in ("other", "broken", "hostile"):
+        with pytest.raises(zo.MeshError, match=f"{name}.npz is no saved result.*Save one with"):
+            zo.load_result(tmp_path / f"{name}.npz")
+
+
+def test_large_objects_are_shown_in_a_few_lines(result: zo.MatchResult) -> None:
+    (symmetry, *_) = zo.detect_symmetry(result.source, k_final=30, samples=120)
+    for value, said in (
+        (result, "certainty"),
+        (result.source, "400"),
+        (zo.eigenbasis(result.source, 10), "10 on 400 vertices"),
+        (symmetry, "order"),
+    ):
+        text = repr(value)
+        assert said in text
+        assert len(text.splitlines()) < 10
+        assert type(value).__name__ in value._repr_html_()
+
+
+def test_a_transfer_takes_the_surfaces_from_the_match(result: zo.MatchResult) -> None:
+    heights = zo.Attribute("height", zo.Domain.POINT, zo.Kind.SCALAR, result.source.vertices[:, 2])
+    without, with_them = zo.transfer(heights, result), zo.transfer(heights, result, result.source, result.target)
+    np.testing.assert_array_equal(without.values, with_them.values)
+    np.testing.assert_array_equal(zo.conform(result), zo.conform(result, result.source, result.target))
+    with pytest.raises(TypeError, match="A SurfaceMap does not hold its surfaces: give source and target"):
+        zo.transfer(heights, result.surface_map)
+
+
+def test_the_signature_of_match_names_every_option() -> None:
+    assert set(signature(zo.MatchOptions).parameters) < set(signature(zo.match).parameters)
+    with pytest.raises(TypeError, match="k_fnal"):
+        zo.match(creature(100).surface, creature(100).surface, k_fnal=20)  # type: ignore[call-overload]
