@@ -12,6 +12,9 @@ what makes the documentation as well, and with `release` what builds and checks 
 
 A stamp in `.venv` records what was installed for the present `pyproject.toml`. It reads UNFINISHED
 while `.venv` is being changed, so that a set-up that was killed half-way is recognised and made anew.
+
+The terminal shows one line for each step and each large download. The output of pip and apt-get goes to
+`build/setup.log`; its last lines are shown if one of them fails.
 """
 
 import ctypes
@@ -19,24 +22,33 @@ import hashlib
 import importlib
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
 import venv
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, STDOUT
+from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parent.parent
 ENVIRONMENT = ROOT / ".venv"
 ENVIRONMENT_PYTHON = ENVIRONMENT / "bin" / "python"
 STAMP = ENVIRONMENT / "setup-stamp"
 UNFINISHED = "unfinished"
+LOG = ROOT / "build" / "setup.log"
+LOG_TAIL = 20  # lines that are shown after a failure
+LARGE_DOWNLOAD = 30  # MB; downloads from this size on are shown
 
-# By argument: the extras, and what they add. An environment for one that stands later serves for those before it.
+# By argument: the extras, and what the terminal shows for them. An environment for a later one serves for those before.
 EXTRAS = {
-    "core": ("core-tests", "25 MB to download, 200 MB on disk"),
-    "all": ("dev", "650 MB to download, 375 MB of them for Blender, and 1.6 GB on disk"),
-    "docs": ("dev,docs", "40 MB to download after the others"),
-    "release": ("dev,docs,release", "5 MB to download after the others"),
+    "core": ("core-tests", "the core and its tests (up to 25 MB to download, 200 MB on disk)"),
+    "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.6 GB on disk)"),
+    "docs": ("dev,docs", "Blender, MeshLab and Sphinx as Python modules (up to 690 MB to download)"),
+    "release": (
+        "dev,docs,release",
+        "Blender, MeshLab, Sphinx and twine as Python modules (up to 695 MB to download)",
+    ),
 }
 
 # What the wheels load from the system, and the Debian and Ubuntu packages that hold it. Blender opens
@@ -65,9 +77,12 @@ SYSTEM_LIBRARIES = {
 def main() -> None:
     wanted = (sys.argv[1:] or ["all"])[0]
     keep = environment_is_usable()
-    provide_system_packages(needs_venv=not keep, hosts=wanted != "core")
     enough = list(EXTRAS)[list(EXTRAS).index(wanted) :]
-    if keep and stamp() in [finished_stamp(EXTRAS[each][0]) for each in enough]:
+    finished = keep and stamp() in [finished_stamp(EXTRAS[each][0]) for each in enough]
+    if not finished:
+        LOG.unlink(missing_ok=True)
+    provide_system_packages(needs_venv=not keep, hosts=wanted != "core")
+    if finished:
         return
     if not keep:
         create_environment()
@@ -80,6 +95,42 @@ def main() -> None:
 
 def say(message: str) -> None:
     print(f"setup: {message}", flush=True)
+
+
+def log_name() -> str:
+    return LOG.relative_to(ROOT).as_posix()
+
+
+def run_logged(command: list[str]) -> int:
+    """Run a command without input, append its output to the log, and return its exit status."""
+    LOG.parent.mkdir(exist_ok=True)
+    with LOG.open("a", encoding="utf-8") as log:
+        print("$", *command, file=log, flush=True)
+        with subprocess.Popen(
+            command, cwd=ROOT, stdin=DEVNULL, stdout=PIPE, stderr=STDOUT, text=True, errors="replace"
+        ) as process:
+            assert process.stdout is not None
+            for line in process.stdout:
+                print(line, end="", file=log, flush=True)
+                if message := progress_message(line):
+                    say(message)
+    return process.returncode
+
+
+def progress_message(line: str) -> str | None:
+    """Return a message if a line of pip's output announces a step that can take minutes."""
+    download = re.match(r"\s*Downloading (?:\S*/)?([^\s/]+?)-(\d[^-\s]*)-\S+ \((\d+)(?:\.\d+)? MB\)", line)
+    if download and int(download[3]) >= LARGE_DOWNLOAD:
+        return f"downloading {download[1]} {download[2]} ({download[3]} MB)"
+    if packages := re.match(r"Installing collected packages: .+,", line):
+        return f"unpacking {packages[0].count(',') + 1} packages"
+    return None
+
+
+def fail(reason: str) -> NoReturn:
+    """Show the last lines of the log and the reason, and exit."""
+    lines = LOG.read_text(encoding="utf-8").splitlines()[-LOG_TAIL:]
+    sys.exit("\n".join([*(f"    {line}" for line in lines), f"setup: {reason} The whole log: {log_name()}"]))
 
 
 def stamp() -> str | None:
@@ -126,14 +177,14 @@ def provide_system_packages(needs_venv: bool, hosts: bool) -> None:
             "System packages are missing that only root may install: type `sudo apt-get update &&"
             f" sudo {' '.join(command)}` (or ask an administrator to), then run make again."
         )
-    say(f"installing system packages with apt-get: {' '.join(missing.values())}")
-    output = apt_get(as_root, ["update"])
-    output += apt_get(as_root, [*command[1:], "--yes", "-o", "DPkg::Lock::Timeout=300"])
+    say(f"installing system packages with apt-get: {' '.join(missing.values())}... (log: {log_name()})")
+    quiet = [*as_root, "env", "DEBIAN_FRONTEND=noninteractive"]
+    run_logged([*quiet, "apt-get", "update"])
+    run_logged([*quiet, *command, "--yes", "-o", "DPkg::Lock::Timeout=300"])
     if still_missing := missing_system_packages(needs_venv, hosts):
-        print(output, file=sys.stderr)
-        sys.exit(
-            f"apt-get did not provide {', '.join(still_missing.values())} (its output is above):"
-            " install them by hand and run make again."
+        fail(
+            f"apt-get did not install {', '.join(still_missing.values())}:"
+            " install the packages by hand and run make again."
         )
 
 
@@ -167,39 +218,34 @@ def root_prefix() -> list[str] | None:
     return None
 
 
-def apt_get(as_root: list[str], arguments: list[str]) -> str:
-    """Run apt-get without questions, and return all that it printed."""
-    return subprocess.run(
-        [*as_root, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-    ).stdout
-
-
 def create_environment() -> None:
     say(f"creating .venv with Python {sys.version.split()[0]} ({sys.executable})")
     if ENVIRONMENT.exists():
         shutil.rmtree(ENVIRONMENT)
     ENVIRONMENT.mkdir()
     STAMP.write_text(UNFINISHED)
+    venv.create(ENVIRONMENT, symlinks=True, with_pip=True)
     # An up-to-date pip resumes downloads that break off.
-    venv.create(ENVIRONMENT, symlinks=True, with_pip=True, upgrade_deps=True)
+    if pip_install("--upgrade", "pip") != 0:
+        fail("pip could not update itself: fix the cause above and run make again.")
 
 
-def install_project(extra: str, size: str) -> None:
-    say(f"installing the project with the extra {extra} (new: {size})")
+def install_project(extra: str, content: str) -> None:
+    say(f"installing {content}... (log: {log_name()})")
     STAMP.write_text(UNFINISHED)
-    pip = [str(ENVIRONMENT_PYTHON), "-m", "pip", "install", "--prefer-binary", "--editable", f".[{extra}]"]
-    status = subprocess.run(pip, cwd=ROOT).returncode
+    status = pip_install("--prefer-binary", "--editable", f".[{extra}]")
     STAMP.unlink()  # also when pip failed: it undoes what it cannot finish
     if status != 0:
-        sys.exit("pip could not install the project: see its reason above, then run make again.")
+        fail("pip could not install the project: fix the cause above and run make again.")
     # The wheel leaves the Blender extension out, a zip of its own: the demo, tests and tools take it from here.
     (packages,) = ENVIRONMENT.glob("lib/python3*/site-packages")
     (packages / "source_folder.pth").write_text(f"{ROOT}\n")
+
+
+def pip_install(*arguments: str) -> int:
+    """Run pip in `.venv`, and return its exit status."""
+    pip = [str(ENVIRONMENT_PYTHON), "-m", "pip", "--no-input", "--disable-pip-version-check"]
+    return run_logged([*pip, "install", "--progress-bar", "off", *arguments])
 
 
 def check_hosts() -> None:

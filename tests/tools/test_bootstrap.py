@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`make setup` shows the project's own messages; pip's output goes to a log, whose end is shown on failure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bootstrap
+import pytest
+
+DOWNLOAD = "  Downloading bpy-5.0.1-cp311-cp311-manylinux_2_28_x86_64.whl (375.2 MB)"
+
+
+@pytest.fixture
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The root of a project whose `.venv` has no Python yet."""
+    folder = tmp_path / ".venv"
+    (folder / "lib" / "python3.11" / "site-packages").mkdir(parents=True)
+    monkeypatch.setattr(bootstrap, "ROOT", tmp_path)
+    monkeypatch.setattr(bootstrap, "LOG", tmp_path / "build" / "setup.log")
+    monkeypatch.setattr(bootstrap, "ENVIRONMENT", folder)
+    monkeypatch.setattr(bootstrap, "ENVIRONMENT_PYTHON", folder / "python")
+    monkeypatch.setattr(bootstrap, "STAMP", folder / "setup-stamp")
+    return tmp_path
+
+
+def write_python(root: Path, script: str) -> None:
+    """Put a shell script in the place of the Python of `.venv`."""
+    python = root / ".venv" / "python"
+    python.write_text(f"#!/bin/sh\n{script}\n")
+    python.chmod(0o755)
+
+
+def test_the_output_of_pip_goes_to_the_log_and_large_downloads_are_shown(
+    environment: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["Collecting bpy==5.0.1", DOWNLOAD, "Installing collected packages: numpy, bpy, zoomout-core"]
+    write_python(environment, "\n".join(f"echo '{line}'" for line in lines))
+    bootstrap.install_project("dev", "Blender")
+    shown, errors = capfd.readouterr()
+    assert shown.splitlines() == [
+        "setup: installing Blender... (log: build/setup.log)",
+        "setup: downloading bpy 5.0.1 (375 MB)",
+        "setup: unpacking 3 packages",
+    ]
+    assert not errors
+    command, *output = bootstrap.LOG.read_text().splitlines()
+    assert command.startswith("$ ")
+    assert command.endswith("--editable .[dev]")
+    assert output == lines
+
+
+def test_a_failure_of_pip_shows_the_end_of_the_log(environment: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write_python(environment, "for i in $(seq 50); do echo line $i; done; echo 'ERROR: no network' >&2; exit 1")
+    with pytest.raises(SystemExit) as ended:
+        bootstrap.install_project("dev", "Blender")
+    *tail, reason = str(ended.value).splitlines()
+    assert tail == [*(f"    line {number}" for number in range(32, 51)), "    ERROR: no network"]
+    assert reason.startswith("setup: pip could not install the project: ")
+    assert reason.endswith("The whole log: build/setup.log")
+    assert capfd.readouterr() == ("setup: installing Blender... (log: build/setup.log)\n", "")
+    assert not bootstrap.STAMP.exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (DOWNLOAD, "downloading bpy 5.0.1 (375 MB)"),
+        (
+            "Downloading https://files.example.org/a/pymeshlab-2025.7-cp311-cp311-manylinux_2_35_x86_64.whl (98 MB)",
+            "downloading pymeshlab 2025.7 (98 MB)",
+        ),
+        ("  Downloading numpy-1.26.4-cp311-cp311-manylinux_2_17_x86_64.whl (18.3 MB)", None),
+        ("  Downloading click-8.1.8-py3-none-any.whl (98 kB)", None),
+        ("Installing collected packages: zoomout-core", None),
+    ],
+)
+def test_steps_that_can_take_minutes_are_shown(line: str, message: str | None) -> None:
+    assert bootstrap.progress_message(line) == message
