@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -34,3 +35,13 @@ def test_the_source_distribution_names_folders_that_are_there() -> None:
     grafted = {line.split()[1] for line in lines if line.startswith("graft ")}
     assert grafted == {"benchmarks", "blender_addon", "docs", "tests", "tools"}
     assert all(Path(release.ROOT / name).is_dir() for name in grafted)
+
+
+def test_all_files_state_the_same_version() -> None:
+    def stated(name: str, pattern: str) -> str:
+        return re.findall(pattern, (release.ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)[0]
+
+    version = stated("pyproject.toml", r'^version = "(.+)"$')
+    assert stated("blender_addon/blender_manifest.toml", r'^version = "(.+)"$') == version
+    assert stated("CITATION.cff", r"^version: (.+)$") == version
+    assert stated("CHANGELOG.md", r"^## (\d.*)$") == version  # below "Unreleased"
