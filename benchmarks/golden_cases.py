@@ -670,7 +670,7 @@ def _errors() -> Iterator[Case]:
     yield _refused("map of other surfaces", lambda: zo.match(*two(), initial="given", initial_map=np.zeros(7, int)))
     yield _refused("far apart", lambda: zo.match_by_proximity(two()[0], scaled(two()[1], 1e4)))
     yield _refused("no axis", lambda: zo.match(*two(), common_axes=(0, 0, 0)))
-    yield _refused("no region", lambda: zo.match(*two(), regions=[([0],)]))
+    yield _refused("no region", lambda: zo.match(*two(), regions=[([0],)]))  # type: ignore[list-item]
     yield _refused("no such candidate", lambda: zo.match(*two()).use(99))
     yield _refused("no symmetry", lambda: zo.detect_symmetry(creature(TINY), most=0))
     yield _refused("no file", lambda: zo.match("missing.ply", creature(TINY)))

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from meshlab_filter.project import read_project
@@ -116,7 +117,7 @@ def _exported(mesh: Any, **options: str) -> bytes:
     return bytes(mesh.export(**options))
 
 
-def _textured(mesh: Any, texture: np.ndarray) -> bytes:
+def _textured(mesh: Any, texture: NDArray[Any]) -> bytes:
     """A PLY file with texture coordinates at the vertices."""
     header = f"ply\nformat ascii 1.0\nelement vertex {len(mesh.vertices)}\n"
     header += "".join(f"property float {name}\n" for name in "xyzst")

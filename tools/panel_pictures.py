@@ -27,6 +27,7 @@ from blender_addon.operators import activity
 from blender_addon.scene.landmarks import set_landmark
 from blender_addon.services import preflight
 from blender_addon.ui import panels
+from blender_addon.ui.panels.match import ZOOMOUT_PT_match
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 # What is seen of a window of 1600 x 1000: its right part, without the bars above and below.
@@ -384,7 +385,7 @@ def begin(target: Object, *others: Object) -> Story:
         setattr(space.overlay, f"show_{name}", False)
     space.show_region_toolbar, space.show_region_ui = False, True
     yield DRAWN  # a tab can be chosen once the sidebar was drawn
-    region("UI").active_panel_category = panels.ZOOMOUT_PT_match.bl_category
+    region("UI").active_panel_category = ZOOMOUT_PT_match.bl_category
     call(bpy.ops.view3d.view_all)
     space.region_3d.view_perspective = "ORTHO"
     space.region_3d.view_rotation = Vector((0.1, -1, 0.15)).to_track_quat("Z", "Y")

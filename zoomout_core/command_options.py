@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ def in_place_option(command: Any) -> Any:
     return option(command)
 
 
-def batch_options(endings: Sequence[str], default: str) -> Any:
+def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     """The options of every command that goes from one source to many targets.
 
     Args:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zoomout_core.arrays import Floats, RealsOrIntegers
 from zoomout_core.matching.constraints import checked_axes
 from zoomout_core.mesh.surface import MeshError
 
@@ -13,7 +14,7 @@ STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
 
 
-def read_axis(text: str, option: str = "--common-axis") -> np.ndarray:
+def read_axis(text: str, option: str = "--common-axis") -> Floats:
     """The direction (3,) that `x`, `-y` or three numbers with commas stand for, of unit length.
 
     Raises:
@@ -25,7 +26,7 @@ def read_axis(text: str, option: str = "--common-axis") -> np.ndarray:
         raise MeshError(f"{option} is {text!r}: give x, -x, y, -y, z, -z, or a direction such as 0,0,1.") from None
 
 
-def read_landmarks(path: str) -> tuple[np.ndarray, np.ndarray]:
+def read_landmarks(path: str) -> tuple[RealsOrIntegers, RealsOrIntegers]:
     """Source and target vertices (m,), or points (m, 3), from a text file with a pair a line.
 
     Raises:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import MeshError
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ class Document:
         start = view.byteOffset or 0
         return self._buffers[view.buffer][start : start + view.byteLength]
 
-    def array(self, number: int) -> np.ndarray:
+    def array(self, number: int) -> NDArray[Any]:
         """(count, width) the values of an accessor; integers that stand for fractions as these."""
         accessor = self.gltf.accessors[number]
         dtype, width = np.dtype("<" + COMPONENT_TYPES[accessor.componentType]), WIDTHS[accessor.type]
@@ -117,7 +118,7 @@ class Document:
         """(count, 4, 4) an accessor's matrices, which are stored column by column."""
         return np.asarray(self.array(number).reshape(-1, 4, 4).transpose(0, 2, 1), dtype=np.float64)
 
-    def worlds(self) -> tuple[Floats, np.ndarray]:
+    def worlds(self) -> tuple[Floats, Integers]:
         """(nodes, 4, 4) the frames of the nodes, and (nodes,) the parent of each, -1 for none."""
         nodes = self.gltf.nodes
         parent = np.full(len(nodes), -1)
@@ -129,7 +130,7 @@ class Document:
             worlds[number] = own if parent[number] < 0 else worlds[parent[number]] @ own
         return worlds, parent
 
-    def in_order(self, parent: np.ndarray) -> Iterator[int]:
+    def in_order(self, parent: Integers) -> Iterator[int]:
         """The nodes, each after its parent."""
         waiting = [number for number in range(len(parent) - 1, -1, -1) if parent[number] < 0]
         while waiting:
@@ -170,7 +171,7 @@ class Buffer:
         self.gltf.bufferViews.append(view)
         return len(self.gltf.bufferViews) - 1
 
-    def add(self, values: np.ndarray, target: int | None = None, bounded: bool = False) -> int:
+    def add(self, values: NDArray[Any], target: int | None = None, bounded: bool = False) -> int:
         """Add values (count, width), or (count,) numbers; the number of their accessor.
 
         Args:

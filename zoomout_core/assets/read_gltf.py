@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, vstack
 
 from zoomout_core.arrays import Floats, Integers
@@ -173,7 +174,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
     )
 
 
-def _rows_of_all(attributes: Sequence[dict[str, np.ndarray]], counts: Sequence[int]) -> dict[str, Floats]:
+def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence[int]) -> dict[str, Floats]:
     """By name (n, w) of all primitives, zero where one lacks it."""
     width = {"POSITION": 3} | {name: values.shape[1] for each in attributes for name, values in each.items()}
     rows = {name: np.zeros((sum(counts), w)) for name, w in width.items()}

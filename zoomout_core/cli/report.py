@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
+from zoomout_core.arrays import Floats
 from zoomout_core.matching.result import MatchResult
 
 # Confidence below which a vertex counts as doubtful.
@@ -52,7 +53,7 @@ def match_lines(result: MatchResult) -> list[str]:
     ]
 
 
-def spread_of(values: np.ndarray) -> dict[str, float]:
+def spread_of(values: Floats) -> dict[str, float]:
     """The mean, the median and the 95th percentile of some values."""
     return {
         "mean": float(values.mean()),

@@ -7,6 +7,7 @@ from enum import Enum, auto
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zoomout_core.arrays import Booleans
 
@@ -74,14 +75,14 @@ class Attribute:
     notes: tuple[str, ...] = ()
 
 
-def nothing(values: np.ndarray, count: int) -> np.ndarray:
+def nothing(values: NDArray[Any], count: int) -> NDArray[Any]:
     """(count, ...) zeros, false or empty strings, of the type of values."""
     if values.dtype.kind == "O":
         return np.full((count, *values.shape[1:]), "", dtype=object)
     return np.zeros((count, *values.shape[1:]), dtype=values.dtype)
 
 
-def is_nothing(values: np.ndarray) -> Booleans:
+def is_nothing(values: NDArray[Any]) -> Booleans:
     """(count,) which of the values (count, ...) are zero, false or empty in all their columns."""
     same = np.asarray(values == nothing(values, 1), dtype=bool)
     return np.asarray(same.all(axis=tuple(range(1, same.ndim))))

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
@@ -209,7 +211,7 @@ def rotations(mapped: MappedTarget, domain: Domain) -> Floats:
     return nearest_rotations(np.add.reduceat(at_corners, first), np.linalg.det(at_corners[first]))
 
 
-def on_working_mesh(working: WorkingMesh, values: np.ndarray) -> np.ndarray:
+def on_working_mesh(working: WorkingMesh, values: NDArray[Any]) -> NDArray[Any]:
     """(n_w, ...) of values (n, ...) at the vertices of a surface, those at the vertices of its working mesh.
 
     Of vertices that are welded the first one counts.

@@ -7,8 +7,10 @@ points and corners that are of too little confidence are filled in from around t
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers
@@ -128,7 +130,7 @@ def _filled(attribute: Attribute, mapped: MappedTarget, values: Floats, vertex: 
     return replace(result, notes=(*result.notes, *filling.notes()))
 
 
-def _coded(attribute: Attribute) -> tuple[Integers, np.ndarray]:
+def _coded(attribute: Attribute) -> tuple[Integers, NDArray[Any]]:
     """Values as numbers (count,) into the distinct values."""
     values = np.asarray(attribute.values)
     distinct, code = np.unique(values, axis=0 if values.ndim > 1 else None, return_inverse=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer.attribute import Attribute
@@ -184,7 +184,7 @@ def mixing_matrix(mapped: MappedTarget) -> Any:
     )
 
 
-def _rows(matrix: Any) -> np.ndarray:
+def _rows(matrix: Any) -> Integers:
     return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
 
 
