@@ -14,29 +14,17 @@ from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.mesh.triangles import border_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class BoundaryLoopTuning(Tuning, set_by="judgement"):
-    """Which boundary loops belong together, and how the rest of a part follows them.
-
-    Attributes:
-        most_apart: of the centres of two loops of one cut.
-        most_unlike: factor by which their sizes may differ.
-        points_per_edge: that stand for a loop, and one more.
-        loop_weight: of the loops' goals against stiffness.
-        screening_length: over which displacements of loops fade, at unit area of the part.
-    """
-
-    most_apart: float = tuned(0.15, "at unit area", 0, 10)
-    most_unlike: float = tuned(1.5, "1", 1, 100)
-    points_per_edge: int = tuned(4, "points", 1, 1000)
-    loop_weight: float = tuned(1e6, "1 / area", 1, 1e12)
-    screening_length: float = tuned(0.5, "at unit area", 1e-3, 100)
-
-
-LOOPS = BoundaryLoopTuning()
+# Two loops belong to the same cut if their centres are at most this far apart, at unit area,
+MAX_LOOP_DISTANCE = 0.15
+# and their sizes differ by at most this factor.
+MAX_LOOP_SIZE_RATIO = 1.5
+# Segments into which each edge of a loop is sampled.
+SEGMENTS_PER_EDGE = 4
+# Penalty weight that pulls a loop's vertices to their goals (1 / area): large, so that stiffness hardly moves them off.
+LOOP_WEIGHT = 1e6
+# Length over which a loop's displacement decays into the part, at unit area.
+DECAY_LENGTH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +51,15 @@ def loops_on_loops(part: Part, partner: Part) -> Floats:
         return part.points
     stiffness, areas = mesh_laplacian(part.rest, part.corners)
     apart = np.linalg.norm(np.array([loop.centre for loop in ours])[:, None] - [loop.centre for loop in theirs], axis=2)
-    goals, weight = np.zeros_like(part.points), areas / LOOPS.screening_length**2
+    goals, weight = np.zeros_like(part.points), areas / DECAY_LENGTH**2
     for i, loop in enumerate(ours):
         j = int(np.argmin(apart[i]))
         other = theirs[j]
-        alike = max(loop.size, other.size) <= LOOPS.most_unlike * min(loop.size, other.size)
-        if alike and apart[i, j] <= LOOPS.most_apart and np.argmin(apart[:, j]) == i:
+        alike = max(loop.size, other.size) <= MAX_LOOP_SIZE_RATIO * min(loop.size, other.size)
+        if alike and apart[i, j] <= MAX_LOOP_DISTANCE and np.argmin(apart[:, j]) == i:
             points = part.points[loop.vertices]
             near = cKDTree(other.along).query(points - loop.centre + other.centre)[1]
-            goals[loop.vertices], weight[loop.vertices] = other.along[near] - points, LOOPS.loop_weight
+            goals[loop.vertices], weight[loop.vertices] = other.along[near] - points, LOOP_WEIGHT
     factors = factorised(stiffness + diags_array(weight))
     return np.asarray(part.points + factors.solve(weight[:, None] * goals))
 
@@ -91,5 +79,5 @@ def _boundary_loop(edges: Integers, points: Floats) -> BoundaryLoop:
     weights = length / max(length.sum(), 1e-300)
     centre = weights @ (a + b) / 2
     size = float(np.sqrt(weights @ (((a + b) / 2 - centre) ** 2).sum(axis=1)))
-    step = np.linspace(0, 1, LOOPS.points_per_edge + 1)[:, None, None]
+    step = np.linspace(0, 1, SEGMENTS_PER_EDGE + 1)[:, None, None]
     return BoundaryLoop(np.unique(edges), ((1 - step) * a + step * b).reshape(-1, 3), centre, size)

@@ -14,35 +14,21 @@ from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.boundary_loops import loops_on_loops
-from zoomout_core.matching.components.parts import PARTS, Part, Side, paired
+from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, paired
 from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, moved
 from zoomout_core.matching.pair import Pair
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class ComponentTuning(Tuning, set_by="judgement"):
-    """How loose parts move with the body, what they lie on, and how far that is trusted.
-
-    Attributes:
-        rigid_size: smaller parts move as a whole: the body's map may bend them by mistake alone.
-        same_place: parts lie in one place where their distance is no more than this.
-        normal_weight: the distance that unit normals which differ by a unit vector count as, in sizes of the part, or
-            in the body map's errors where these are smaller.
-        full_trust: in a partner that fits exactly.
-        trust_in_others: in other parts that fit exactly.
-        half_misfit: where half of the trust in a partner is left.
-    """
-
-    rigid_size: float = tuned(0.06, "at unit area", 0, 10)
-    same_place: float = tuned(0.25, "sizes of the part", 0, 10)
-    normal_weight: float = tuned(0.35, "sizes of the part", 0, 10)
-    full_trust: float = tuned(0.9, "1", 0, 1)
-    trust_in_others: float = tuned(0.5, "1", 0, 1)
-    half_misfit: float = tuned(0.5, "1", 1e-6, 10)
-
-
-COMPONENTS = ComponentTuning()
+# Smaller parts (size at unit area) move by one similarity: any bending would only be an error of the body's map.
+MIN_DEFORMABLE_SIZE = 0.06
+# Parts occupy the same place if they are at most this far apart, in sizes of the part.
+SAME_PLACE_DISTANCE = 0.25
+# Weight of normals against positions, in sizes of the part, or in `BODY_MAP_ERROR` where that is smaller.
+NORMAL_WEIGHT = 0.35
+# Confidence in an exact fit to the part's partner, and in one to any other part.
+PARTNER_CONFIDENCE = 0.9
+NON_PARTNER_CONFIDENCE = 0.5
+# Misfit that halves the confidence in a partner.
+HALF_CONFIDENCE_MISFIT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +96,20 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
     points, normals, around = _carried(target, _motion(pair, source, target, body, confidence))
     ours = target.parts(points)
     partners, misfit = paired(
-        ours[: PARTS.most_parts],
-        theirs[: PARTS.most_parts],
-        target.members([of_target for _, of_target in pair.regions])[: PARTS.most_parts],
-        source.members([of_source for of_source, _ in pair.regions])[: PARTS.most_parts],
+        ours[:MAX_PAIRED_PARTS],
+        theirs[:MAX_PAIRED_PARTS],
+        target.members([of_target for _, of_target in pair.regions])[:MAX_PAIRED_PARTS],
+        source.members([of_source for of_source, _ in pair.regions])[:MAX_PAIRED_PARTS],
     )
-    found, rest, met, others = [], ours[PARTS.most_parts :], set(partners.values()), 0
-    for i, part in enumerate(ours[: PARTS.most_parts]):
+    found, rest, met, others = [], ours[MAX_PAIRED_PARTS:], set(partners.values()), 0
+    for i, part in enumerate(ours[:MAX_PAIRED_PARTS]):
         partner, strange = partners.get(i), np.isinf(misfit[i])
-        pieces = _pieces(part, partner, theirs[: PARTS.most_parts], set(partners.values()), strange)
+        pieces = _pieces(part, partner, theirs[:MAX_PAIRED_PARTS], set(partners.values()), strange)
         image = _onto_pieces(part, normals[part.vertices], pieces, partner, misfit[i], theirs, source)
         if image is None:
             rest += [] if strange.any() else [part]
             continue
-        found.append(image if part.size < COMPONENTS.rigid_size else _beside_body(image, around))
+        found.append(image if part.size < MIN_DEFORMABLE_SIZE else _beside_body(image, around))
         others += partner is None
         met.update(pieces)
     among_all = _onto_all(rest, source)
@@ -133,7 +119,7 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
         found.append(_beside_body(image, around))
     others += len(among_all)
     alone = len(ours) - len(partners) - others
-    unpaired = max(len(ours), len(theirs)) - PARTS.most_parts
+    unpaired = max(len(ours), len(theirs)) - MAX_PAIRED_PARTS
     left = [part.vertices for number, part in enumerate(theirs) if number not in met]
     left_vertices = np.concatenate([np.zeros(0, dtype=np.int64), *left])
     return ComponentMap(Image.joined(found), len(partners), others, alone, len(left), left_vertices, max(unpaired, 0))
@@ -155,7 +141,7 @@ def _carried(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Flo
     areas = target.areas[loose]
     share = csr_array((areas / np.bincount(label, areas)[label], (label, np.arange(len(loose)))))
     moments = Moments.of_products(share @ products(before, after))
-    small = np.flatnonzero((np.sqrt(moments.spread) < COMPONENTS.rigid_size)[label])
+    small = np.flatnonzero((np.sqrt(moments.spread) < MIN_DEFORMABLE_SIZE)[label])
     affine = affine_maps(moments, motion.handedness)[label[small]]
     after[small], turned_to[small] = moved(affine, before[small], turned_from[small])
     everywhere = np.zeros((len(target.points), 7))
@@ -184,7 +170,7 @@ def _pieces(
 
 def _lies_on(part: Part, whole: Part) -> bool:
     """Whether a part is in the place of another one, or of a piece of it."""
-    far = COMPONENTS.same_place * part.size
+    far = SAME_PLACE_DISTANCE * part.size
     offset = part.centre - whole.centre
     return bool(offset @ offset <= (whole.reach + far) ** 2) and part.distance_to(whole) <= far
 
@@ -213,9 +199,9 @@ def _onto_pieces(
         return None
     onto = [theirs[j] for j in pieces]
     if pieces == [partner]:
-        most = COMPONENTS.full_trust / (1 + (float(misfit[pieces[0]]) / COMPONENTS.half_misfit) ** 2)
+        most = PARTNER_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
         return _onto(part, _drawn_to(part, onto[0]), normals, onto, source, most)[0]
-    image, residual = _onto(part, part.points, normals, onto, source, COMPONENTS.trust_in_others)
+    image, residual = _onto(part, part.points, normals, onto, source, NON_PARTNER_CONFIDENCE)
     return image if partner is not None or _fits(part, residual) else None
 
 
@@ -224,7 +210,7 @@ def _drawn_to(part: Part, partner: Part) -> Floats:
 
     A small one is moved to its partner's centre and size, a large one's boundary loops to those of its partner.
     """
-    if part.size < COMPONENTS.rigid_size:
+    if part.size < MIN_DEFORMABLE_SIZE:
         return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
     return loops_on_loops(part, partner)
 
@@ -251,7 +237,7 @@ def _onto(
     near = nearest(points, positions)
     agreement = np.bincount(piece_of[near], np.einsum("ij,ij->i", normals, facing[near]), minlength=len(pieces))
     facing = facing * np.where(agreement < 0, -1, 1)[piece_of, None]
-    weight = COMPONENTS.normal_weight * min(part.size, PARTS.map_error)
+    weight = NORMAL_WEIGHT * min(part.size, BODY_MAP_ERROR)
     embedded, queries = np.hstack([positions, weight * facing]), np.hstack([points, weight * normals])
     triangle, barycentric = project_to_embedding(
         queries, embedded, Neighbourhoods(corners, len(embedded)), nearest(queries, embedded)
@@ -273,7 +259,7 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
     ends = np.cumsum([len(part.vertices) for part in parts])
     split = (np.split(array, ends[:-1]) for array in (triangles[triangle], barycentric, residual))
     return [
-        Image(part.vertices, onto, at, _trust(COMPONENTS.trust_in_others, off))
+        Image(part.vertices, onto, at, _trust(NON_PARTNER_CONFIDENCE, off))
         for part, onto, at, off in zip(parts, *split, strict=True)
         if _fits(part, off)
     ]
@@ -281,12 +267,12 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
 
 def _fits(part: Part, residual: Floats) -> bool:
     """Whether a part lies where its image is, distances (n,) away."""
-    return float(np.sqrt(part.weights @ residual**2)) <= COMPONENTS.same_place * (part.size + PARTS.map_error)
+    return float(np.sqrt(part.weights @ residual**2)) <= SAME_PLACE_DISTANCE * (part.size + BODY_MAP_ERROR)
 
 
 def _trust(most: float, residual: Floats) -> Floats:
     """(n,) what is left of the trust in an image that is distances (n,) off."""
-    return np.asarray(most / (1 + (residual / PARTS.map_error) ** 2))
+    return np.asarray(most / (1 + (residual / BODY_MAP_ERROR) ** 2))
 
 
 def _beside_body(image: Image, around: Floats) -> Image:

@@ -12,7 +12,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.component_mapping import ComponentMap, map_components
-from zoomout_core.matching.components.parts import PARTS
+from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS
 from zoomout_core.matching.components.shells import ShellMap, map_shells
 from zoomout_core.matching.confidence import Partners
 from zoomout_core.matching.pair import Pair, standing
@@ -142,7 +142,7 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
 
 def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     """What a user should know about the parts of the two surfaces, a sentence each."""
-    too_many = f"{{}} beyond the {PARTS.most_parts} largest, too many to be paired: mapped to what lies nearest."
+    too_many = f"{{}} beyond the {MAX_PAIRED_PARTS} largest, too many to be paired: mapped to what lies nearest."
     if pair.source is pair.target:
         smaller = ["The main part, whose symmetry decides, is not the largest."]
         return (

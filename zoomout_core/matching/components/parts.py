@@ -22,37 +22,24 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.sampling import farthest_points
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class PartTuning(Tuning, set_by="judgement"):
-    """How loose parts are compared, and which may be partners.
-
-    Attributes:
-        most_parts: more are not paired one by one: where there are more, they are debris, or hair.
-        samples: vertices that a part is compared by.
-        rivals: other parts that it is compared with.
-        map_error: of the body's map at a part.
-        tolerance: misfit of partners in position, size and shape, at most.
-        shape_weight: of differences between distributions of geodesic distances at unit area.
-        quantiles: that stand for a distribution.
-        distance_sources: samples from which distances are measured.
-        region_bonus: the part of a misfit that is taken off where parts lie in all the same regions.
-    """
-
-    most_parts: int = tuned(300, "parts", 1, 10_000)
-    samples: int = tuned(32, "vertices", 1, 10_000)
-    rivals: int = tuned(6, "parts", 1, 300)
-    map_error: float = tuned(0.045, "at unit area", 1e-6, 1)
-    tolerance: float = tuned(0.5, "sizes of the part", 0, 10)
-    shape_weight: float = tuned(2.0, "1", 0, 100)
-    quantiles: tuple[float, ...] = tuned((0.1, 0.3, 0.5, 0.7, 0.9), "1", 0, 1)
-    distance_sources: int = tuned(8, "vertices", 1, 10_000)
-    region_bonus: float = tuned(0.5, "1", 0, 1)
-
-
-PARTS = PartTuning()
+# Parts of each surface that are paired one to one, the largest first. A mesh with more has debris or strands of hair.
+MAX_PAIRED_PARTS = 300
+# Sample vertices by which parts are compared.
+SAMPLES_PER_PART = 32
+# Candidate partners of a part, by distance and size; only these are compared sample by sample.
+CANDIDATE_PARTNERS = 6
+# Expected error of the body's map at a part, at unit area.
+BODY_MAP_ERROR = 0.045
+# Largest misfit of partners in position, size and shape, in sizes of the part.
+MAX_MISFIT = 0.5
+# Weight of the difference in shape, that of the quantiles below, in the misfit.
+SHAPE_WEIGHT = 2.0
+# Quantiles that represent the distribution of geodesic distances in a part, measured from this many of its samples.
+DISTANCE_QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+DISTANCE_SOURCES = 8
+# Fraction by which the misfit shrinks if both parts belong to exactly the same regions.
+SAME_REGION_DISCOUNT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +93,7 @@ class Part:
     @cached_property
     def samples(self) -> Integers:
         """(s,) some vertices, evenly spread, by their place in `vertices`."""
-        return farthest_points(self.rest, PARTS.samples)
+        return farthest_points(self.rest, SAMPLES_PER_PART)
 
     def distance_to(self, other: Part) -> float:
         """Root mean square distance from its samples to the nearest vertex of another part."""
@@ -116,10 +103,10 @@ class Part:
     def distances(self) -> Floats:
         """(5,) quantiles of the geodesic distances between samples, at unit area: the same in every pose."""
         area = triangle_areas(self.rest, self.corners).sum()
-        distance = dijkstra(edge_graph(self.rest, self.corners), indices=self.samples[: PARTS.distance_sources])[
+        distance = dijkstra(edge_graph(self.rest, self.corners), indices=self.samples[:DISTANCE_SOURCES])[
             :, self.samples
         ]
-        return np.asarray(np.quantile(distance, PARTS.quantiles) / np.sqrt(max(area, 1e-300)))
+        return np.asarray(np.quantile(distance, DISTANCE_QUANTILES) / np.sqrt(max(area, 1e-300)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,21 +185,21 @@ def paired(
         The number of the source's part by that of the target's, and (p, q) misfits, infinite for what regions part.
     """
     place, size = _apart(target, source)
-    rough = np.minimum(place, 2 * PARTS.tolerance) + size
+    rough = np.minimum(place, 2 * MAX_MISFIT) + size
     relation = relation_of(of_target, of_source)
-    misfit = np.where(np.isinf(relation), np.inf, 10 * PARTS.tolerance)
-    possible = (rough <= 2 * PARTS.tolerance) & np.isfinite(relation)
-    possible &= rough <= np.sort(rough, axis=1)[:, : PARTS.rivals][:, -1:]
-    close = possible & (rough <= PARTS.tolerance)
+    misfit = np.where(np.isinf(relation), np.inf, 10 * MAX_MISFIT)
+    possible = (rough <= 2 * MAX_MISFIT) & np.isfinite(relation)
+    possible &= rough <= np.sort(rough, axis=1)[:, :CANDIDATE_PARTNERS][:, -1:]
+    close = possible & (rough <= MAX_MISFIT)
     contested = (close.sum(axis=1) > 1)[:, None] | (close.sum(axis=0) > 1)
     for i, j in np.argwhere(possible):
         ours, theirs = target[i], source[j]
-        size_and_error = max(ours.size, theirs.size) + PARTS.map_error
+        size_and_error = max(ours.size, theirs.size) + BODY_MAP_ERROR
         apart = max(ours.distance_to(theirs), theirs.distance_to(ours)) / size_and_error
         shape = float(np.mean(np.abs(ours.distances - theirs.distances))) if contested[i, j] else 0.0
-        misfit[i, j] = relation[i, j] * (apart + size[i, j] + PARTS.shape_weight * shape)
-    rows, columns = scipy.optimize.linear_sum_assignment(np.minimum(misfit, 10 * PARTS.tolerance))
-    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= PARTS.tolerance}, misfit
+        misfit[i, j] = relation[i, j] * (apart + size[i, j] + SHAPE_WEIGHT * shape)
+    rows, columns = scipy.optimize.linear_sum_assignment(np.minimum(misfit, 10 * MAX_MISFIT))
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if misfit[i, j] <= MAX_MISFIT}, misfit
 
 
 def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floats]:
@@ -221,14 +208,14 @@ def _apart(target: Sequence[Part], source: Sequence[Part]) -> tuple[Floats, Floa
     sizes = [np.maximum([part.size for part in parts], 1e-12) for parts in (target, source)]
     distance = np.linalg.norm(centres[0][:, None] - centres[1], axis=2)
     ratio = np.abs(np.log(sizes[0][:, None] / sizes[1]))
-    return distance / (np.maximum(sizes[0][:, None], sizes[1]) + PARTS.map_error), ratio
+    return distance / (np.maximum(sizes[0][:, None], sizes[1]) + BODY_MAP_ERROR), ratio
 
 
 def relation_of(of_target: Booleans, of_source: Booleans) -> Floats:
     """(p, q) what regions make of a misfit: less where they are shared, infinite where none is but both are in some."""
     common = of_target.astype(float) @ of_source.T
     union = of_target.sum(axis=1)[:, None] + of_source.sum(axis=1) - common
-    factor = 1 - PARTS.region_bonus * common / np.maximum(union, 1)
+    factor = 1 - SAME_REGION_DISCOUNT * common / np.maximum(union, 1)
     strangers = of_target.any(axis=1)[:, None] & of_source.any(axis=1) & (common == 0)
     return np.where(strangers, np.inf, factor)
 

@@ -22,7 +22,7 @@ from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
-from zoomout_core.matching.components.parts import PARTS, Part, Side, relation_of
+from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, registered
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.confidence import Partners
@@ -143,7 +143,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_skins: Partners) -> 
     motions: list[Similarities] = []
     # A surface of one shell is a whole body, and a shell of the other one a piece of one.
     if min(len(ours), len(theirs)) > 1:
-        most = PARTS.most_parts
+        most = MAX_PAIRED_PARTS
         partners, motions = _partners(pair, motion, ours[:most], theirs[:most], source, target)
     if partners:
         shells = OrientedSurface(

@@ -17,26 +17,13 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.spectral.eigenbasis import SpectralBasis
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class SimilarityFieldTuning(Tuning, set_by="judgement"):
-    """Over what the similarities around a body are fitted and blended.
-
-    Attributes:
-        widths: diffusion lengths over which surroundings are pooled: the farther off a point, the wider.
-        neighbours: vertices of the body whose similarities are blended for a point.
-        most_scale: factor by which a body grows or shrinks locally, at most, against its typical scale: maps squeeze
-            by mistake.
-    """
-
-    widths: tuple[float, ...] = tuned((0.04, 0.1, 0.25), "at unit area", 1e-6, 10)
-    neighbours: int = tuned(12, "vertices", 1, 1000)
-    most_scale: float = tuned(2.0, "1", 1, 100)
-
-
-SIMILARITIES = SimilarityFieldTuning()
+# Diffusion lengths over which neighbourhoods are pooled, at unit area; points farther from the body use longer ones.
+POOLING_LENGTHS = (0.04, 0.1, 0.25)
+# Nearest vertices of the body whose similarities are blended at a point.
+BLENDED_NEIGHBOURS = 12
+# Largest factor between a local scale and the body's median: maps shrink or stretch places by mistake.
+MAX_SCALE_RATIO = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +61,7 @@ class SimilarityField:
     def _moments(self) -> list[Moments]:
         """Those of the surroundings of each vertex, for each of the widths."""
         local = products(self.places, self.images)
-        return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in SIMILARITIES.widths]
+        return [Moments.of_products(self.basis.smoothed(local, width**2)) for width in POOLING_LENGTHS]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Where the body takes points around it.
@@ -86,13 +73,13 @@ class SimilarityField:
         Returns:
             (q, 3) points, (q, 3) unit directions, and (q,) trust in the body there.
         """
-        count = min(SIMILARITIES.neighbours, len(self.places))
+        count = min(BLENDED_NEIGHBOURS, len(self.places))
         distance, near = (np.reshape(part, (len(points), count)) for part in self._tree.query(points, count))
         weights = (1 - distance / (distance[:, -1:] * (1 + 1e-3) + 1e-300)) ** 2
         weights /= weights.sum(axis=1, keepdims=True)
         start = np.arange(0, near.size + 1, count)
         blend = csr_array((weights.ravel(), near.ravel(), start), shape=(len(points), len(self.places)))
-        widths = np.log(SIMILARITIES.widths)
+        widths = np.log(POOLING_LENGTHS)
         level = np.interp(np.log(np.maximum(distance[:, 0], 1e-300)), widths, np.arange(len(widths)))
         affine = np.zeros((len(points), 12))
         for i, moments in enumerate(self._moments):
@@ -106,7 +93,7 @@ class SimilarityField:
 def affine_maps(moments: Moments, handedness: float) -> Floats:
     """(m, 12) the similarities of patches, of scales near the typical one: linear part, row by row, and translation."""
     typical = np.median(moments.scale(handedness))
-    scales = typical / SIMILARITIES.most_scale, typical * SIMILARITIES.most_scale
+    scales = typical / MAX_SCALE_RATIO, typical * MAX_SCALE_RATIO
     found = moments.similarities(handedness, scales)
     return np.hstack([found.linear.reshape(-1, 9), found.translation])
 

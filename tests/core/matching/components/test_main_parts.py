@@ -8,9 +8,8 @@ from loose_parts import ball, sheet
 from reports import fractions_of
 
 from zoomout_core.matching.components import main_parts as module
-from zoomout_core.matching.components.main_parts import MAIN_PARTS, _comparable, _spectrum, main_parts
+from zoomout_core.matching.components.main_parts import _comparable, _spectrum, main_parts
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.tuning import retuned
 
 EGG, PLUM = ball(1.0, radii=(2, 1, 1), count=200), ball(0.9, (5, 0, 0), radii=(1.5, 1.2, 1), count=200)
 
@@ -103,10 +102,10 @@ def test_parts_of_as_few_vertices_as_may_be_are_compared() -> None:
     assert len(one.vertices) == len(other.vertices) == 12
 
 
-def test_one_eigenvalue_is_enough_where_it_tells_parts_apart() -> None:
+def test_one_eigenvalue_is_enough_where_it_tells_parts_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     both = Surface.joined([EGG, PLUM])
-    with retuned(MAIN_PARTS, eigenvalues=1):
-        assert bodies(both, PLUM) == pytest.approx((size(PLUM), size(PLUM)))
+    monkeypatch.setattr(module, "COMPARED_EIGENVALUES", 1)
+    assert bodies(both, PLUM) == pytest.approx((size(PLUM), size(PLUM)))
 
 
 def test_progress_never_falls_and_ends_in_time() -> None:
