@@ -25,7 +25,7 @@ from zoomout_core.matching.partial.part_registration import RegisteredPart, regi
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Fit, fine_enough
+from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, fine_enough
 from zoomout_core.matching.scores import EVIDENCE, Disagreement, nothing_known
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
@@ -160,7 +160,7 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     assert candidate.part_match is not None
     part, whole = part_of(pair)
     region = candidate.part_match.region
-    in_region = register_part(candidate.part_match.places, region.part, region.whole, NONRIGID.levels)
+    in_region = register_part(candidate.part_match.places, region.part, region.whole, NONRIGID_SCHEDULE)
     registered = region.carried(in_region)
     residual = PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near

@@ -18,7 +18,7 @@ from zoomout_core.matching.local_rigid_alignment import align
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph
-from zoomout_core.matching.registration.nonrigid_icp import NONRIGID, Level, bend
+from zoomout_core.matching.registration.nonrigid_icp import ALIGNMENT_WIDTH, Level, bend
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.tuning import Tuning, tuned
 
@@ -106,7 +106,7 @@ def register_part(
     if begun is None:
         count = min(PART_REGISTRATION.image_functions, here.search.rows.shape[1])
         images = here.search.fit(there.mesh.vertices[vertex[here.nearest_distance_sample]], count)
-        start = align(images, here, NONRIGID.alignment_width, mirrored=False).positions
+        start = align(images, here, ALIGNMENT_WIDTH, mirrored=False).positions
     else:
         start = begun.positions
     place, is_cut = here.voronoi_cell, whole.cut_distance_of_vertices == 0

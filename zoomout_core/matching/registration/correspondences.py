@@ -13,31 +13,18 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.local_rigid_alignment import RIGID_ALIGNMENT
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class CorrespondenceTuning(Tuning, set_by="judgement"):
-    """Which correspondences non-rigid ICP uses, and their weights.
-
-    Attributes:
-        robust_scale: of the weight 1 / (1 + (r / scale)^2)^2 of a residual r (Geman and McClure 1987).
-        least_weight: lower bound of the weights.
-        points_per_node: query points of each of the two shapes for each node of the deformation graph.
-        most_points: query points of each shape, at most.
-        geodesic_limit: largest geodesic distance on the source from a correspondence to the image by the first map.
-        limit_samples: sources of the geodesic distances that bound that distance from below.
-    """
-
-    robust_scale: float = tuned(0.03, "at unit area", 1e-6, 1)
-    least_weight: float = tuned(1e-3, "1", 0, 1)
-    points_per_node: int = tuned(10, "points", 1, 1000)
-    most_points: int = tuned(1000, "points", 10, 100_000)
-    geodesic_limit: float = tuned(0.12, "at unit area", 0, 10)
-    limit_samples: int = tuned(40, "samples", 1, 1000)
-
-
-CORRESPONDENCES = CorrespondenceTuning()
+# Scale s of the weight 1 / (1 + (r / s)^2)^2 of a residual r, at unit area (Geman and McClure 1987), and the smallest
+# weight of a correspondence.
+ROBUST_SCALE = 0.03
+MIN_WEIGHT = 1e-3
+# Query points on each shape for each node of the deformation graph, and their largest number.
+QUERY_POINTS_PER_NODE = 10
+MAX_QUERY_POINTS = 1000
+# Largest geodesic distance on the source, at unit area, from a correspondence to the image under the first map.
+MAX_GEODESIC_DISTANCE = 0.12
+# Samples whose geodesic distances bound that distance from below, by the triangle inequality.
+BOUND_SAMPLES = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +42,7 @@ class QueryPoints:
     @classmethod
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
         """Points for a deformation graph of some number of nodes."""
-        samples = shape.sampled.samples[: min(CORRESPONDENCES.points_per_node * nodes, CORRESPONDENCES.most_points)]
+        samples = shape.sampled.samples[: min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS)]
         owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
         areas = shape.basis.areas
         return cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
@@ -109,12 +96,12 @@ class GeodesicLimit:
 
     def __init__(self, first: Integers, source: ShapeAnalysis, is_cut: Booleans | None = None) -> None:
         self._first, self._is_cut = first, is_cut
-        self._marks = source.distances[: CORRESPONDENCES.limit_samples].T.astype(np.float32)
+        self._marks = source.distances[:BOUND_SAMPLES].T.astype(np.float32)
 
     def exceeds_geodesic_limit(self, vertex: Integers, partner: Integers) -> Booleans:
         """(q,) for pairs of a vertex of the target and one of the source."""
         apart = np.abs(self._marks[partner] - self._marks[self._first[vertex]]).max(axis=1)
-        beyond = np.asarray(apart > CORRESPONDENCES.geodesic_limit)
+        beyond = np.asarray(apart > MAX_GEODESIC_DISTANCE)
         return beyond if self._is_cut is None else beyond | self._is_cut[partner]
 
 
@@ -151,8 +138,8 @@ def residuals(
     beyond = limit.exceeds_geodesic_limit(vertex, np.concatenate([found.vertex, there.vertex]))
     residual = partner - positions[vertex]
     agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)
-    trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / CORRESPONDENCES.robust_scale) ** 2) ** 2
-    trust = np.where(beyond, CORRESPONDENCES.least_weight, np.maximum(trust, CORRESPONDENCES.least_weight))
+    trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / ROBUST_SCALE) ** 2) ** 2
+    trust = np.where(beyond, MIN_WEIGHT, np.maximum(trust, MIN_WEIGHT))
     across = partner_normal[:, :, None] * partner_normal[:, None]
     weight = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
     return vertex, residual, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * weight

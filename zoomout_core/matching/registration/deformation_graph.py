@@ -15,35 +15,21 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.analysis import ShapeAnalysis
-from zoomout_core.tuning import Tuning, tuned
 
 # Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
 # the time and is exact enough where the next step begins from closest points found anew. The second, relative to the
 # mean of the diagonal, keeps a node in place that no residual depends on.
 DAMPING, LEAST_DIAGONAL = 1e-5, 1e-9
-
-
-@dataclass(frozen=True)
-class DeformationTuning(Tuning, set_by="judgement"):
-    """How nodes move vertices, how they hold each other, and how far they step.
-
-    Attributes:
-        nearest_nodes: that move a vertex.
-        rotation_weight: of the squared difference in rotation of neighbouring nodes, against that in position.
-        joint_scale: of the weight 1 / (1 + (r / scale)^2) of neighbours that put each other r apart: joints bend.
-        over_relaxation: factor of steps towards closest points, which give way only slowly to what slides along a
-            surface: with it and the next, two thirds of the rounds lead as far.
-        momentum: part of the step before that is added (Polyak 1964).
-    """
-
-    nearest_nodes: int = tuned(5, "nodes", 1, 100)
-    rotation_weight: float = tuned(0.0005, "area / radian^2", 0, 1)
-    joint_scale: float = tuned(0.01, "at unit area", 1e-6, 1)
-    over_relaxation: float = tuned(1.6, "1", 0.1, 2)
-    momentum: float = tuned(0.3, "1", 0, 1)
-
-
-DEFORMATION = DeformationTuning()
+# Nodes that move each vertex.
+NODES_PER_VERTEX = 5
+# Weight of the squared difference in rotation of neighbouring nodes against that in position, in area / radian^2.
+ROTATION_WEIGHT = 0.0005
+# Scale s of the weight 1 / (1 + (r / s)^2) of neighbours that disagree by r, at unit area: joints bend.
+JOINT_SCALE = 0.01
+# Steps towards closest points are scaled by the first and add a fraction of the step before (Polyak 1964), since
+# surfaces that slide along each other converge slowly: two thirds of the rounds then lead as far.
+OVER_RELAXATION = 1.6
+MOMENTUM = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +55,7 @@ class Nodes:
     @classmethod
     def on(cls, target: ShapeAnalysis, count: int) -> Nodes:
         distances = target.distances[:count]
-        c = min(DEFORMATION.nearest_nodes, len(distances) - 1)
+        c = min(NODES_PER_VERTEX, len(distances) - 1)
         near = np.argpartition(distances, c, axis=0)[: c + 1]
         order = np.argsort(np.take_along_axis(distances, near, axis=0), axis=0)
         near = np.take_along_axis(near, order, axis=0)
@@ -171,7 +157,7 @@ class DeformationGraph:
         change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
         moved = float(np.linalg.norm(change[:, 3:], axis=1).mean())
         if approaching:
-            change = self.stride = DEFORMATION.over_relaxation * change + DEFORMATION.momentum * self.stride
+            change = self.stride = OVER_RELAXATION * change + MOMENTUM * self.stride
         self.rotations = Rotation.from_rotvec(change[:, :3]).as_matrix() @ self.rotations
         self.images = self.images + change[:, 3:]
         return moved
@@ -188,9 +174,9 @@ class DeformationGraph:
         placing[:, 0, :, :3] = crossing(away)
         placing[:, 0, :, 3:], placing[:, 1, :, 3:] = np.eye(3), -np.eye(3)
         turning[:, 0, :, :3], turning[:, 1, :, :3] = np.eye(3), -np.eye(3)
-        robust = 1 + (np.linalg.norm(apart, axis=1) / DEFORMATION.joint_scale) ** 2
+        robust = 1 + (np.linalg.norm(apart, axis=1) / JOINT_SCALE) ** 2
         root_weight = np.sqrt(stiffness * self.nodes.bond / len(places) / robust)
-        both, turning_weight = np.stack([first, second], axis=1), np.sqrt(DEFORMATION.rotation_weight) * root_weight
+        both, turning_weight = np.stack([first, second], axis=1), np.sqrt(ROTATION_WEIGHT) * root_weight
         return [
             _Rows(both, root_weight[:, None, None, None] * placing, -root_weight[:, None] * apart),
             _Rows(both, turning_weight[:, None, None, None] * turning, turning_weight[:, None] * turn),

@@ -27,7 +27,6 @@ from zoomout_core.matching.registration.correspondences import GeodesicLimit, Qu
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import settle, unmoved
 from zoomout_core.runtime.progress import advance, portion
-from zoomout_core.tuning import Tuning, tuned
 
 # The fraction of the progress of a fit that the rounds take.
 BENDING = 0.9
@@ -49,46 +48,31 @@ class Level(NamedTuple):
     rounds: int
 
 
-@dataclass(frozen=True)
-class NonrigidTuning(Tuning, set_by="judgement"):
-    """The schedule of non-rigid ICP, and where its result is used.
-
-    Attributes:
-        alignment_width: diffusion length over which the images are smoothed that the target is first aligned with.
-        levels: the schedule. First with few nodes, so that a trunk turns about its axis as its limbs do: nothing else
-            determines the rotation of a round part about its axis.
-        at_rest: a level ends where nodes move by less than this on average.
-        vertices_per_node: meshes with fewer vertices for each node of the last level are too coarse to be fitted.
-        worse: factor of the disagreement of eigenfunctions by the first map beyond which a fit went astray.
-        allowance: added to that disagreement.
-        pooling: diffusion length over which disagreement is averaged.
-        elsewhere: a vertex of a full mesh is not brought to what is farther than this from its stand-in's image.
-    """
-
-    alignment_width: float = tuned(0.06, "at unit area", 0, 1)
-    levels: tuple[Level, ...] = tuned(
-        (
-            Level(40, 1.0, 0.3, 1),
-            Level(40, 0.01, 0.3, 5),
-            Level(100, 1.0, 0.3, 1),
-            Level(100, 0.02, 0.3, 2),
-            Level(200, 1.0, 0.3, 1),
-            Level(200, 0.05, 0.3, 2),
-            Level(200, 0.02, 0.1, 3),
-        ),
-        "nodes, 1, 1, rounds",
-        0,
-        1000,
-    )
-    at_rest: float = tuned(6e-4, "at unit area", 0, 1)
-    vertices_per_node: int = tuned(2, "vertices", 1, 100)
-    worse: float = tuned(2.0, "1", 1, 100)
-    allowance: float = tuned(0.02, "at unit area", 0, 1)
-    pooling: float = tuned(0.03, "at unit area", 0, 1)
-    elsewhere: float = tuned(0.03, "at unit area", 0, 10)
-
-
-NONRIGID = NonrigidTuning()
+# Diffusion length, at unit area, that smooths the images to which the target is aligned first.
+ALIGNMENT_WIDTH = 0.06
+# The first levels have few nodes, so that a trunk turns about its axis along with its limbs: nothing else determines
+# the rotation of a round part about its axis.
+NONRIGID_SCHEDULE = (
+    Level(40, 1.0, 0.3, 1),
+    Level(40, 0.01, 0.3, 5),
+    Level(100, 1.0, 0.3, 1),
+    Level(100, 0.02, 0.3, 2),
+    Level(200, 1.0, 0.3, 1),
+    Level(200, 0.05, 0.3, 2),
+    Level(200, 0.02, 0.1, 3),
+)
+# A level ends once its nodes move by less than this on average, at unit area.
+CONVERGED_MOTION = 6e-4
+# Vertices that a mesh must have for each node of the finest level.
+VERTICES_PER_NODE = 2
+# A fit is rejected where eigenfunctions disagree with it by more than this factor times their disagreement with the
+# first map, plus an allowance at unit area. Both are averaged over a diffusion length, at unit area.
+MAX_DISAGREEMENT_RATIO = 2.0
+DISAGREEMENT_ALLOWANCE = 0.02
+DISAGREEMENT_WIDTH = 0.03
+# Largest distance from a vertex's image on the proxy to that on the full mesh, at unit area: anything farther is
+# another part that touches this one.
+MAX_LIFT_DISTANCE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +100,7 @@ class Fit:
 
 def fewest_vertices() -> int:
     """How many vertices the nodes of the schedule need."""
-    return NONRIGID.vertices_per_node * max(level.nodes for level in NONRIGID.levels)
+    return VERTICES_PER_NODE * max(level.nodes for level in NONRIGID_SCHEDULE)
 
 
 def fine_enough(*shapes: ShapeAnalysis) -> bool:
@@ -139,14 +123,14 @@ def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
     coefficients = target.basis.coefficients(images)[: RIGID_ALIGNMENT.image_functions]
-    aligned = align(coefficients, target, NONRIGID.alignment_width, mirrored)
+    aligned = align(coefficients, target, ALIGNMENT_WIDTH, mirrored)
     if aligned.facing(image_normals, source, target) is not aligned:
         normals = -normals
     around, limit = Surroundings.of(source), GeodesicLimit(first.vertex, source)
     still, placed = unmoved(first, rest, normals, around, limit, target)
     positions = np.where(still[:, None], placed, aligned.positions)
     with portion(0.0, BENDING):
-        graph = bend(rest, normals, positions, around, limit, target, NONRIGID.levels)
+        graph = bend(rest, normals, positions, around, limit, target, NONRIGID_SCHEDULE)
     advance(BENDING)
     positions, turned, blends = graph.moved()
     found = around.closest(positions, turned)
@@ -203,7 +187,7 @@ def bend(
                 motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
             else:
                 motion = graph.step(*residuals(positions, turned, here, there, around, limit, sliding), stiffness, True)
-            if motion < NONRIGID.at_rest:
+            if motion < CONVERGED_MOTION:
                 break
     assert graph is not None
     return graph
@@ -236,7 +220,7 @@ def lifted_fit(fit: Fit, source: Proxy, target: Proxy, standing: Floats) -> Surf
     at_rest = (settled != goal).any(axis=1)
     loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
     found = _replaced(found, loose, source.closest(goal[loose]))
-    elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > NONRIGID.elsewhere
+    elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > MAX_LIFT_DISTANCE
     elsewhere &= loose | ~at_rest
     return _replaced(found, elsewhere, source.closest(images[elsewhere]))
 
@@ -254,5 +238,5 @@ def _astray(found: SurfaceMap, first: SurfaceMap, source: ShapeAnalysis, target:
     values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]
     pulled = [surface_map.interpolate(source.basis.eigenvectors[:, :k]) for surface_map in (found, first)]
     off = [spectral_distance(values, rows @ target.basis.coefficients(rows)[:k].T, eigenvalues) for rows in pulled]
-    pooled = np.maximum(target.basis.smoothed(np.column_stack(off), NONRIGID.pooling**2), 0)
-    return np.asarray(pooled[:, 0] > NONRIGID.worse * pooled[:, 1] + NONRIGID.allowance)
+    pooled = np.maximum(target.basis.smoothed(np.column_stack(off), DISAGREEMENT_WIDTH**2), 0)
+    return np.asarray(pooled[:, 0] > MAX_DISAGREEMENT_RATIO * pooled[:, 1] + DISAGREEMENT_ALLOWANCE)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -15,48 +13,32 @@ from zoomout_core.matching.proxy import Proxy
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
 from zoomout_core.matching.registration.deformation_graph import crossing
 from zoomout_core.mesh.triangles import triangle_normals
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class RigidTuning(Tuning, set_by="judgement"):
-    """Where a single motion registers the target with the source, on stand-ins and on full meshes.
-
-    Attributes:
-        rounds: of the search for a motion.
-        sliding: weight of a residual along the surface against one across it.
-        coinciding: a vertex nearer to the source, or to its goal, coincides with it.
-        mostly: the part of a vertex's surroundings that must coincide.
-        pooling: diffusion length of these surroundings.
-        nodes: a motion is found from as many query points as a deformation graph of this number of nodes has.
-        settling_rounds: of the refinement on the full meshes.
-        fewest_settled: the part of the vertices that must be near their goals for it.
-        settling_points: vertices that it looks at.
-        fewest_vertices: of a mesh that is refined.
-        flush: two meshes of one surface are no farther apart.
-        as_well: factor of the best motion's miss up to which meshes of one surface stand as they should.
-        fading: factor of that, and of `flush`, up to which where they stand counts, the less the nearer to it.
-        throughout: where a motion takes this part of all vertices to their goals, surfaces differ by their meshes only,
-            and the other vertices go along if they come to lie on the source: their goals were wrong.
-    """
-
-    rounds: int = tuned(5, "rounds", 1, 100)
-    sliding: float = tuned(0.02, "1", 0, 1)
-    coinciding: float = tuned(0.006, "at unit area", 1e-6, 1)
-    mostly: float = tuned(0.8, "1", 0, 1)
-    pooling: float = tuned(0.03, "at unit area", 0, 1)
-    nodes: int = tuned(40, "nodes", 1, 1000)
-    settling_rounds: int = tuned(4, "rounds", 1, 100)
-    fewest_settled: float = tuned(0.2, "1", 0, 1)
-    settling_points: int = tuned(1000, "vertices", 10, 1_000_000)
-    fewest_vertices: int = tuned(400, "vertices", 10, 1_000_000)
-    flush: float = tuned(5e-4, "at unit area", 0, 1)
-    as_well: float = tuned(2.0, "1", 1, 100)
-    fading: float = tuned(1.5, "1", 1.001, 100)
-    throughout: float = tuned(0.9, "1", 0, 1)
-
-
-RIGID = RigidTuning()
+# Iterations that fit a motion. On proxies it is fitted to the query points of a deformation graph of this many nodes.
+MOTION_ITERATIONS = 5
+QUERY_NODES = 40
+# Weight of a residual along the surface against one across it.
+SLIDING_WEIGHT = 0.02
+# A vertex within this distance of the source, or of its goal, coincides with it, at unit area.
+COINCIDENCE_DISTANCE = 0.006
+# A vertex needs no bending if this share of its neighbourhood coincides, within a diffusion length at unit area.
+MIN_COINCIDING_SHARE = 0.8
+NEIGHBOURHOOD_WIDTH = 0.03
+# Refinement on full meshes: iterations, fewest reliable vertices, how many of them are used, and the share of these
+# that must coincide with their goals.
+SETTLING_ITERATIONS = 4
+MIN_SETTLING_VERTICES = 400
+MAX_SETTLING_POINTS = 1000
+MIN_SETTLED_SHARE = 0.2
+# Two meshes of one surface are at most this far apart, at unit area.
+SAME_SURFACE_DISTANCE = 5e-4
+# Meshes of one surface keep their placement if its residual is at most this factor of the best motion's. Up to
+# `FADE_FACTOR` times this limit, and `SAME_SURFACE_DISTANCE`, placement and motion are blended.
+MAX_RESIDUAL_RATIO = 2.0
+FADE_FACTOR = 1.5
+# If a motion takes this share of all vertices to their goals, the surfaces differ in their meshes only. The remaining
+# vertices follow it if they land on the source, because their goals were wrong.
+SAME_SURFACE_SHARE = 0.9
 
 
 def unmoved(
@@ -73,14 +55,14 @@ def unmoved(
         (n,) where that is so, and (n, 3) where the motion takes the target's vertices.
     """
     mesh = around.source.mesh
-    here, there = QueryPoints.on(target, RIGID.nodes), QueryPoints.on(around.source, RIGID.nodes)
+    here, there = QueryPoints.on(target, QUERY_NODES), QueryPoints.on(around.source, QUERY_NODES)
     at = here.vertex
     images = first.interpolate(mesh.vertices)[at]
     moments = Moments.between(rest[at], images, here.areas)
     centre, image_centre, turn = moments.place, moments.image, moments.rotations()
-    for _ in range(RIGID.rounds):
+    for _ in range(MOTION_ITERATIONS):
         placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
-        vertex, residual, weight = residuals(placed, turned, here, there, around, limit, RIGID.sliding)
+        vertex, residual, weight = residuals(placed, turned, here, there, around, limit, SLIDING_WEIGHT)
         jacobian = np.concatenate([weight @ crossing(placed[vertex] - image_centre), weight], axis=2).reshape(-1, 6)
         change = np.linalg.lstsq(jacobian, np.einsum("qij,qj->qi", weight, residual).ravel(), rcond=None)[0]
         turn = Rotation.from_rotvec(change[:3]).as_matrix() @ turn
@@ -88,9 +70,9 @@ def unmoved(
     placed, turned = image_centre + (rest - centre) @ turn.T, normals @ turn.T
     found = around.closest(placed, turned)
     apart = np.linalg.norm(found.interpolate(mesh.vertices) - placed, axis=1)
-    close = (apart < RIGID.coinciding) & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
-    pooled = target.basis.smoothed(close[:, None].astype(float), RIGID.pooling**2)[:, 0]
-    return pooled > RIGID.mostly, placed
+    close = (apart < COINCIDENCE_DISTANCE) & ~limit.exceeds_geodesic_limit(np.arange(len(rest)), found.vertex)
+    pooled = target.basis.smoothed(close[:, None].astype(float), NEIGHBOURHOOD_WIDTH**2)[:, 0]
+    return pooled > MIN_COINCIDING_SHARE, placed
 
 
 def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, source: Proxy) -> tuple[Floats, float]:
@@ -112,20 +94,20 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         (n, 3) positions, and how near to the source, at unit area, those made exact are to lie.
     """
     reliable = np.flatnonzero(fits)
-    if len(reliable) < RIGID.fewest_vertices:
-        return goal, RIGID.flush
-    at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), RIGID.settling_points)).astype(int)]
+    if len(reliable) < MIN_SETTLING_VERTICES:
+        return goal, SAME_SURFACE_DISTANCE
+    at = reliable[np.linspace(0, len(reliable) - 1, min(len(reliable), MAX_SETTLING_POINTS)).astype(int)]
     trust = np.ones(len(at))
-    for _ in range(RIGID.rounds):
+    for _ in range(MOTION_ITERATIONS):
         aligned = procrustes(points[at], goal[at], trust)
         miss = np.linalg.norm(aligned(points[at]) - goal[at], axis=1)
-        trust = 1 / (1 + (miss / RIGID.coinciding) ** 2) ** 2
+        trust = 1 / (1 + (miss / COINCIDENCE_DISTANCE) ** 2) ** 2
     motion, shift = aligned.linear, aligned.translation
-    for _ in range(RIGID.settling_rounds):
+    for _ in range(SETTLING_ITERATIONS):
         placed = points[at] @ motion.T + shift
-        near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < RIGID.coinciding)
-        if len(near) < RIGID.fewest_settled * len(at):
-            return goal, RIGID.flush
+        near = np.flatnonzero(np.linalg.norm(placed - goal[at], axis=1) < COINCIDENCE_DISTANCE)
+        if len(near) < MIN_SETTLED_SHARE * len(at):
+            return goal, SAME_SURFACE_DISTANCE
         residual, normals = _residuals(placed[near], source)
         away = placed[near] - placed[near].mean(axis=0)
         columns = [np.cross(away, normals), np.einsum("nx,nx->n", normals, away)[:, None], normals]
@@ -134,22 +116,22 @@ def settle(goal: Floats, fits: Booleans, points: Floats, standing: Floats, sourc
         middle = placed[near].mean(axis=0)
         motion, shift = grown @ motion, grown @ (shift - middle) + middle + change[4:]
     left = np.median(np.abs(residual))
-    if left > RIGID.flush:
-        return goal, RIGID.flush
+    if left > SAME_SURFACE_DISTANCE:
+        return goal, SAME_SURFACE_DISTANCE
     placed = points @ motion.T + shift
-    elsewhere = np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) / RIGID.flush
-    if elsewhere < RIGID.fading:
+    elsewhere = np.median(np.linalg.norm((standing - placed)[at[near]], axis=1)) / SAME_SURFACE_DISTANCE
+    if elsewhere < FADE_FACTOR:
         as_they_stand, _ = _residuals(standing[at[near]], source)
-        worse = np.median(np.abs(as_they_stand)) / (RIGID.as_well * left)
-        stays = np.clip((RIGID.fading - max(elsewhere, worse)) / (RIGID.fading - 1), 0, 1)
+        worse = np.median(np.abs(as_they_stand)) / (MAX_RESIDUAL_RATIO * left)
+        stays = np.clip((FADE_FACTOR - max(elsewhere, worse)) / (FADE_FACTOR - 1), 0, 1)
         placed = (1 - stays) * placed + stays * standing
-    settled = fits & (np.linalg.norm(placed - goal, axis=1) < RIGID.coinciding)
-    if settled.mean() < RIGID.throughout:
-        return np.where(settled[:, None], placed, goal), RIGID.flush
+    settled = fits & (np.linalg.norm(placed - goal, axis=1) < COINCIDENCE_DISTANCE)
+    if settled.mean() < SAME_SURFACE_SHARE:
+        return np.where(settled[:, None], placed, goal), SAME_SURFACE_DISTANCE
     rest = np.flatnonzero(~settled)
     found = source.closest(placed[rest]).interpolate(source.full.vertices)
-    settled[rest] = np.linalg.norm(found - placed[rest], axis=1) < RIGID.flush
-    return np.where(settled[:, None], placed, goal), RIGID.coinciding
+    settled[rest] = np.linalg.norm(found - placed[rest], axis=1) < SAME_SURFACE_DISTANCE
+    return np.where(settled[:, None], placed, goal), COINCIDENCE_DISTANCE
 
 
 def _residuals(points: Floats, source: Proxy) -> tuple[Floats, Floats]:
