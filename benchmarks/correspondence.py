@@ -33,7 +33,7 @@ from benchmarks.pictures import Picture, draw
 from benchmarks.tables import Record
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.notes import NOTES
+from zoomout_core.matching.notes import SURE_CERTAINTY
 from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"
@@ -44,7 +44,7 @@ ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
 # A vertex of this confidence is trusted, and rightly so if its error times 1000 is below the other.
 TRUSTED, CLOSE = 0.5, 50
 # Classes of certainty in the table of calibration.
-CERTAINTIES = (0.0, 0.5, 0.8, NOTES.sure, 1.0)
+CERTAINTIES = (0.0, 0.5, 0.8, SURE_CERTAINTY, 1.0)
 WORST = 10
 # Kinds of parts of which the shapes are other species.
 OTHER_SPECIES = ("both cut, other species",)

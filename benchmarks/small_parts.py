@@ -14,7 +14,7 @@ import zoomout_core as zo
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.notes import NOTES
+from zoomout_core.matching.notes import SURE_CERTAINTY
 from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
@@ -142,7 +142,7 @@ def _rows(records: list[Record]) -> list[Record]:
     rows = []
     for name, limb in dict.fromkeys((record["set"], record["limb"]) for record in records):
         chosen = [record for record in records if (record["set"], record["limb"]) == (name, limb)]
-        sure = [record for record in chosen if record["certainty"] >= NOTES.sure]
+        sure = [record for record in chosen if record["certainty"] >= SURE_CERTAINTY]
         errors = [record["error"] for record in chosen]
         rows.append(
             {

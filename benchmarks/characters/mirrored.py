@@ -18,7 +18,7 @@ from benchmarks.characters.figures import dominant, figures
 from benchmarks.characters.game import Character, read_character
 from benchmarks.characters.table import Row, over
 from benchmarks.characters.truth import Bones, Rest, bones_of
-from zoomout_core.matching.notes import NOTES
+from zoomout_core.matching.notes import SURE_CERTAINTY
 from zoomout_core.symmetry.flip_name import partner_of
 
 # The kinds of cases: a character at rest, in a pose, and what a body wears.
@@ -116,7 +116,7 @@ def symmetry_rows(records: list[Row]) -> list[Row]:
     rows = []
     for kind in dict.fromkeys(record["characters"] for record in records):
         chosen = [record for record in records if record["characters"] == kind]
-        sure = [record for record in chosen if record["certainty"] >= NOTES.sure]
+        sure = [record for record in chosen if record["certainty"] >= SURE_CERTAINTY]
         rows.append(
             {
                 "characters": kind,

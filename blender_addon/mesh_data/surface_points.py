@@ -15,7 +15,7 @@ from mathutils.geometry import tessellate_polygon
 
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.pair import PLACEMENT
+from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 
 from .surfaces import evaluated_mesh
 
@@ -93,7 +93,7 @@ def surface_point_of_vertex(obj: Object, vertex: int, depsgraph: Depsgraph) -> S
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
         same_vertices = len(mesh.vertices) == len(obj.data.vertices)
         point = (mesh if same_vertices else obj.data).vertices[vertex].co.copy()
-        most = PLACEMENT.off_surface * extent(mesh)
+        most = MAX_LANDMARK_DISTANCE * extent(mesh)
     place = nearest_surface_point(obj, point, most, depsgraph)
     if place is None:
         raise zo.MeshError(

@@ -7,7 +7,7 @@ from functools import partial
 
 from bpy.types import Context
 
-from zoomout_core.matching.notes import NOTES
+from zoomout_core.matching.notes import MAX_UNMATCHED_SHARE
 
 from ..properties.match import MatchOptions, RedoOptions
 from ..properties.settings import SourceName, take_settings
@@ -56,6 +56,6 @@ def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> st
     others = " and others" if len(set(sources)) > 1 else ""
     text = f"Matched {what} with '{sources[0]}'{others}; {doubtful} of {vertices} vertices are of low confidence"
     shares = stored_match.without_partner(outcome.done[names[0]]) if len(names) == 1 else None
-    if shares is None or max(shares) < NOTES.without_partner:
+    if shares is None or max(shares) < MAX_UNMATCHED_SHARE:
         return text
     return f"{text}; {shares[0]:.0%} of the target and {shares[1]:.0%} of the source have no partner"

@@ -16,7 +16,7 @@ from mathutils import Vector
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.pair import PLACEMENT
+from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, positions_in_world
 from ..mesh_data.arrays import hash_of
@@ -120,7 +120,7 @@ def world_positions(obj: Object, places: dict[int, SurfacePoint], depsgraph: Dep
         return {}
     found: dict[int, Floats | None] = {}
     with evaluated_mesh(obj, depsgraph) as (_, mesh):
-        most = PLACEMENT.off_surface * extent(mesh)
+        most = MAX_LANDMARK_DISTANCE * extent(mesh)
         here = {number: place.on(mesh) for number, place in places.items()}
     for number, position in here.items():
         if position is None:

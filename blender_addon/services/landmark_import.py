@@ -7,7 +7,7 @@ from bpy.types import Context, Object
 from mathutils import Vector
 
 import zoomout_core as zo
-from zoomout_core.matching.pair import PLACEMENT
+from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 
 from ..mesh_data import (
     SurfacePoint,
@@ -91,7 +91,7 @@ def points_of_empties(context: Context, obj: Object, objects: list[Object]) -> d
     places = {}
     for empty in context.scene.objects:
         if empty.type == "EMPTY" and (empty.parent is None or empty.parent not in objects or empty.parent == obj):
-            reach = size if empty.parent == obj else PLACEMENT.off_surface * size
+            reach = size if empty.parent == obj else MAX_LANDMARK_DISTANCE * size
             point = Vector(positions_in_object(obj, origin(empty)).tolist())
             place = nearest_surface_point(obj, point, reach, depsgraph)
             if place is not None:

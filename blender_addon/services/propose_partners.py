@@ -11,7 +11,7 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.pair import PLACEMENT
+from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 
 from ..jobs import run
 from ..mesh_data import ObjectPair, evaluated_mesh, extent, nearest_surface_point, positions_in_object
@@ -78,7 +78,7 @@ def _place(
         return 0
     points, valid = partners(pair, match, np.array(list(there.values())))
     with evaluated_mesh(other, depsgraph) as (_, mesh):
-        most = PLACEMENT.off_surface * extent(mesh)
+        most = MAX_LANDMARK_DISTANCE * extent(mesh)
     count, own = 0, positions_in_object(other, points[valid])
     for number, point in zip(np.array(list(there))[valid].tolist(), own.tolist(), strict=True):
         place = nearest_surface_point(other, Vector(point), most, depsgraph)

@@ -3,39 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
-from zoomout_core.tuning import Tuning, tuned
 
 BEST, MIRROR, SIDES, FRONT, AROUND, UPSIDE_DOWN = "BEST", "MIRROR", "SIDES", "FRONT", "AROUND", "UPSIDE_DOWN"
 ARMS, LEGS, LIMBS, TOP, BOTTOM = "ARMS", "LEGS", "LIMBS", "TOP", "BOTTOM"
 
-
-@dataclass(frozen=True)
-class DifferenceTuning(Tuning, set_by="judgement"):
-    """When maps differ, and in what; lengths are over the diagonal of the first map's images.
-
-    Attributes:
-        as_a_whole: part of what a turn moves that has to follow it where one map is another, reflected or turned.
-        different: distance between images beyond which they differ.
-        same_place: mean distance between limbs that are exchanged.
-        upright: height over width from which a shape stands upright: a person with arms stretched out, and no dog.
-        told: part of what differs that lies above, or below, the middle from which on it is told.
-    """
-
-    as_a_whole: float = tuned(0.75, "1", 0, 1)
-    different: float = tuned(0.1, "1", 0, 1)
-    same_place: float = tuned(0.05, "1", 0, 1)
-    upright: float = tuned(0.8, "1", 0, 100)
-    told: float = tuned(0.25, "1", 0, 0.5)
-
-
-DIFFERENCES = DifferenceTuning()
+# One map is a rotation or reflection of another if this share of what it moves follows it.
+MIN_TURNED_SHARE = 0.75
+# Images differ if they are farther apart than this, relative to the diagonal of the first map's images.
+MIN_DIFFERENCE = 0.1
+# Limbs are exchanged if their images cover the same places up to this mean distance, relative to the same diagonal.
+EXCHANGE_DISTANCE = 0.05
+# Smallest ratio of height to width of an upright shape: a person with outstretched arms has it, a dog does not.
+MIN_UPRIGHT_RATIO = 0.8
+# The exchanged limbs of an upright shape are arms, or legs, if at most this share of them lies on the other side of the
+# middle.
+MAX_OTHER_HALF_SHARE = 0.25
 
 
 def differences(images: Sequence[Floats], mirrored: Sequence[bool]) -> list[str]:
@@ -53,14 +41,14 @@ def _difference(here: Floats, there: Floats, mirrored: bool) -> str:
         return MIRROR
     low, extent = here.min(axis=0), np.ptp(here, axis=0)
     center, diagonal = low + extent / 2, float(np.linalg.norm(extent))
-    signs = _turned(here - center, there - center, DIFFERENCES.different * diagonal)
+    signs = _turned(here - center, there - center, MIN_DIFFERENCE * diagonal)
     if signs is not None:
         return _of_whole(signs, here, center)
     apart = np.linalg.norm(there - here, axis=1)
-    differs = apart > DIFFERENCES.different * diagonal
+    differs = apart > MIN_DIFFERENCE * diagonal
     above = (here[:, 2] - center[2]) > 0
-    if differs.any() and np.mean(cKDTree(here[differs]).query(there[differs])[0]) < DIFFERENCES.same_place * diagonal:
-        return _of_limbs(float(above[differs].mean()), extent[2] > DIFFERENCES.upright * extent[:2].max())
+    if differs.any() and np.mean(cKDTree(here[differs]).query(there[differs])[0]) < EXCHANGE_DISTANCE * diagonal:
+        return _of_limbs(float(above[differs].mean()), extent[2] > MIN_UPRIGHT_RATIO * extent[:2].max())
     return TOP if np.average(above, weights=apart + 1e-9) > 0.5 else BOTTOM
 
 
@@ -69,7 +57,7 @@ def _turned(here: Floats, there: Floats, moved: float) -> Floats | None:
 
     Of what a turn moves by more than a length, nearly all has to be nearer to where it takes it than to where it was.
     """
-    best, most = None, DIFFERENCES.as_a_whole
+    best, most = None, MIN_TURNED_SHARE
     for signs in map(np.array, product((1.0, -1.0), repeat=3)):
         if np.abs(signs.sum()) == 3:
             continue
@@ -101,6 +89,6 @@ def _of_limbs(above: float, upright: bool) -> str:
     """What is exchanged, by the part of it that lies above the middle."""
     if not upright:
         return LEGS if above < 0.5 else LIMBS
-    if above > 1 - DIFFERENCES.told:
+    if above > 1 - MAX_OTHER_HALF_SHARE:
         return ARMS
-    return LEGS if above < DIFFERENCES.told else LIMBS
+    return LEGS if above < MAX_OTHER_HALF_SHARE else LIMBS

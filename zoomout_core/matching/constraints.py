@@ -25,34 +25,17 @@ from zoomout_core.matching.pair import Pair, landmarks_on_parts, positions_of_pa
 from zoomout_core.matching.scores import IN_SPACE, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.tuning import Tuning, tuned
 
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
 
-
-@dataclass(frozen=True)
-class ConstraintTuning(Tuning, set_by="judgement"):
-    """How what is known holds a map in place.
-
-    Attributes:
-        region_width: diffusion length that the indicator of a region is smoothed by.
-        region_scale: factor that brings it to unit scale.
-        landmarks_over_guesses: weight of a landmark's functions beside those of guessed pairs, which may contradict it.
-        pinning_width: width w of the Gaussian exp(-(d / w)^2), of the distance d to a landmark that is held exactly, by
-            which its displacement fades.
-        pinning_reach: least such width where a whole map is bent, over the largest displacement: from 0.86 on a
-            Gaussian turns nothing over.
-    """
-
-    region_width: float = tuned(0.05, "at unit area", 0, 1)
-    region_scale: float = tuned(2.0, "1", 0, 100)
-    landmarks_over_guesses: float = tuned(2.0, "1", 0, 100)
-    pinning_width: float = tuned(0.1, "at unit area", 1e-6, 2)
-    pinning_reach: float = tuned(1.5, "1", 0.86, 10)
-
-
-CONSTRAINTS = ConstraintTuning()
+# The indicator function of a region is smoothed over this diffusion length, at unit area, and scaled to unit size.
+REGION_WIDTH = 0.05
+REGION_SCALE = 2.0
+# A pinned landmark's displacement decays with the distance d as exp(-(d / w)^2), of width w, at unit area. The width is
+# at least this multiple of the largest displacement; below 0.86, triangles would fold over.
+PINNING_WIDTH = 0.1
+MIN_PINNING_WIDTH_RATIO = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +60,8 @@ class Constraints:
     def anchors(self, pair: Pair) -> Anchors | None:
         """Functions of the regions that hold a map in place."""
         sides = [
-            CONSTRAINTS.region_scale
-            * np.column_stack(
-                [shape.basis.smoothed(member[:, None], CONSTRAINTS.region_width**2) for member in members]
-            )
+            REGION_SCALE
+            * np.column_stack([shape.basis.smoothed(member[:, None], REGION_WIDTH**2) for member in members])
             for shape, members in zip((pair.source_shape, pair.target_shape), self._members(pair), strict=True)
             if members
         ]
@@ -181,7 +162,7 @@ def pinned(between: SurfaceMap, pair: Pair, landmarks: Landmarks) -> SurfaceMap:
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     missed = source.mesh.vertices[source_ids] - between.interpolate(source.mesh.vertices)[target_ids]
     meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
-    return bent(between, *meshes, target_ids, missed, CONSTRAINTS.pinning_width)
+    return bent(between, *meshes, target_ids, missed, PINNING_WIDTH)
 
 
 def missed_points(
@@ -203,7 +184,7 @@ def bent_to_points(
     _, first = np.unique(places, return_index=True)
     largest = np.linalg.norm(missed, axis=1).max(initial=0) / np.sqrt(source.area)
     # Lengths of the target, on which the bend fades, are as many times longer as it is larger.
-    width = max(CONSTRAINTS.pinning_width, CONSTRAINTS.pinning_reach * largest) * np.sqrt(target.area)
+    width = max(PINNING_WIDTH, MIN_PINNING_WIDTH_RATIO * largest) * np.sqrt(target.area)
     meshes = source.vertices, target.vertices, target.triangles
     return bent(surface_map, *meshes, places[first], missed[first], width)
 

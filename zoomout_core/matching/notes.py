@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.mesh.surface import PointCloud, Surface
-from zoomout_core.tuning import Tuning, tuned
 
 UNSURE = (
     "This map is right with a probability of {:.0%} only: check that no sides are swapped, and try another candidate "
@@ -33,28 +31,15 @@ OTHER_UNITS = "The two are of very different size: if one is a part of the other
 RESCALED = "The two seem to be in different units: matched as if the target were {:.3g} times as large as it is."
 TOO_COARSE = "One of the two has too few vertices to be tried as a part of the other, or to have one: subdivide it."
 
-
-@dataclass(frozen=True)
-class NoteTuning(Tuning, set_by="judgement"):
-    """Which maps come with a note.
-
-    Attributes:
-        sure: certainty below which a map is said to be unsure.
-        lost: certainty below which the shapes are said not to be recognised.
-        folds: share of the target's area above which it is said to be turned over.
-        without_partner: share of either surface's area above which it is said to have no partner.
-        rounding: how far apart coordinates are, over the length of an edge, from which on they are said to be coarse:
-            then maps were a thousandth of the square root of the area off, and five where it was 0.9.
-    """
-
-    sure: float = tuned(0.9, "probability", 0, 1)
-    lost: float = tuned(0.1, "probability", 0, 1)
-    folds: float = tuned(0.05, "1", 0, 1)
-    without_partner: float = tuned(0.03, "1", 0, 1)
-    rounding: float = tuned(0.2, "edge lengths", 0, 10)
-
-
-NOTES = NoteTuning()
+# Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
+SURE_CERTAINTY = 0.9
+RECOGNISED_CERTAINTY = 0.1
+# Shares of a surface's area that are reported if larger: folded over by the map, or without a partner.
+MAX_FOLDED_SHARE = 0.05
+MAX_UNMATCHED_SHARE = 0.03
+# Rounding of coordinates, in edge lengths, from which on it is reported. Maps at this value were off by a thousandth of
+# the square root of the area, and by five thousandths at 0.9.
+MAX_ROUNDING = 0.2
 
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
@@ -74,7 +59,7 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
             "mirror image of the right one; compare the other candidates.",
         ),
         (
-            left_out > NOTES.without_partner * len(shape.points),
+            left_out > MAX_UNMATCHED_SHARE * len(shape.points),
             f"{left_out} of the {role}'s points are on no part of the surface that runs through the others: noise, or "
             "another density.",
         ),
@@ -85,7 +70,7 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
 def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
     """Coordinates so far from the origin that their rounding is a notable part of an edge."""
     coarse = surface.rounding / np.sqrt(2 * surface.area / len(surface.triangles))
-    if coarse < NOTES.rounding:
+    if coarse < MAX_ROUNDING:
         return ()
     return (
         f"The {role} lies so far from its origin that its coordinates are rounded by {coarse:.0%} of an edge: move it "
@@ -102,14 +87,14 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
         placed: the part of the target's area for which there is something on the source.
         folded: the part of it that the map turns over.
     """
-    notes: tuple[str, ...] = (FOLDED.format(folded),) if folded > NOTES.folds else ()
+    notes: tuple[str, ...] = (FOLDED.format(folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
-    if certainty >= NOTES.sure:
+    if certainty >= SURE_CERTAINTY:
         return notes
     turns = likely_turns(candidates, chosen)
-    if turns > 1 and certainty_but_for_turns(candidates) * placed >= NOTES.lost:
+    if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
         return (TURNED.format(turns, certainty), *notes)
-    return ((UNSURE if certainty >= NOTES.lost else NOT_RECOGNISED).format(certainty), *notes)
+    return ((UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED).format(certainty), *notes)
 
 
 def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
@@ -119,4 +104,4 @@ def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
         (pair.source, partners.source, "source seems to have no partner on the target: nothing was matched to it."),
     )
     shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
-    return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > NOTES.without_partner)
+    return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > MAX_UNMATCHED_SHARE)

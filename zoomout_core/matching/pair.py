@@ -14,21 +14,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class PlacementTuning(Tuning, set_by="judgement"):
-    """Where landmarks may be.
-
-    Attributes:
-        off_surface: a landmark that is farther from its surface is a mistake.
-    """
-
-    off_surface: float = tuned(0.05, "at unit area", 0, 10)
-
-
-PLACEMENT = PlacementTuning()
+# A landmark is rejected if it is farther than this from its surface, at unit area.
+MAX_LANDMARK_DISTANCE = 0.05
 
 
 class LandmarkError(MeshError):
@@ -190,7 +178,7 @@ def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, 
     triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
     corners = surface.triangles[triangle]
     distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - points, axis=1)
-    off = np.flatnonzero(distance > PLACEMENT.off_surface * np.sqrt(surface.area))
+    off = np.flatnonzero(distance > MAX_LANDMARK_DISTANCE * np.sqrt(surface.area))
     if len(off):
         fault = (
             f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: "

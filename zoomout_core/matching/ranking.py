@@ -16,7 +16,7 @@ from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, 
 from zoomout_core.matching.local_rigid_alignment import sides_are_known
 from zoomout_core.matching.partial.part_candidates import PartCandidate
 from zoomout_core.matching.scores import (
-    EVIDENCE,
+    EVIDENCE_WEIGHTS,
     IN_SPACE,
     Disagreement,
     fit_in_space,
@@ -236,7 +236,7 @@ def _certainty(candidate: Candidate, candidates: list[Candidate], source: ShapeA
 
 def _of_shape(candidate: Candidate) -> float:
     """The total score without the place in space, which makes a map likely, but not sure: a ball may have turned."""
-    return candidate.scores["total"] - EVIDENCE.place_in_space * candidate.scores.get(IN_SPACE, 0.0)
+    return candidate.scores["total"] - EVIDENCE_WEIGHTS[IN_SPACE] * candidate.scores.get(IN_SPACE, 0.0)
 
 
 def _aligned(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:

@@ -7,7 +7,7 @@ not all of them are found. So the best map is turned in all these ways, and the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,52 +19,37 @@ from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, alike
 from zoomout_core.matching.ranking import CERTAINTY, RANKING, Candidate, in_order
-from zoomout_core.matching.scores import EVIDENCE, Disagreement, total_score
+from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, total_score
 from zoomout_core.runtime.once import once_per_argument
-from zoomout_core.tuning import Tuning, tuned
 
 # Of the spiral of quaternions: the square root of 2, and the root of x^4 = x + 4 (Alexa, Super-Fibonacci spirals: fast,
 # low-discrepancy sampling of SO(3), 2022).
 SPIRAL = 2**0.5, 1.533751168755204288118041
 
-
-@dataclass(frozen=True)
-class TurnTuning(Tuning, set_by="judgement"):
-    """How rotations are sought, and which of them take a shape onto itself.
-
-    Of 37 solids, remeshed, 97 % of the surface come to lie within 0.011 by each rotation of their groups, of which none
-    was missed; of 60 people, animals and generated creatures the best rotation has it within 0.026.
-
-    Attributes:
-        starts: rotations, evenly spread, that are refined.
-        spacing: how far a start may be from a rotation that is sought.
-        slack: change of the second moments, of the largest one, that is rounding.
-        points: evenly spread on the shape, that a start is refined and compared by.
-        rounds: of the refinement.
-        hopeless: mean distance from the nearest vertices after two rounds beyond which a start is dropped.
-        sliding: weight of a distance along the surface against one across it.
-        nearly: mean distance, weighed in this way, beyond which a rotation need not be looked at closely.
-        off: a place that comes to lie farther from the surface is off it,
-        off_vertices: unless the mesh is so coarse that this is less, over the root of the number of vertices.
-        share: the largest part of the surface that may be off, such as an edge that two meshes round differently.
-        most: rotations of a shape that are kept, of the infinitely many of a ball: an icosahedron has 59.
-    """
-
-    starts: int = tuned(600, "rotations", 10, 100_000)
-    spacing: float = tuned(0.45, "radians", 0.01, 3)
-    slack: float = tuned(0.05, "1", 0, 1)
-    points: int = tuned(100, "points", 10, 10_000)
-    rounds: int = tuned(6, "rounds", 2, 100)
-    hopeless: float = tuned(0.05, "at unit area", 0, 1)
-    sliding: float = tuned(0.02, "1", 1e-6, 1)
-    nearly: float = tuned(0.012, "at unit area", 0, 1)
-    off: float = tuned(0.015, "at unit area", 0, 1)
-    off_vertices: float = tuned(0.5, "1", 0, 10)
-    share: float = tuned(0.03, "1", 0, 1)
-    most: int = tuned(59, "rotations", 0, 1000)
-
-
-TURNS = TurnTuning()
+# Evenly spread rotations from which the refinement starts, and an upper bound on the angle, in radians, between any
+# rotation and the nearest of them.
+START_ROTATIONS = 600
+START_SPACING = 0.45
+# Change of the second moments, relative to the largest of them, that is due to the discretisation.
+MOMENT_TOLERANCE = 0.05
+# Evenly spread sample points by which rotations are refined and compared, and iterations of the refinement.
+REFINEMENT_POINTS = 100
+REFINEMENT_ITERATIONS = 6
+# Mean distance to the nearest vertices, at unit area, beyond which a start is dropped after two iterations.
+MAX_START_DISTANCE = 0.05
+# Weight of a squared distance along the surface against one across it.
+SLIDING_WEIGHT = 0.02
+# Refined rotations are examined further up to this mean distance, weighted in this way, at unit area.
+MAX_MEAN_DISTANCE = 0.012
+# A point is off the surface beyond this distance at unit area, or, on coarse meshes, beyond this fraction of the mean
+# vertex spacing. At most this share of the area may be off, such as an edge that two meshes round differently. On 37
+# remeshed solids, 97 % of the area lay within 0.011 under every rotation of their groups, and none was missed; on 60
+# people, animals and generated creatures, the best rotation reached 0.026.
+OFF_SURFACE_DISTANCE = 0.015
+OFF_SURFACE_SPACING = 0.5
+MAX_OFF_SURFACE_SHARE = 0.03
+# Rotations that are kept: an icosahedron has 59 besides the identity, a ball infinitely many.
+MAX_ROTATIONS = 59
 
 
 def with_turned(
@@ -127,7 +112,7 @@ def _as_known(turned: Candidate, best: Candidate, disagreement: Disagreement) ->
 
     What a guess went by, such as extremities, holds its own map in place: all are judged without it.
     """
-    scores = {name: score for name, score in best.scores.items() if name not in EVIDENCE.weights}
+    scores = {name: score for name, score in best.scores.items() if name not in EVIDENCE_WEIGHTS}
     scores |= disagreement(turned.functional_map, turned.sample_map, None)
     penalty = best.scores["total"] - total_score(best.scores)
     return replace(turned, scores=scores | {"total": total_score(scores) + penalty})
@@ -137,20 +122,20 @@ def _as_known(turned: Candidate, best: Candidate, disagreement: Disagreement) ->
 def self_maps(shape: ShapeAnalysis) -> Floats:
     """(r, k, k) functional maps of a shape to itself, one for each rotation, but none, that takes it onto itself."""
     vertices, normals, moments = _in_principal_axes(shape)
-    tree, points = cKDTree(vertices), vertices[shape.search.samples[: TURNS.points]]
+    tree, points = cKDTree(vertices), vertices[shape.search.samples[:REFINEMENT_POINTS]]
     found: list[Floats] = []
     places = [points]
     for rotation in _fitting(_starts(moments), points, vertices, normals, tree):
         place = points @ rotation.T
         apart = min(np.linalg.norm(place - other, axis=1).mean() for other in places)
-        if apart > CERTAINTY.another_map and len(found) < TURNS.most:
+        if apart > CERTAINTY.another_map and len(found) < MAX_ROTATIONS:
             found.append(rotation)
             places.append(place)
     k = min(RANKING.size, shape.search.rows.shape[1])
     if not found:
         return np.zeros((0, k, k))
     turned = vertices[shape.search.samples] @ np.swapaxes(found, 1, 2)
-    onto_itself = turned[_off(turned, vertices, shape) <= TURNS.share]
+    onto_itself = turned[_off(turned, vertices, shape) <= MAX_OFF_SURFACE_SHARE]
     image = tree.query(onto_itself)[1]
     return shape.search.fit(shape.basis.eigenvectors[image, :k], k)
 
@@ -169,14 +154,14 @@ def _in_principal_axes(shape: ShapeAnalysis) -> tuple[Floats, Floats, Floats]:
 
 def _starts(moments: Floats) -> Floats:
     """(r, 3, 3) those of evenly spread rotations near which one may be that keeps the second moments (3,)."""
-    share = (np.arange(TURNS.starts) + 0.5) / TURNS.starts
-    angles = 2 * np.pi * (np.arange(TURNS.starts) + 0.5)[:, None] / SPIRAL
+    share = (np.arange(START_ROTATIONS) + 0.5) / START_ROTATIONS
+    angles = 2 * np.pi * (np.arange(START_ROTATIONS) + 0.5)[:, None] / SPIRAL
     radii = np.sqrt(np.column_stack([share, 1 - share]))
     quaternions = np.hstack([radii[:, :1] * _on_circle(angles[:, 0]), radii[:, 1:] * _on_circle(angles[:, 1])])
     rotations = Rotation.from_quat(quaternions).as_matrix()
     changed = np.linalg.norm(rotations * moments @ np.swapaxes(rotations, 1, 2) - np.diag(moments), axis=(1, 2))
     # A rotation by a small angle changes them by that angle times their difference, on both sides of the diagonal.
-    most = 2**0.5 * TURNS.spacing * np.ptp(moments) + TURNS.slack * moments.max()
+    most = 2**0.5 * START_SPACING * np.ptp(moments) + MOMENT_TOLERANCE * moments.max()
     return np.asarray(rotations[changed < most])
 
 
@@ -190,25 +175,25 @@ def _fitting(rotations: Floats, points: Floats, vertices: Floats, normals: Float
 
     By Gauss and Newton: distances across the surface, and along it a little, are made smaller.
     """
-    for number in range(TURNS.rounds + 1):
+    for number in range(REFINEMENT_ITERATIONS + 1):
         placed = points @ np.swapaxes(rotations, 1, 2)
         distance, near = map(np.asarray, tree.query(placed))
         if number == 2:
-            promising = distance.mean(axis=1) < TURNS.hopeless
+            promising = distance.mean(axis=1) < MAX_START_DISTANCE
             rotations, placed, near = rotations[promising], placed[promising], near[promising]
         missed, normal = vertices[near] - placed, normals[near]
         across = np.einsum("rpx,rpx->rp", normal, missed)
-        if number == TURNS.rounds:
+        if number == REFINEMENT_ITERATIONS:
             break
         arms = np.cross(placed, normal)
         along = np.einsum("rpx,rpx->r", placed, placed)[:, None, None] * np.eye(3) - np.swapaxes(placed, 1, 2) @ placed
-        slope = np.einsum("rpx,rp->rx", arms, across) + TURNS.sliding * np.cross(placed, missed).sum(axis=1)
-        system = np.swapaxes(arms, 1, 2) @ arms + TURNS.sliding * along
+        slope = np.einsum("rpx,rp->rx", arms, across) + SLIDING_WEIGHT * np.cross(placed, missed).sum(axis=1)
+        system = np.swapaxes(arms, 1, 2) @ arms + SLIDING_WEIGHT * along
         change = np.linalg.solve(system, slope[..., None])[..., 0]
         rotations = Rotation.from_rotvec(change).as_matrix() @ rotations
-    error = np.sqrt(across**2 + TURNS.sliding * (missed**2).sum(axis=2)).mean(axis=1)
+    error = np.sqrt(across**2 + SLIDING_WEIGHT * (missed**2).sum(axis=2)).mean(axis=1)
     order = np.argsort(error, kind="stable")
-    return np.asarray(rotations[order[error[order] < TURNS.nearly]])
+    return np.asarray(rotations[order[error[order] < MAX_MEAN_DISTANCE]])
 
 
 def _off(turned: Floats, vertices: Floats, shape: ShapeAnalysis) -> Floats:
@@ -216,5 +201,5 @@ def _off(turned: Floats, vertices: Floats, shape: ShapeAnalysis) -> Floats:
     triangles = shape.mesh.triangles
     triangle, barycentric = SurfaceSearch(vertices, triangles).closest(turned.reshape(-1, 3))
     nearest = np.einsum("qc,qcx->qx", barycentric, vertices[triangles[triangle]]).reshape(turned.shape)
-    off = max(TURNS.off, TURNS.off_vertices / len(vertices) ** 0.5)
+    off = max(OFF_SURFACE_DISTANCE, OFF_SURFACE_SPACING / len(vertices) ** 0.5)
     return np.asarray((np.linalg.norm(nearest - turned, axis=2) > off) @ shape.weights)

@@ -22,6 +22,20 @@ from zoomout_core.tuning import Tuning, tuned
 
 # The name of the disagreement with where surfaces that overlap are in space.
 IN_SPACE = "place in space"
+# Weights of the disagreements in the total score, by which a map and its mirror image differ by two to four.
+EVIDENCE_WEIGHTS = {
+    # The sum of the landmarks' errors, and the mean distance to the images by an earlier map, at unit area.
+    "landmarks": 20.0,
+    "earlier map": 10.0,
+    # The mean distance between samples and their images where the surfaces overlap, at unit area. Such places are
+    # likely to correspond, unless a person has turned around and left each hand where the other one was.
+    IN_SPACE: 3.0,
+    # One minus the correlation of heights.
+    "axes": 2.0,
+    # One minus the mean overlap. Regions also constrain every map, which suffices to correct flips; with a larger
+    # weight, regions whose names are swapped by mistake would flip clear maps.
+    "regions": 2.0,
+}
 
 
 @dataclass(frozen=True)
@@ -55,43 +69,6 @@ class ScoreTuning(Tuning, set_by="correspondence"):
 
 SCORES = ScoreTuning()
 
-
-@dataclass(frozen=True)
-class EvidenceTuning(Tuning, set_by="judgement"):
-    """The weights in the total score of what a map disagrees with.
-
-    A map and its mirror image differ by two to four of the total score.
-
-    Attributes:
-        landmarks: of the sum of their distances, at unit area, from where the map has them.
-        earlier_map: of the mean distance, at unit area, between its images and the map's.
-        place_in_space: of the mean distance, at unit area, between samples and their images where the surfaces overlap:
-            these are likely to correspond as they are. Of a person turned about in one pose, whose hands are where the
-            other hands were, the shape tells more.
-        axes: of one minus the correlation of heights.
-        regions: of one minus the mean overlap. Regions hold every map in place as well, which suffices to correct
-            flips; a larger weight lets regions whose names are swapped by mistake flip maps that are clear.
-    """
-
-    landmarks: float = tuned(20.0, "1", 0, 1000)
-    earlier_map: float = tuned(10.0, "1", 0, 1000)
-    place_in_space: float = tuned(3.0, "1", 0, 1000)
-    axes: float = tuned(2.0, "1", 0, 1000)
-    regions: float = tuned(2.0, "1", 0, 1000)
-
-    @property
-    def weights(self) -> dict[str, float]:
-        """The weights by the names of the disagreements."""
-        return {
-            "landmarks": self.landmarks,
-            "earlier map": self.earlier_map,
-            IN_SPACE: self.place_in_space,
-            "axes": self.axes,
-            "regions": self.regions,
-        }
-
-
-EVIDENCE = EvidenceTuning()
 
 # How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
 # the target, and what holds it in place, at all vertices.
@@ -201,8 +178,8 @@ def map_after_alignment(
 def total_score(scores: dict[str, float]) -> float:
     """The weighted sum of the criteria and of the disagreements with what is known; the least is the most likely map.
 
-    The weights are those of `SCORES` and `EVIDENCE`. Errors count by their logarithms: how large they are depends on
-    how alike the shapes are, but the right map of a pair has errors smaller by a factor than its wrong ones.
+    The weights are those of `SCORES` and `EVIDENCE_WEIGHTS`. Errors count by their logarithms: how large they are
+    depends on how alike the shapes are, but the right map of a pair has errors smaller by a factor than its wrong ones.
 
     - Commutativity and frequency: the best criteria alone. They take no notice of a human turned front to back.
     - Distance and curvature complement them, and weigh less: geodesic distances are independent of the basis, and mean
@@ -229,7 +206,7 @@ def total_score(scores: dict[str, float]) -> float:
         + SCORES.distance * np.log(max(scores["distance"], 1e-9))
         + SCORES.curvature * np.log(max(1 - scores["curvature"], 1e-9))
         - SCORES.handedness * scores["handedness"]
-        + sum(weight * scores.get(name, 0.0) for name, weight in EVIDENCE.weights.items())
+        + sum(weight * scores.get(name, 0.0) for name, weight in EVIDENCE_WEIGHTS.items())
     )
 
 

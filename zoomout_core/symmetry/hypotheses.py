@@ -24,7 +24,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
-from zoomout_core.matching.hypotheses.rotations import ROTATIONS, turn
+from zoomout_core.matching.hypotheses.rotations import REPEATED_EIGENVALUE_GAP, ROTATION_ANGLES, turn
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -115,7 +115,7 @@ def _may_be_round(shape: ShapeAnalysis) -> bool:
 
 def _groups(eigenvalues: Floats) -> list[int]:
     """Sizes of the groups of equal eigenvalues, the constant function left out; up to one that is too large."""
-    apart = np.flatnonzero(np.diff(eigenvalues[1:]) > ROTATIONS.same_eigenvalue * eigenvalues[1:-1]) + 1
+    apart = np.flatnonzero(np.diff(eigenvalues[1:]) > REPEATED_EIGENVALUE_GAP * eigenvalues[1:-1]) + 1
     sizes = np.diff([0, *apart, len(eigenvalues) - 1])
     too_large = np.flatnonzero(sizes > 3)
     return [int(size) for size in sizes[: too_large[0] if len(too_large) else None]]
@@ -126,7 +126,7 @@ def _choices(size: int) -> list[Floats]:
     if size == 1:
         return [np.array([[sign]]) for sign in (1.0, -1.0)]
     if size == 2:
-        count = ROTATIONS.angles
+        count = ROTATION_ANGLES
         return [turn(2 * np.pi * step / count, mirror) for step, mirror in product(range(count), (1, -1))]
     return [np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 

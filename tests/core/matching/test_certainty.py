@@ -18,7 +18,7 @@ from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.ranking import Candidate, _aligned, _leading, in_order, rank, with_others
-from zoomout_core.matching.scores import EVIDENCE, IN_SPACE
+from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, IN_SPACE
 
 COUNT = 40
 
@@ -84,7 +84,7 @@ def test_any_lead_has_a_certainty() -> None:
 def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
     off = 0.5
     standing = candidate(0.0)
-    turned = candidate(EVIDENCE.place_in_space * off, 0.5, in_space=off)
+    turned = candidate(EVIDENCE_WEIGHTS[IN_SPACE] * off, 0.5, in_space=off)
     ranked = in_order([turned, standing], line(), line())
     assert ranked[0].origin == standing.origin
     assert ranked[0].certainty == pytest.approx(0.5, abs=0.01)

@@ -13,7 +13,7 @@ from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching import scores
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.scores import (
-    EVIDENCE,
+    EVIDENCE_WEIGHTS,
     correlation,
     fit_in_space,
     map_after_alignment,
@@ -53,7 +53,7 @@ def test_a_map_is_ranked_by_each_criterion(criterion: str) -> None:
 @pytest.mark.parametrize("kind", ["landmarks", "earlier map", "place in space", "axes", "regions"])
 def test_a_map_that_disagrees_with_what_is_known_is_ranked_behind(kind: str) -> None:
     # A tenth of complete disagreement, or of the square root of the area, counts in each of them.
-    assert kind in EVIDENCE.weights
+    assert kind in EVIDENCE_WEIGHTS
     assert total_score(SCORES | {kind: 0.1}) > total_score(SCORES) + 0.1
 
 
@@ -73,7 +73,7 @@ def test_places_in_space_tell_more_than_any_other_criterion_and_handedness_less_
 def test_what_is_not_known_of_a_map_says_nothing() -> None:
     unknown = {name: score for name, score in SCORES.items() if name not in ("place", "facing")}
     assert total_score(unknown) == pytest.approx(total_score(unknown | {"place": 1.0, "facing": 1.0}))
-    assert total_score(SCORES | dict.fromkeys(EVIDENCE.weights, 0.0)) == pytest.approx(total_score(SCORES))
+    assert total_score(SCORES | dict.fromkeys(EVIDENCE_WEIGHTS, 0.0)) == pytest.approx(total_score(SCORES))
 
 
 def test_handedness_weighs_the_same_wherever_it_begins_and_a_perfect_map_has_a_score() -> None:

@@ -26,7 +26,7 @@ from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side,
 from zoomout_core.matching.components.shell_registration import Shells, registered
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.confidence import Partners
-from zoomout_core.matching.constraints import CONSTRAINTS
+from zoomout_core.matching.constraints import PINNING_WIDTH
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.triangles import unique_edges
@@ -219,7 +219,7 @@ def _pinned(
     vertex = np.asarray(cKDTree(target.points).query(pair.target_shape.proxy.full.from_surface(landmarks[1]))[1])
     images = between.interpolate(source.points)
     distance = np.linalg.norm(target.points[:, None] - target.points[vertex], axis=2)
-    kernel = np.exp(-((distance / CONSTRAINTS.pinning_width) ** 2))
+    kernel = np.exp(-((distance / PINNING_WIDTH) ** 2))
     moves = np.linalg.lstsq(kernel[vertex], goals - images[vertex], rcond=None)[0]
     bent = np.flatnonzero(kernel.max(axis=1) > SHELLS.faded)
     triangle, barycentric = between.triangle.copy(), between.barycentric.copy()

@@ -12,7 +12,7 @@ from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.components.overlap import overlapping
-from zoomout_core.matching.constraints import CONSTRAINTS, Constraints
+from zoomout_core.matching.constraints import Constraints
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
     extremity_hypotheses,
@@ -36,6 +36,8 @@ Guess: TypeAlias = Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[H
 GUESSES: tuple[Guess, ...] = (extremity_hypotheses, descriptor_hypotheses)
 # Tried where these lead to no map that is likely.
 MORE_GUESSES: tuple[Guess, ...] = (more_extremity_hypotheses,)
+# Weight of a landmark's functions against those of guessed pairs, which may contradict it.
+LANDMARK_WEIGHT = 2.0
 
 
 def guess(
@@ -68,7 +70,7 @@ def guess(
         by_landmarks = landmark_hypothesis(source, target, *landmarks_on_parts(pair, evidence.landmarks))
         assert by_landmarks.anchors is not None
         hypotheses.insert(0, replace(by_landmarks, anchors=None))
-        anchors = by_landmarks.anchors.scaled(CONSTRAINTS.landmarks_over_guesses).and_those(anchors)
+        anchors = by_landmarks.anchors.scaled(LANDMARK_WEIGHT).and_those(anchors)
     return _anchored(hypotheses, anchors)
 
 

@@ -26,7 +26,7 @@ from zoomout_core.matching.partial.region import REGION, Region, find_regions, i
 from zoomout_core.matching.ranking import CERTAINTY, Candidate
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, fine_enough
-from zoomout_core.matching.scores import EVIDENCE, Disagreement, nothing_known
+from zoomout_core.matching.scores import EVIDENCE_WEIGHTS, Disagreement, nothing_known
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 
@@ -201,7 +201,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
     functional_map = target.search.fit(source.search.rows[sample_map, :k_source], k_target)
     reverse = source.search.fit(target.search.rows[back, :k_target], k_source)
     against = disagreement(functional_map, sample_map, None)
-    total = one.scores["fit"] + sum(EVIDENCE.weights[name] * value for name, value in against.items())
+    total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
     return Candidate(
         "one shape as a part of the other",
         False,

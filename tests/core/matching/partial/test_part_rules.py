@@ -40,7 +40,7 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.matching.scores import EVIDENCE
+from zoomout_core.matching.scores import EVIDENCE_WEIGHTS
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retuned
 
@@ -349,7 +349,7 @@ def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: 
 
     known = match_part(pair, against_the_first)
     assert known[0].part_match is made[0]
-    assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE.axes)
+    assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE_WEIGHTS["axes"])
     # What is known makes a place unlikely beside others; the fit alone says how likely any is.
     assert known[1].certainty < 1e-9
     assert known[1].scores["fit"] == first.scores["fit"]
