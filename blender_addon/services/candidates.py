@@ -15,7 +15,7 @@ from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.colors import DARK, LIGHT, place_colors
 from zoomout_core.matching.candidate_differences import differences
 from zoomout_core.matching.ranking import Candidate
-from zoomout_core.symmetry.detect import DETECTION
+from zoomout_core.symmetry.detect import MIN_SYMMETRY_CERTAINTY
 
 from ..jobs import compute
 from ..mesh_data import ObjectPair
@@ -148,7 +148,7 @@ def _selectable(found: Sequence[Candidate], colors: Sequence[Bytes]) -> set[int]
     """Numbers of the candidates to list beside the one in use, from all candidates and their colours."""
     order = range(len(found))
     direct = [number for number in order if not found[number].reverses_orientation]
-    least = DETECTION.least_certainty
+    least = MIN_SYMMETRY_CERTAINTY
     likely = [one for one in direct if one == direct[0] or found[one].certainty >= least][:MOST_DIRECT]
     mirrored = [number for number in order if found[number].reverses_orientation][:MOST_MIRRORED]
     swapped = (_side_swapped(number, colors) for number in likely)

@@ -37,10 +37,9 @@ from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
 from zoomout_core.symmetry.hypotheses import GUESSES
 from zoomout_core.symmetry.involution import involution, order_of, return_error
-from zoomout_core.symmetry.ranking import CANDIDATES, in_order, is_no_part_of_identity
+from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_no_part_of_identity
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of, body_shape
-from zoomout_core.symmetry.sides import SIDES, leftward, on_whole_surface, signed_distance
-from zoomout_core.tuning import Tuning, tuned
+from zoomout_core.symmetry.sides import leftward, on_whole_surface, signed_distance
 
 # A character of Blender's faces -y, so that its left is +x.
 LEFT = (1.0, 0.0, 0.0)
@@ -51,22 +50,12 @@ LOW = 20
 # Fraction of a body's progress that its analysis takes.
 ANALYSING = 0.8
 
-
-@dataclass(frozen=True)
-class DetectionTuning(Tuning, set_by="judgement"):
-    """Which symmetries are compared and returned.
-
-    Attributes:
-        quotas: numbers of maps that are compared, at least and at most: of those that keep the orientation, and of
-            those that reverse it.
-        least_certainty: of the symmetries that are returned, but for the most likely one.
-    """
-
-    quotas: tuple[tuple[int, int], tuple[int, int]] = tuned(((1, 16), (3, 20)), "candidates", 0, 1000)
-    least_certainty: float = tuned(0.05, "1", 0, 1)
-
-
-DETECTION = DetectionTuning()
+# Least and greatest number of compared maps that preserve the orientation, and of those that reverse it.
+CANDIDATE_QUOTAS = ((1, 16), (3, 20))
+# Certainty that a symmetry needs to be returned, except for the most likely one.
+MIN_SYMMETRY_CERTAINTY = 0.05
+# Left and right are reported as unclear if images lie to the left by less than this share of their distances.
+MIN_LEFTWARD_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -158,7 +147,7 @@ def detect_symmetry(
         best = _best_attempt(surface, k_final, step, samples, seed, proxy_vertices)
         if best is None:
             return ()
-        least = DETECTION.least_certainty
+        least = MIN_SYMMETRY_CERTAINTY
         chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= least]
         with stage("Refining", START_OF_BODY[-1], 1.0):
             found = for_each(lambda candidate: _symmetry(best.pair, candidate, to_the_left), chosen)
@@ -196,7 +185,7 @@ def find_candidates(shape: ShapeAnalysis) -> list[Candidate]:
             list(chain(*guesses)),
             shape,
             shape,
-            quotas=DETECTION.quotas,
+            quotas=CANDIDATE_QUOTAS,
             clear_orientation=0.0,
             wanted=lambda sample_map, reverses: is_no_part_of_identity(sample_map, reverses, shape),
         )
@@ -249,7 +238,7 @@ def _finished(
         distance = on_whole_surface(on_mesh, surface_map, shape, surface)
         towards = leftward(distance, surface_map, surface, left)
         distance = -distance if towards < 0 else distance
-        if abs(towards) < SIDES.clearly_left:
+        if abs(towards) < MIN_LEFTWARD_SHARE:
             notes = ("The axis hardly tells left from right: check the sides, or give another axis.", *notes)
     return Symmetry(
         surface=surface,
@@ -273,7 +262,7 @@ def _place(symmetry: Symmetry) -> tuple[float, float]:
     surface = symmetry.surface
     alone = (symmetry.confidence == 0)[surface.triangles].all(axis=1)
     areas = triangle_areas(surface.vertices, surface.triangles)
-    return -min(symmetry.certainty, CANDIDATES.sure), round(float(areas[alone].sum() / areas.sum()), 2)
+    return -min(symmetry.certainty, SURE_SYMMETRY_CERTAINTY), round(float(areas[alone].sum() / areas.sum()), 2)
 
 
 def _unit_vector(left: ArrayLike) -> Floats:

@@ -10,7 +10,6 @@ spirit of MapTree (Ren, Melzi, Ovsjanikov and Wonka 2020).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -25,35 +24,20 @@ from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.rotations import REPEATED_EIGENVALUE_GAP, ROTATION_ANGLES, turn
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class EigenspaceTuning(Tuning, set_by="judgement"):
-    """The tree of maps of eigenspaces to themselves, and which shapes may be round.
-
-    Attributes:
-        functions: that maps at the leaves of the tree take in, at the least.
-        samples: that the tree is grown on.
-        look_ahead: functions more that a few iterations of ZoomOut go on to; a map is judged by what they make of it.
-        width_of_round: maps that are kept at each level where eigenvalues repeat,
-        width: and where none do.
-        leading: eigenvalues that are looked at for repeated ones.
-        fewest_repeated: groups of these that make a shape that may be round.
-        same_map: maps of the first eigenfunctions that differ by less, relatively, are one.
-    """
-
-    functions: int = tuned(6, "eigenfunctions", 1, 100)
-    samples: int = tuned(200, "samples", 20, 10_000)
-    look_ahead: int = tuned(5, "eigenfunctions", 1, 100)
-    width_of_round: int = tuned(12, "maps", 1, 1000)
-    width: int = tuned(8, "maps", 1, 1000)
-    leading: int = tuned(12, "eigenvalues", 2, 100)
-    fewest_repeated: int = tuned(2, "groups", 1, 100)
-    same_map: float = tuned(0.5, "1", 0, 2)
-
-
-EIGENSPACES = EigenspaceTuning()
+# Beam search over maps of eigenspaces to themselves: fewest eigenfunctions at its leaves, and samples that it uses.
+BEAM_FUNCTIONS = 6
+BEAM_SAMPLES = 200
+# Eigenfunctions by which ZoomOut extends a map; the extended map is scored.
+LOOK_AHEAD = 5
+# Maps kept at each level, where eigenvalues repeat, and otherwise.
+ROUND_BEAM_WIDTH = 12
+BEAM_WIDTH = 8
+# Relative Frobenius norm of the difference below which two maps are the same.
+SAME_MAP_DIFFERENCE = 0.5
+# A shape may be round if this many groups of its leading eigenvalues are repeated.
+LEADING_EIGENVALUES = 12
+MIN_REPEATED_GROUPS = 2
 
 
 def mirroring_pairings(shape: ShapeAnalysis) -> list[Hypothesis]:
@@ -79,15 +63,15 @@ def mirroring_descriptors(shape: ShapeAnalysis) -> list[Hypothesis]:
 
 def blocks_of_eigenfunctions(shape: ShapeAnalysis) -> list[Hypothesis]:
     """Choices of signs, and of turns within repeated eigenvalues, for the first eigenfunctions."""
-    groups = _groups(shape.basis.eigenvalues[: EIGENSPACES.functions + 2])
+    groups = _groups(shape.basis.eigenvalues[: BEAM_FUNCTIONS + 2])
     if not _may_be_round(shape):
-        groups = [1] * EIGENSPACES.functions
-    sampled = SampledBasis.of(shape.basis, shape.sampled.samples[: EIGENSPACES.samples])
-    most = sampled.rows.shape[1] - EIGENSPACES.look_ahead
-    width = EIGENSPACES.width_of_round if _may_be_round(shape) else EIGENSPACES.width
+        groups = [1] * BEAM_FUNCTIONS
+    sampled = SampledBasis.of(shape.basis, shape.sampled.samples[:BEAM_SAMPLES])
+    most = sampled.rows.shape[1] - LOOK_AHEAD
+    width = ROUND_BEAM_WIDTH if _may_be_round(shape) else BEAM_WIDTH
     kept = [np.ones((1, 1))]
     for size in groups:
-        if len(kept[0]) > EIGENSPACES.functions or len(kept[0]) + size > most:
+        if len(kept[0]) > BEAM_FUNCTIONS or len(kept[0]) + size > most:
             break
         kept = _grown(kept, _choices(size), width, sampled, shape.basis.eigenvalues)
     return [Hypothesis(f"blocks of {len(C)} eigenfunctions, choice {i}", C) for i, C in enumerate(kept)]
@@ -109,8 +93,8 @@ def _there_and_back(first: Integers, second: Integers) -> bool:
 
 def _may_be_round(shape: ShapeAnalysis) -> bool:
     """Whether there may be turns of order 3 or more, for which many eigenvalues repeat: two are near by chance, too."""
-    sizes = _groups(shape.basis.eigenvalues[: EIGENSPACES.leading + 1])
-    return sum(sizes) < EIGENSPACES.leading or sum(size > 1 for size in sizes) >= EIGENSPACES.fewest_repeated
+    sizes = _groups(shape.basis.eigenvalues[: LEADING_EIGENVALUES + 1])
+    return sum(sizes) < LEADING_EIGENVALUES or sum(size > 1 for size in sizes) >= MIN_REPEATED_GROUPS
 
 
 def _groups(eigenvalues: Floats) -> list[int]:
@@ -137,12 +121,12 @@ def _grown(
     """The maps, each with each choice appended and refined: the distinct ones that commute best with the Laplacian."""
     longer = np.stack([block_diag(C, choice) for C, choice in product(maps, choices)])
     k = longer.shape[-1]
-    refined, _ = upsample(sampled, sampled, longer, k + EIGENSPACES.look_ahead, 1)
+    refined, _ = upsample(sampled, sampled, longer, k + LOOK_AHEAD, 1)
     grown = nearest_rotations(refined[:, :k, :k], None)
     scores = [commutativity_error(C, eigenvalues, eigenvalues) + orthonormality_error(C) for C in refined]
     kept: list[Floats] = []
     for i in np.argsort(scores, kind="stable"):
         differences = [np.linalg.norm(grown[i] - other) / np.linalg.norm(other) for other in kept]
-        if len(kept) < width and min(differences, default=np.inf) > EIGENSPACES.same_map:
+        if len(kept) < width and min(differences, default=np.inf) > SAME_MAP_DIFFERENCE:
             kept.append(grown[i])
     return kept

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
@@ -11,30 +9,17 @@ from zoomout_core.geometry.closest_points import project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class InvolutionTuning(Tuning, set_by="judgement"):
-    """How a map is made to undo itself, and when going round has led back.
-
-    Attributes:
-        normal_weight: the distance that a normal off by a right angle counts as, which keeps opposite sides of a thin
-            part apart.
-        rounds: of going half way towards the inverse.
-        highest_order: of symmetries that are told apart.
-        returned: mean distance from where it began within which a map has led back,
-        returned_part: or within this part of how far it goes at first: coarse meshes miss by more.
-    """
-
-    normal_weight: float = tuned(0.1, "at unit area", 0, 1)
-    rounds: int = tuned(2, "rounds", 0, 100)
-    highest_order: int = tuned(12, "repetitions", 2, 1000)
-    returned: float = tuned(0.08, "at unit area", 0, 1)
-    returned_part: float = tuned(0.25, "1", 0, 1)
-
-
-INVOLUTIONS = InvolutionTuning()
+# Weight of normals against positions, at unit area, which separates the two sides of thin parts.
+NORMAL_WEIGHT = 0.1
+# Iterations that average a map with its inverse.
+AVERAGING_ITERATIONS = 2
+# Highest order of a symmetry that is recognised.
+MAX_ORDER = 12
+# A map has returned if the mean distance to the start is below this, at unit area, or below this fraction of the
+# distance of its first step, since coarse meshes return less exactly.
+RETURN_DISTANCE = 0.08
+RETURN_FRACTION = 0.25
 
 
 def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
@@ -47,8 +32,8 @@ def involution(there: SurfaceMap, shape: ShapeAnalysis) -> SurfaceMap:
         shape: the shape.
     """
     mesh = shape.mesh
-    places = np.hstack([mesh.vertices, INVOLUTIONS.normal_weight * mesh.vertex_normals])
-    for _ in range(INVOLUTIONS.rounds):
+    places = np.hstack([mesh.vertices, NORMAL_WEIGHT * mesh.vertex_normals])
+    for _ in range(AVERAGING_ITERATIONS):
         images = there.interpolate(places)
         back = SurfaceMap(
             *project_to_embedding(places, images, shape.neighbourhoods, there.vertex), there.source_triangles
@@ -67,8 +52,8 @@ def order_of(sample_map: Integers, shape: ShapeAnalysis) -> int:
         shape: the shape.
     """
     at = sample_map
-    home = max(INVOLUTIONS.returned, INVOLUTIONS.returned_part * mean_distance(at, shape))
-    for order in range(1, INVOLUTIONS.highest_order + 1):
+    home = max(RETURN_DISTANCE, RETURN_FRACTION * mean_distance(at, shape))
+    for order in range(1, MAX_ORDER + 1):
         if mean_distance(at, shape) < home:
             return order
         at = sample_map[at]

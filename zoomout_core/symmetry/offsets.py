@@ -7,8 +7,6 @@ are carried along with a body).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -21,26 +19,14 @@ from zoomout_core.mesh.surface import MeshError, measurable
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Domain
-from zoomout_core.tuning import Tuning, tuned
 
 # How far off the line, over the square root of the area, a split goes over from one side to the other.
 BLEND = 0.05
 
-
-@dataclass(frozen=True)
-class SurroundingsTuning(Tuning, set_by="judgement"):
-    """Diffusion lengths of the surroundings of a vertex that a rigid motion is fitted to.
-
-    Attributes:
-        turning: for how a displacement turns.
-        comparing: for how asymmetric the shape is.
-    """
-
-    turning: float = tuned(0.03, "at unit area", 1e-6, 1)
-    comparing: float = tuned(0.1, "at unit area", 1e-6, 1)
-
-
-SURROUNDINGS = SurroundingsTuning()
+# Diffusion lengths of the neighbourhood to which a rigid motion is fitted, at unit area: the one that turns a
+# displacement, and the one that measures how asymmetric the shape is.
+TURNING_WIDTH = 0.03
+COMPARISON_WIDTH = 0.1
 
 
 def mirrored_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
@@ -107,7 +93,7 @@ def frames(symmetry: SelfMap) -> Floats:
     handedness = -1.0 if symmetry.reverses_orientation else 1.0
     proxy = symmetry.shape.proxy
     places, images = _places_and_images(symmetry)
-    moments = Moments.of_products(symmetry.shape.basis.smoothed(products(places, images), SURROUNDINGS.turning**2))
+    moments = Moments.of_products(symmetry.shape.basis.smoothed(products(places, images), TURNING_WIDTH**2))
     blended = proxy.place.interpolate(moments.rotations(handedness).reshape(-1, 9)).reshape(-1, 3, 3)
     return _on_surface(nearest_rotations(blended, handedness), symmetry)
 
@@ -120,7 +106,7 @@ def shape_asymmetry(symmetry: SelfMap) -> Floats:
     """
     shape = symmetry.shape
     places, images = _places_and_images(symmetry)
-    moments = Moments.of_products(shape.basis.smoothed(products(places, images), SURROUNDINGS.comparing**2))
+    moments = Moments.of_products(shape.basis.smoothed(products(places, images), COMPARISON_WIDTH**2))
     turns = moments.rotations(-1.0 if symmetry.reverses_orientation else 1.0)
     aligned = np.einsum("nij,nj->ni", turns, places - moments.place) + moments.image
     normals = np.einsum("nij,nj->ni", turns, shape.mesh.vertex_normals)

@@ -14,25 +14,14 @@ from zoomout_core.matching.scores import correlation, map_after_alignment
 from zoomout_core.symmetry.involution import distance_moved, mean_distance
 from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class CandidateTuning(Tuning, set_by="judgement"):
-    """Which maps are no symmetries, and which come first.
-
-    A symmetry other than the identity moves nearly everything: a reflection all but a line, a turn all but points.
-
-    Attributes:
-        still: what moves by less counts as not moved.
-        most_still_by_turns: the part of the area that a turn may not move,
-        most_still_by_reflections: and a reflection.
-        sure: candidates of more certainty are all right; of these reflections come first, along which sides can be
-            mirrored.
-    """
-
-    still: float = tuned(0.1, "at unit area", 0, 1)
-    most_still_by_turns: float = tuned(0.15, "1", 0, 1)
-    most_still_by_reflections: float = tuned(0.45, "1", 0, 1)
-    sure: float = tuned(0.98, "1", 0, 1)
+# Points that a map moves by less than this, at unit area, are fixed. The fixed share of the area is limited because a
+# rotation moves all but single points, and a reflection all but a line.
+FIXED_DISTANCE = 0.1
+MAX_FIXED_SHARE_OF_ROTATIONS = 0.15
+MAX_FIXED_SHARE_OF_REFLECTIONS = 0.45
+# Candidates of a higher certainty are all considered right; reflections come first, since sides can be mirrored along
+# them.
+SURE_SYMMETRY_CERTAINTY = 0.98
 
 
 @dataclass(frozen=True)
@@ -93,31 +82,21 @@ class OddsTuning(Tuning, set_by="symmetry"):
     at_zero: float = tuned(-3.59, "1", -100, 100)
 
 
-@dataclass(frozen=True)
-class ExactnessTuning(Tuning, set_by="judgement"):
-    """The log odds of exact symmetries, of which a thing has several that do not compete with each other.
-
-    Attributes:
-        commutativity: error of maps of 60 functions at which the odds are even.
-        steepness: log odds for each unit of its logarithm.
-        lag_rate: for each unit of the score that a map is behind the best.
-    """
-
-    commutativity: float = tuned(0.43, "1", 1e-9, 10)
-    steepness: float = tuned(16, "1", 0, 1000)
-    lag_rate: float = tuned(1.0, "1", 0, 100)
+# Log odds of exact symmetries, several of which a shape may have without competition: the commutativity error of a map
+# of 60 functions at even odds, the slope per unit of its logarithm, and that per unit of the score behind the best map.
+EVEN_ODDS_COMMUTATIVITY = 0.43
+EXACTNESS_SLOPE = 16
+EXACTNESS_LAG_SLOPE = 1.0
 
 
-CANDIDATES = CandidateTuning()
 CRITERIA = CriterionTuning()
 ODDS = OddsTuning()
-EXACT = ExactnessTuning()
 
 
 def is_no_part_of_identity(sample_map: Integers, reverses_orientation: bool, shape: ShapeAnalysis) -> bool:
     """Whether a map (s,) of a shape's search samples moves enough of it; one that moves a limb only is no symmetry."""
-    fixed = shape.weights @ (distance_moved(sample_map, shape) < CANDIDATES.still)
-    most = CANDIDATES.most_still_by_reflections if reverses_orientation else CANDIDATES.most_still_by_turns
+    fixed = shape.weights @ (distance_moved(sample_map, shape) < FIXED_DISTANCE)
+    most = MAX_FIXED_SHARE_OF_REFLECTIONS if reverses_orientation else MAX_FIXED_SHARE_OF_ROTATIONS
     return bool(fixed <= most)
 
 
@@ -140,7 +119,7 @@ def in_order(candidates: list[Candidate], shape: ShapeAnalysis) -> list[Candidat
 def _place(candidate: Candidate) -> tuple[float, bool, float, float]:
     """What is less for the candidates that come first."""
     turns = not candidate.reverses_orientation
-    return -min(candidate.certainty, CANDIDATES.sure), turns, -candidate.certainty, candidate.scores["total"]
+    return -min(candidate.certainty, SURE_SYMMETRY_CERTAINTY), turns, -candidate.certainty, candidate.scores["total"]
 
 
 def _apart(one: Candidate, other: Candidate, shape: ShapeAnalysis) -> float:
@@ -170,8 +149,8 @@ def _certainty(candidate: Candidate, candidates: list[Candidate]) -> float:
     lead = min(others, default=np.inf) - candidate.scores["total"]
     clipped = np.clip(lead, -ODDS.largest_lead, ODDS.largest_lead)
     by_lead = ODDS.at_zero - ODDS.score_rate * candidate.scores["total"] + ODDS.lead_rate * clipped
-    commuting = np.log(EXACT.commutativity / max(candidate.scores["commutativity"], 1e-9))
-    exact = EXACT.steepness * commuting + EXACT.lag_rate * min(lead, 0)
+    commuting = np.log(EVEN_ODDS_COMMUTATIVITY / max(candidate.scores["commutativity"], 1e-9))
+    exact = EXACTNESS_SLOPE * commuting + EXACTNESS_LAG_SLOPE * min(lead, 0)
     return float(expit(max(by_lead, exact)))
 
 

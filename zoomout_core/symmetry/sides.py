@@ -17,33 +17,15 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class SideTuning(Tuning, set_by="judgement"):
-    """Which side of the symmetry line a place is on.
-
-    Attributes:
-        reach: distance within which places decide the side of one.
-        smoothing: diffusion length over which the result is smoothed, so that the line does not follow the noise of the
-            map.
-        most_contradiction: the part of the differences of distances that may contradict two sides; where more do, there
-            are none.
-        clearly_left: how far images have to lie to the left, as a part of the distances between places and images, to
-            tell left from right.
-        one_sided: a shell lies on one side where what it has more of there than on the other one is a larger part of
-            its area.
-    """
-
-    reach: float = tuned(0.1, "at unit area", 1e-6, 1)
-    smoothing: float = tuned(0.02, "at unit area", 0, 1)
-    most_contradiction: float = tuned(0.2, "1", 0, 0.5)
-    clearly_left: float = tuned(0.2, "1", 0, 1)
-    one_sided: float = tuned(0.5, "1", 0, 1)
-
-
-SIDES = SideTuning()
+# Gaussian width, at unit area, over which samples vote on the side of a vertex.
+VOTING_WIDTH = 0.1
+# Diffusion length, at unit area, that smooths the signed distance, so that the line does not follow the map's noise.
+SMOOTHING_WIDTH = 0.02
+# Share of the differences of distances that may contradict a division into two sides.
+MAX_CONTRADICTION = 0.2
+# A shell lies on one side if the excess of that side's area over the other's is a larger share of its area than this.
+MIN_ONE_SIDED_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +83,13 @@ def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
     mutual = (mutual + mutual.T) / 2
     side_of_sample = np.sign(np.linalg.eigh(mutual)[1][:, -1])
     agreement = side_of_sample @ mutual @ side_of_sample / max(np.abs(mutual).sum(), 1e-300)
-    if agreement < 1 - 2 * SIDES.most_contradiction:
+    if agreement < 1 - 2 * MAX_CONTRADICTION:
         return None
     closest = np.minimum(here, images)
-    weights = np.exp(-(((closest - closest.min(axis=1, keepdims=True)) / SIDES.reach) ** 2))
+    weights = np.exp(-(((closest - closest.min(axis=1, keepdims=True)) / VOTING_WIDTH) ** 2))
     distance = (weights * nearer * side_of_sample).sum(axis=1) / weights.sum(axis=1) / 2
     antisymmetric = (distance - there.interpolate(distance)) / 2
-    return shape.basis.smoothed(antisymmetric[:, None], SIDES.smoothing**2)[:, 0]
+    return shape.basis.smoothed(antisymmetric[:, None], SMOOTHING_WIDTH**2)[:, 0]
 
 
 def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnalysis, surface: Surface) -> Floats:
@@ -155,7 +137,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
     area, gone, lean = (
         np.bincount(component[used], (mass * share)[used]) for share in (1.0, elsewhere, np.sign(distance))
     )
-    whole = (gone > area / 2) & (np.abs(lean) > SIDES.one_sided * area)
+    whole = (gone > area / 2) & (np.abs(lean) > MIN_ONE_SIDED_SHARE * area)
     moved = used & whole[component]
     distance[moved] = np.sign(lean)[component[moved]] * np.abs(distance[moved])
     return distance

@@ -8,7 +8,7 @@ that it shares with the winning side stay where they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -22,27 +22,15 @@ from zoomout_core.symmetry.mirror import Direction, mirrored, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.cut_mesh import cut_open
-from zoomout_core.tuning import Tuning, tuned
 
 # Where the losing side's layout goes: where its own was before, or over that of the winning side.
 Layout: TypeAlias = Literal["own", "over"]
 LAYOUTS = ("own", "over")
 
-
-@dataclass(frozen=True)
-class LayoutFitTuning(Tuning, set_by="judgement"):
-    """How islands are moved to their own places in the atlas.
-
-    Attributes:
-        shared_weight: of corners that an island shares with the winning side, against the others.
-        least_extent: mean square of an island's extent, over that of its new layout; an island of less had no place.
-    """
-
-    shared_weight: float = tuned(100.0, "1", 1, 1e6)
-    least_extent: float = tuned(1e-6, "1", 0, 1)
-
-
-LAYOUT_FIT = LayoutFitTuning()
+# Weight, in the fit that moves an island, of corners that it shares with the winning side.
+SHARED_CORNER_WEIGHT = 100.0
+# Smallest ratio of an island's mean square extent to that of its new layout; below it, the island had no place.
+MIN_EXTENT_RATIO = 1e-6
 
 
 def symmetrised_uv(
@@ -84,7 +72,7 @@ def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surfac
     winners = np.zeros(own.cut_vertex.max() + 1, dtype=bool)
     winners[own.cut_vertex[~losing]] = True
     shared = winners[own.cut_vertex] & losing & at_home
-    weight = area * at_home * np.where(shared, LAYOUT_FIT.shared_weight, 1.0)
+    weight = area * at_home * np.where(shared, SHARED_CORNER_WEIGHT, 1.0)
     moved, placed = _fitted(mirrored_uv, before, piece, weight)
     moved = np.where((placed[piece] & losing)[:, None], moved, mirrored_uv)
     kept = shared & placed[piece]
@@ -105,7 +93,7 @@ def _fitted(start: Floats, end: Floats, group: Integers, weight: Floats) -> tupl
     covariance = mean(y[:, :, None] * x[:, None]).reshape(-1, 2, 2)
     spread, end_spread = mean((x**2).sum(axis=1))[:, 0], mean((y**2).sum(axis=1))[:, 0]
     found = Moments(centre, end_centre, covariance, spread).similarities(None)
-    return found[group](start[:, None])[:, 0], end_spread > LAYOUT_FIT.least_extent * spread
+    return found[group](start[:, None])[:, 0], end_spread > MIN_EXTENT_RATIO * spread
 
 
 def _most(group: Integers, label: Integers, weight: Floats) -> Integers:

@@ -13,7 +13,7 @@ from zoomout_core.matching.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import Candidate
 from zoomout_core.symmetry import ranking
 from zoomout_core.symmetry.involution import distance_moved, mean_distance, order_of
-from zoomout_core.symmetry.ranking import CANDIDATES, in_order, is_no_part_of_identity
+from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, in_order, is_no_part_of_identity
 
 SIDE = 10
 AT = (np.stack(np.divmod(np.arange(SIDE**2), SIDE), axis=1) + 0.5) / SIDE
@@ -174,7 +174,7 @@ def test_a_bad_map_is_unsure_though_it_has_no_rival(square: ShapeAnalysis) -> No
 
 def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: ShapeAnalysis) -> None:
     maps = LEFT_RIGHT, UP_DOWN
-    assert min(certainties(square, *(candidate(one, commutativity=0.12) for one in maps))) > CANDIDATES.sure
+    assert min(certainties(square, *(candidate(one, commutativity=0.12) for one in maps))) > SURE_SYMMETRY_CERTAINTY
     assert max(certainties(square, *(candidate(one) for one in maps))) < 0.8
     # What commutes well but lies far behind in all else is no symmetry of the same thing.
     bad = {"distance": 1.0, "place": 1.0, "curvature": -0.5}
@@ -209,11 +209,11 @@ def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(squ
             square,
         )
         by_kind = {one.reverses_orientation: one.certainty for one in found}
-        assert by_kind[False] > CANDIDATES.sure
-        assert found[0].reverses_orientation == (by_kind[True] >= CANDIDATES.sure)
+        assert by_kind[False] > SURE_SYMMETRY_CERTAINTY
+        assert found[0].reverses_orientation == (by_kind[True] >= SURE_SYMMETRY_CERTAINTY)
         tried.append(by_kind[True])
     assert min(tried) < 0.5
-    assert max(tried) > CANDIDATES.sure
+    assert max(tried) > SURE_SYMMETRY_CERTAINTY
 
 
 # --- how far maps move things -------------------------------------------------------------------------------
