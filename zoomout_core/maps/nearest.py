@@ -2,47 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import AnyFloats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
-from zoomout_core.tuning import Tuning, tuned
 
 # Entries of the block of inner products that is computed at once: bounds the memory.
 BLOCK = 1 << 24
 # Squared distances by products in single precision are wrong by less than this part of the squared norms.
 ROUNDING = 1e-6
 
-
-@dataclass(frozen=True)
-class NearestTuning(Tuning, set_by="judgement"):
-    """Which search is the fastest; all are exact.
-
-    Attributes:
-        tree_dimension: up to this a k-d tree is faster than inner products,
-        tree_points: where there are more points than this.
-        clusters_from: products of pairs above which most points are first ruled out by clusters.
-        clusters: their number, for each unit of the square root of the number of points.
-    """
-
-    tree_dimension: int = tuned(8, "dimensions", 0, 100)
-    tree_points: int = tuned(1000, "points", 0, 10**9)
-    clusters_from: int = tuned(1 << 27, "pairs", 0, 1 << 60)
-    clusters: float = tuned(5, "1", 0.1, 30)
-
-
-NEAREST = NearestTuning()
+# A k-d tree is faster than inner products up to this dimension, for more points than this. All searches are exact.
+MAX_TREE_DIMENSION = 8
+MIN_TREE_POINTS = 1000
+# Query-point pairs from which on clusters rule out most points first, and clusters for each root of the points' number.
+MIN_CLUSTERED_PAIRS = 1 << 27
+CLUSTERS_PER_ROOT = 5
 
 
 def nearest(queries: AnyFloats, points: AnyFloats) -> Integers:
     """(..., q) the row of `points` (..., n, k) nearest to each row of `queries` (q, k); of few points for a stack."""
     k = queries.shape[1]
-    if points.ndim == 2 and k <= NEAREST.tree_dimension and len(points) > NEAREST.tree_points:
+    if points.ndim == 2 and k <= MAX_TREE_DIMENSION and len(points) > MIN_TREE_POINTS:
         return np.asarray(cKDTree(points).query(queries)[1])
-    clustered = points.ndim == 2 and len(queries) * len(points) > NEAREST.clusters_from
+    clustered = points.ndim == 2 and len(queries) * len(points) > MIN_CLUSTERED_PAIRS
     if clustered and k >= SINGLE_PRECISION_DIMENSION:
         return _nearest_by_clusters(queries.astype(np.float32), points.astype(np.float32))
     dtype: type = np.float32 if k >= SINGLE_PRECISION_DIMENSION else np.float64
@@ -86,7 +70,7 @@ def _nearest_by_clusters(queries: SingleFloats, points: SingleFloats) -> Integer
     Queries that share their nearest centre are answered together. The nearest point in its cluster bounds the
     distance, and the triangle inequality rules out other clusters.
     """
-    count = int(NEAREST.clusters * np.sqrt(len(points)))
+    count = int(CLUSTERS_PER_ROOT * np.sqrt(len(points)))
     centres = points[np.random.default_rng(0).choice(len(points), count, replace=False)]
     owner, distance = _nearest_centre(points, centres)
     radius = np.zeros(count, dtype=np.float32)

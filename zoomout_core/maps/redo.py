@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
@@ -13,23 +11,11 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class RedoTuning(Tuning, set_by="judgement"):
-    """How one map goes over into the other.
-
-    Attributes:
-        width: how far inside the part that is replaced.
-        most: the largest part of the depth of what is replaced that this may be.
-    """
-
-    width: float = tuned(0.06, "at unit area", 0, 1)
-    most: float = tuned(0.5, "1", 0, 1)
-
-
-REDO = RedoTuning()
+# Width of the transition between the maps inside the redone region, at unit area, and its largest fraction of the
+# region's depth.
+TRANSITION_WIDTH = 0.06
+MAX_TRANSITION_FRACTION = 0.5
 
 
 def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
@@ -45,7 +31,7 @@ def redo_shares(mask: ArrayLike, target: Surface) -> Floats:
         return weights
     inside = dijkstra(edge_graph(target.vertices, target.triangles), indices=kept, min_only=True)
     depth = inside[np.isfinite(inside)].max(initial=0)
-    width = min(REDO.width * np.sqrt(target.area), REDO.most * depth)
+    width = min(TRANSITION_WIDTH * np.sqrt(target.area), MAX_TRANSITION_FRACTION * depth)
     if width == 0:
         return weights
     along = np.minimum(inside / width, 1)

@@ -5,7 +5,7 @@ import pytest
 from creatures import creature
 
 import zoomout_core as zo
-from zoomout_core.maps.redo import REDO, redo_shares, redone
+from zoomout_core.maps.redo import TRANSITION_WIDTH, redo_shares, redone
 
 BODY = creature(1500, seed=1, bend=0.3).surface
 X = BODY.vertices[:, 0]
@@ -20,7 +20,9 @@ def test_nothing_is_taken_outside_the_mask_and_all_deep_inside():
     ends = BODY.edges
     across = np.abs(shares[ends[:, 0]] - shares[ends[:, 1]])
     long = np.linalg.norm(np.ptp(BODY.vertices[ends], axis=1), axis=1)
-    assert (across <= 1.5 * long / (REDO.width * np.sqrt(BODY.area)) + 1e-9).all()  # the steepest of a smooth step
+    assert (
+        across <= 1.5 * long / (TRANSITION_WIDTH * np.sqrt(BODY.area)) + 1e-9
+    ).all()  # the steepest of a smooth step
 
 
 def test_a_mask_narrower_than_the_transition_still_takes_all_in_its_middle():
@@ -31,7 +33,7 @@ def test_a_mask_narrower_than_the_transition_still_takes_all_in_its_middle():
     ring = np.zeros(len(X))
     ring[BODY.edges[(BODY.edges == seed).any(axis=1)]] = 1
     reach = np.linalg.norm(BODY.vertices[ring > 0] - BODY.vertices[seed], axis=1).max()
-    assert reach < 0.7 * REDO.width * np.sqrt(BODY.area)
+    assert reach < 0.7 * TRANSITION_WIDTH * np.sqrt(BODY.area)
     assert redo_shares(ring, BODY).max() == 1
 
 

@@ -16,7 +16,7 @@ from zoomout_core import (
     zoomout_both_ways,
 )
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
-from zoomout_core.maps.nearest import NEAREST, nearest, nearest_among
+from zoomout_core.maps.nearest import MIN_CLUSTERED_PAIRS, nearest, nearest_among
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -314,7 +314,7 @@ def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int,
     place, mixing = random.random((12_000, 2)), random.standard_normal((2, dimension)) * 6
     points = np.sin(place @ mixing)
     queries = np.sin((place + 0.001) @ mixing) + noise * random.standard_normal(points.shape)
-    assert len(queries) * len(points) > NEAREST.clusters_from
+    assert len(queries) * len(points) > MIN_CLUSTERED_PAIRS
     found = nearest(queries, points)
     exact = np.concatenate([
         np.argmin((points**2).sum(axis=1) - 2 * few @ points.T, axis=1) for few in np.array_split(queries, 40)
