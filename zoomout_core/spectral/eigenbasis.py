@@ -27,7 +27,6 @@ from zoomout_core.runtime.progress import advance
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import one_blas_thread, threads
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.tuning import Tuning, tuned
 
 # Vertices whose eigenvectors are assembled at once: bounds the memory, and the time between two steps.
 COLUMN_CHUNK = 1 << 14
@@ -36,52 +35,29 @@ COLUMN_CHUNK = 1 << 14
 PRODUCTS, SOLVES = 8, 2
 UNCONVERGED = "The eigenfunctions did not converge: repair the mesh's slivers, or remesh it."
 
+# Shift of the inverted operator, at unit area. Lambda_k is about 4 pi k; any shift from 0.1 to 200 converges alike.
+SHIFT = 20.0
+# Right-hand sides solved at once. A vector takes half as long in blocks of 4 to 16 as alone.
+BLOCK_SIZE = 16
+# Largest residual of a shift-inverted pair, relative to its eigenvalue. On one pair of meshes, maps were as accurate as
+# with ARPACK; at 0.03 their mean error rose by an eighth.
+RESIDUAL_TOLERANCE = 1e-3
+# Computed pairs for each requested one, since the last pairs carry all of the remaining error.
+SURPLUS = 1.05
+# Size of the Krylov space at the first convergence test, for each computed pair. A further block divides the largest
+# residual by at most the second number, which determines the next test.
+FIRST_TEST_SIZE = 2.4
+BLOCK_GAIN = 4.0
+# Matrices with fewer rows are diagonalised densely.
+MIN_SPARSE_VERTICES = 1200
+# Vectors of this length are worth several threads.
+MIN_THREADED_VERTICES = 20_000
+# Vertices of the decimated mesh that provides the basis if the factorised matrix of the mesh does not fit into memory.
+COARSE_VERTICES = 50_000
+# Damped Jacobi steps that smooth the interpolated functions across the edges of that mesh, and their damping.
+JACOBI_STEPS = 10
+JACOBI_DAMPING = 0.5
 
-@dataclass(frozen=True)
-class EigensolverTuning(Tuning, set_by="judgement"):
-    """Block Lanczos.
-
-    Attributes:
-        shift: of the inverted operator. Lambda_k is about 4 pi k; anything from 0.1 to 200 converges alike.
-        block: right-hand sides that are solved at once. Blocks of 4 to 16 take half the time of single ones for each.
-        tolerance: largest accepted residual of a shift-inverted pair, relative to its eigenvalue. On one pair of meshes
-            maps by such bases were as exact as by ARPACK's; at 0.03 their mean error rose by an eighth.
-        surplus: pairs that are computed for each one asked for; the last pairs carry all of the remaining error.
-        first_test: size of the Krylov space, for each pair computed, from which on convergence is tested.
-        gain: factor by which one more block divides the last residual at most, which says when to test again.
-        dense_below: matrices with fewer rows are diagonalised densely.
-        threads_from: vectors with as many entries are worth several threads.
-    """
-
-    shift: float = tuned(20.0, "eigenvalues at unit area", 0.1, 200)
-    block: int = tuned(16, "vectors", 1, 64)
-    tolerance: float = tuned(1e-3, "1", 1e-6, 0.1)
-    surplus: float = tuned(1.05, "1", 1, 2)
-    first_test: float = tuned(2.4, "1", 1, 4)
-    gain: float = tuned(4.0, "1", 1.01, 1000)
-    dense_below: int = tuned(1200, "vertices", 200, 20_000)
-    threads_from: int = tuned(20_000, "vertices", 2, 10**9)
-
-
-EIGENSOLVER = EigensolverTuning()
-
-
-@dataclass(frozen=True)
-class CoarseBasisTuning(Tuning, set_by="judgement"):
-    """A basis from a smaller mesh, where the matrix of the mesh itself does not fit into memory factorised.
-
-    Attributes:
-        vertices: of the smaller mesh.
-        smoothing: damped Jacobi steps, which smooth the functions across the edges of the smaller mesh.
-        damping: of these steps.
-    """
-
-    vertices: int = tuned(50_000, "vertices", 1000, 10**6)
-    smoothing: int = tuned(10, "steps", 0, 1000)
-    damping: float = tuned(0.5, "1", 0, 1)
-
-
-COARSE_BASIS = CoarseBasisTuning()
 
 _log = logging.getLogger(__name__)
 
@@ -240,9 +216,9 @@ def basis_of(
             "There is not enough memory to factorise the matrix of %d vertices: its eigenfunctions are taken from a "
             "mesh of %d, nearly.",
             len(mesh.vertices),
-            COARSE_BASIS.vertices,
+            COARSE_VERTICES,
         )
-    points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, COARSE_BASIS.vertices)
+    points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, COARSE_VERTICES)
     around = Neighbourhoods(triangles, len(points))
     triangle, barycentric = project_to_embedding(mesh.vertices, points, around, merged)
     if potential is not None:  # means by area
@@ -250,10 +226,10 @@ def basis_of(
         potential = segment_sum(areas * potential, merged) / of_coarse
     coarse_stiffness, coarse_areas = mesh_laplacian(points, triangles)
     coarse_operator = _with_potential(coarse_stiffness, coarse_areas, potential)
-    _, coarse = eigenpairs(coarse_operator, coarse_areas, int(EIGENSOLVER.surplus * k) + 2, seed)
+    _, coarse = eigenpairs(coarse_operator, coarse_areas, int(SURPLUS * k) + 2, seed)
     functions = np.einsum("nc,nck->nk", barycentric, coarse[triangles[triangle]])
-    damped_inverse = COARSE_BASIS.damping / operator.diagonal()[:, None]
-    for _ in range(COARSE_BASIS.smoothing):
+    damped_inverse = JACOBI_DAMPING / operator.diagonal()[:, None]
+    for _ in range(JACOBI_STEPS):
         functions -= damped_inverse * (operator @ functions)
     weighted = areas[:, None] * functions
     eigenvalues, mixing = eigh(functions.T @ (operator @ functions), functions.T @ weighted, subset_by_index=(0, k - 1))
@@ -287,7 +263,7 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
     if not 1 <= k < n:
         raise MeshError(f"{k} eigenfunctions were asked for, but {n} vertices allow 1 to {n - 1}: ask for fewer.")
     root = np.sqrt(areas)
-    if n < max(EIGENSOLVER.dense_below, 4 * k):
+    if n < max(MIN_SPARSE_VERTICES, 4 * k):
         scaled = (diags_array(1 / root) @ stiffness @ diags_array(1 / root)).toarray()
         values, vectors = eigh((scaled + scaled.T) / 2, subset_by_index=(0, k - 1))
         vectors /= root[:, None]
@@ -298,16 +274,16 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
 
 
 def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, seed: int) -> tuple[Floats, Floats]:
-    n, b = len(root), EIGENSOLVER.block
-    wanted = min(n - 1, int(EIGENSOLVER.surplus * k) + 2)
-    factor = factorised(stiffness + EIGENSOLVER.shift * diags_array(areas))
+    n, b = len(root), BLOCK_SIZE
+    wanted = min(n - 1, int(SURPLUS * k) + 2)
+    factor = factorised(stiffness + SHIFT * diags_array(areas))
     limit = min(n // b - 1, 4 * wanted // b + 16)
     Q = np.empty(((limit + 1) * b, n), dtype=np.float32)  # one basis vector a row
     H = np.zeros(((limit + 1) * b, (limit + 1) * b))
     start = np.random.default_rng(seed).standard_normal((n, b))
     start[:, 0] = root
     Q[:b] = qr(start, mode="economic")[0].T
-    next_test = EIGENSOLVER.first_test * wanted
+    next_test = FIRST_TEST_SIZE * wanted
     pool = ThreadPoolExecutor(max_workers=threads())
     try:
         parts = _InParts(pool, n)
@@ -333,16 +309,16 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
             # The last pair converges last, as a rule: alone it costs a part of what all cost.
             last = eigh(projected, subset_by_index=(e - wanted, e - wanted))
             residual = _residuals(R, *last).max()
-            if residual >= EIGENSOLVER.tolerance:
-                blocks = int(np.log(residual / EIGENSOLVER.tolerance) / np.log(EIGENSOLVER.gain))
+            if residual >= RESIDUAL_TOLERANCE:
+                blocks = int(np.log(residual / RESIDUAL_TOLERANCE) / np.log(BLOCK_GAIN))
                 next_test = e + b * max(1, blocks)
                 continue
             mu, S = eigh(projected, subset_by_index=(e - wanted, e - 1))
             advance(min(0.9, e / (2.8 * wanted)))
-            if _residuals(R, mu, S).max() >= EIGENSOLVER.tolerance:
+            if _residuals(R, mu, S).max() >= RESIDUAL_TOLERANCE:
                 continue
             mu, S = mu[::-1], S[:, ::-1]
-            complete = pool.submit(_is_complete, 1 / mu - EIGENSOLVER.shift, k, stiffness, areas)
+            complete = pool.submit(_is_complete, 1 / mu - SHIFT, k, stiffness, areas)
             weights = np.asarray(S[:, :k], dtype=np.float32)
             eigenvectors = np.empty((n, k))
             for columns in np.array_split(np.arange(n), max(1, n // COLUMN_CHUNK)):
@@ -350,7 +326,7 @@ def _block_lanczos(stiffness: csc_array, areas: Floats, root: Floats, k: int, se
                 np.divide(Q[:e, rows].T @ weights, root[rows, None], out=eigenvectors[rows])
                 advance(0.95)
             if complete.result():
-                return 1 / mu[:k] - EIGENSOLVER.shift, eigenvectors
+                return 1 / mu[:k] - SHIFT, eigenvectors
             next_test = e + 4 * b
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
@@ -364,7 +340,7 @@ class _InParts:
     """
 
     def __init__(self, pool: ThreadPoolExecutor, n: int) -> None:
-        is_long = n >= EIGENSOLVER.threads_from
+        is_long = n >= MIN_THREADED_VERTICES
         self._map = pool.map if is_long else map
         self._solves = SOLVES if is_long else 1
         parts = np.array_split(np.arange(n), PRODUCTS if is_long else 1)

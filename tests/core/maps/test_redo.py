@@ -20,9 +20,8 @@ def test_nothing_is_taken_outside_the_mask_and_all_deep_inside():
     ends = BODY.edges
     across = np.abs(shares[ends[:, 0]] - shares[ends[:, 1]])
     long = np.linalg.norm(np.ptp(BODY.vertices[ends], axis=1), axis=1)
-    assert (
-        across <= 1.5 * long / (TRANSITION_WIDTH * np.sqrt(BODY.area)) + 1e-9
-    ).all()  # the steepest of a smooth step
+    # A smooth step is one and a half times as steep as a straight one.
+    assert (across <= 1.5 * long / (TRANSITION_WIDTH * np.sqrt(BODY.area)) + 1e-9).all()
 
 
 def test_a_mask_narrower_than_the_transition_still_takes_all_in_its_middle():

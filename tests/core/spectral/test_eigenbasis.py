@@ -15,7 +15,6 @@ from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.spectral import eigenbasis as module
 from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.tuning import retuned
 
 
 def test_eigenpairs_agree_with_arpack(resting: Creature) -> None:
@@ -157,8 +156,8 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
         return factorised(matrix)
 
     monkeypatch.setattr(module, "factorised", with_little_memory)
-    with retuned(module.COARSE_BASIS, vertices=2000):
-        basis = eigenbasis(resting.surface, 30)
+    monkeypatch.setattr(module, "COARSE_VERTICES", 2000)
+    basis = eigenbasis(resting.surface, 30)
     assert "not enough memory" in caplog.text
     assert basis.eigenvectors.shape == exact.eigenvectors.shape
     np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(30), atol=1e-6)
@@ -175,14 +174,15 @@ def test_blas_is_left_as_it_was(resting: Creature) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 5, 8])
-def test_the_number_of_threads_changes_nothing(resting: Creature, count: int) -> None:
+def test_the_number_of_threads_changes_nothing(resting: Creature, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not a bit, though vectors as short as these are worked on by several threads."""
+    monkeypatch.setattr(module, "MIN_THREADED_VERTICES", 100)
+    monkeypatch.setattr(module, "MIN_SPARSE_VERTICES", 200)
 
     def basis(threads: int) -> np.ndarray:
         zo.set_threads(threads)
         try:
-            with retuned(module.EIGENSOLVER, threads_from=100, dense_below=200):
-                return eigenbasis(resting.surface, 40).eigenvectors
+            return eigenbasis(resting.surface, 40).eigenvectors
         finally:
             zo.set_threads(None)
 

@@ -11,7 +11,6 @@ from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.spectral import eigenbasis
-from zoomout_core.tuning import retuned
 
 # Eigenvalues on a hemisphere, at the unit area of its sphere, whose functions vanish on the equator: of the degree l
 # there are l.
@@ -73,8 +72,8 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
         return factorised(matrix)
 
     monkeypatch.setattr(eigenbasis, "factorised", with_little_memory)
-    with retuned(eigenbasis.COARSE_BASIS, vertices=2000):
-        basis = zo.hamiltonian_basis(resting.surface, beyond, 30)
+    monkeypatch.setattr(eigenbasis, "COARSE_VERTICES", 2000)
+    basis = zo.hamiltonian_basis(resting.surface, beyond, 30)
     assert "not enough memory" in caplog.text
     np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(30), atol=1e-6)
     np.testing.assert_allclose(basis.eigenvalues[:20], exact.eigenvalues[:20], rtol=0.1)
