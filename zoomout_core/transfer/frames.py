@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, diags_array
-from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import nearest_rotations
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -105,7 +104,7 @@ class Frames:
         """(n, 3, 3) what turns a vector (3,) at the source to one at the target; reflections where a map mirrors."""
         normals = self._handed[:, None] * self.mapped.target.working.vertex_normals[self.number]
         upright = normals[:, :, None] * self._mapped_normals[:, None, :] / self.mapped.source.area
-        fitted = self.smooth((self._differential + upright).reshape(-1, 9))
+        fitted = self.smoothing.solve((self._differential + upright).reshape(-1, 9))
         return nearest_rotations(fitted.reshape(-1, 3, 3), self._handed)
 
     @cached_property
@@ -118,7 +117,7 @@ class Frames:
         shrinking = np.einsum("nts,nts->n", self.rotations, self._differential)
         sums = np.stack([shrinking, whole], axis=1)
         for _ in range(FRAMES.growth_rounds):
-            sums = (self.trust * self.areas)[:, None] * self.smooth(sums)
+            sums = self.smoothing.weights[:, None] * self.smoothing.solve(sums)
         shrinking, whole = sums.T
         shrinking = np.maximum(shrinking, whole / TRUST.most_growth)
         growth = np.divide(whole, shrinking, out=np.ones_like(whole), where=shrinking > 0)
@@ -164,15 +163,11 @@ class Frames:
         own = on_working_mesh(self.mapped.target.working, self.mapped.target.vertices)[self.number]
         return np.asarray(cKDTree(own).query(positions)[1])
 
-    def smooth(self, loads: Floats) -> Floats:
-        """The solution (n, d) of (T A + h^2 (L' + L")) x = loads, of trust, areas, reach and both stiffnesses."""
-        # A solver takes columns that lie together.
-        return self._factors.solve(np.asfortranarray(loads))
-
     @cached_property
-    def _factors(self) -> SuperLU:
+    def smoothing(self) -> ScreenedSmoothing:
+        """The system T A + h^2 (L' + L") of trust, areas, the smoothing length and both stiffnesses."""
         stiffness = self.trusted_stiffness + self.doubted_stiffness
-        return factorised(diags_array(self.trust * self.areas) + FRAMES.smoothing_length**2 * stiffness)
+        return ScreenedSmoothing.of(self.trust * self.areas, stiffness, FRAMES.smoothing_length)
 
 
 @once_per_argument

@@ -79,9 +79,7 @@ def conformed(mapped: MappedTarget) -> Floats:
     own = on_working_mesh(target.working, target.vertices)
     gradients = turned_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
-    conforming = frames.smooth(
-        (frames.trust * frames.areas)[:, None] * frames.points + FRAMES.smoothing_length**2 * gradients
-    )
+    conforming = frames.smoothing.fit(frames.points, gradients)
     number = target.working.vertex_of
     return np.where((number >= 0)[:, None], conforming[number], mapped.points)
 
@@ -100,7 +98,7 @@ def _carried(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
     here = on_working_mesh(target.working, plain)[frames.number]
     n, keys, _ = here.shape
     loads = loading @ here.transpose(0, 2, 1).reshape(3 * n, keys)
-    solved = frames.smooth(loads.reshape(n, 3 * keys)).reshape(n, 3, keys).transpose(0, 2, 1)
+    solved = frames.smoothing.solve(loads.reshape(n, 3 * keys)).reshape(n, 3, keys).transpose(0, 2, 1)
     motion = np.zeros((len(target.working.vertices), keys, 3))
     motion[frames.number] = solved * (here.any(axis=2) | (frames.trust < 1)[:, None])[:, :, None]
 
@@ -113,7 +111,7 @@ def _carried(offsets: Floats, frames: Frames, loading: bsr_array) -> Floats:
 
 
 def _loading(frames: Frames) -> bsr_array:
-    """(3n, 3n) what makes the right-hand sides of `Frames.smooth` of offsets, which it turns: (n, 3), as one column."""
+    """(3n, 3n) makes right-hand sides of `Frames.smoothing` of offsets (n, 3), as one column, and turns them."""
     own = (frames.trust * frames.areas)[:, None, None] * frames.turns
     blocks = bsr_array((own, np.arange(len(own)), np.arange(len(own) + 1)))
     return bsr_array(blocks + FRAMES.smoothing_length**2 * turned_gradients(frames.trusted_stiffness, frames.turns))

@@ -14,7 +14,7 @@ from scipy.sparse import csc_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import nearest_rotations
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -109,18 +109,14 @@ def _smoothed(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trus
     own, here, sure = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
     weights = diags_array(sure)
     trusted = csc_array(without_sums(csc_array(weights @ stiffness @ weights)))
-    factors = factorised(diags_array(sure * areas) + FRAMES.smoothing_length**2 * stiffness)
-
-    def solve(loads: Floats) -> Floats:
-        return np.asarray(factors.solve(np.asfortranarray(loads)))
-
+    smoothing = ScreenedSmoothing.of(sure * areas, stiffness, FRAMES.smoothing_length)
     linear = on_working_mesh(working, turns)
     size = np.linalg.norm(linear[:, 0], axis=1).mean() if len(linear) else 1.0
-    spread = solve((sure * areas)[:, None] * linear.reshape(-1, 9)).reshape(-1, 3, 3)
+    spread = smoothing.smooth(linear.reshape(-1, 9)).reshape(-1, 3, 3)
     linear = np.where((sure < 1)[:, None, None], size * nearest_rotations(spread), linear)
     gradients = trusted @ here
     gradients += (turned_gradients(csc_array(stiffness - trusted), linear) @ own.ravel()).reshape(own.shape)
-    placed = solve((sure * areas)[:, None] * here + FRAMES.smoothing_length**2 * gradients)
+    placed = smoothing.fit(here, gradients)
     number = posed.working.vertex_of
     used = (number >= 0)[:, None]
     doubt = (1 - trust)[:, None, None] * used[:, :, None]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.matching.components.parts import Part
 from zoomout_core.mesh.triangles import border_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -60,8 +60,7 @@ def loops_on_loops(part: Part, partner: Part) -> Floats:
             points = part.points[loop.vertices]
             near = cKDTree(other.along).query(points - loop.centre + other.centre)[1]
             goals[loop.vertices], weight[loop.vertices] = other.along[near] - points, LOOP_WEIGHT
-    factors = factorised(stiffness + diags_array(weight))
-    return np.asarray(part.points + factors.solve(weight[:, None] * goals))
+    return np.asarray(part.points + ScreenedSmoothing.of(weight, stiffness, 1).smooth(goals))
 
 
 def boundary_loops(part: Part) -> list[BoundaryLoop]:

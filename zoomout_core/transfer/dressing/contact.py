@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.screened_smoothing import screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
@@ -165,7 +166,7 @@ def held_off(
         probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
     bounds = _bounds(barriers, probes, form, positions, growth, gap)
     areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
-    staying = csc_array(diags_array(form.areas) + CONTACT.spread**2 * form.stiffness)
+    staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
     positions, moving = positions.copy(), bounds
     for _ in range(CONTACT.rounds):
         which, pushes = _pushes(moving, probes @ positions)

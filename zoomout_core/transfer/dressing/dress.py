@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.sparse import csc_array, diags_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
@@ -263,9 +262,8 @@ def _soft(form: Form, motion: Motion, stiffness: float) -> Floats:
     """(n, 3) positions near where the body takes them, whose edges are those at rest, turned and grown."""
     length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
     pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-    factors = factorised(csc_array(diags_array(pull) + length**2 * form.stiffness))
     gradients = (turned_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
-    return np.asarray(factors.solve(np.asfortranarray(pull[:, None] * motion.images + length**2 * gradients)))
+    return ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
 
 
 def _skin(surface: Surface, unit: float) -> Skin:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.sparse_solve import factorised
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -54,7 +55,8 @@ def cage_of(
     points = limit_points(cage)
     pull = csc_array(points.limit.T @ diags_array(np.maximum(points.limit @ weight, 0)))
     fair = csc_array(CAGE.fairness * _differences(cage) + CAGE.staying * diags_array(np.ones(n)))
-    system = PinnedSystem(pull @ points.limit + fair, Pins(csr_array(pins.matrix @ points.limit[:n]), pins.positions))
+    limit_pins = Pins(csr_array(pins.matrix @ points.limit[:n]), pins.positions)
+    system = PinnedSystem(factorised(pull @ points.limit + fair), limit_pins)
     flat, found, at = points.flat @ positions, positions, triangle[points.near]
     for _ in range(CAGE.rounds):
         at, barycentric, _ = mapped.whole.walk(at, points.limit @ found)

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, dia_array, diags_array
+from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import rotations_of_blends
-from zoomout_core.geometry.sparse_solve import factorised
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.frames import Frames, products_of_gradients
 
@@ -65,8 +65,7 @@ class Skin:
         areas: (n,) of its vertices.
         scales: (n,) how long its edges should be, over what they are at rest.
         handedness: (n,) -1 where the map mirrors it, else 1.
-        averaged_over: length over which values are averaged, at unit area,
-        averaging: and the factors of what does that.
+        averaging: averages values along the surface by area, over a length at unit area.
     """
 
     rest: Floats
@@ -76,8 +75,7 @@ class Skin:
     areas: Floats
     scales: Floats
     handedness: Floats
-    averaged_over: float
-    averaging: SuperLU
+    averaging: ScreenedSmoothing
 
     @classmethod
     def of(cls, frames: Frames, averaged_over: float) -> Skin:
@@ -90,13 +88,9 @@ class Skin:
         working, areas, stiffness = frames.mapped.target.working, frames.areas, frames.stiffness
         turns = np.linalg.det(frames.turns)
         scales = working.scale / np.sqrt(frames.mapped.source.area) / np.cbrt(np.abs(turns))
-        averaging = factorised(diags_array(areas) + averaged_over**2 * stiffness)
+        averaging = ScreenedSmoothing.of(areas, stiffness, averaged_over)
         shape = working.vertices, working.vertex_normals, working.oriented_triangles
-        return cls(*shape, stiffness, areas, scales, np.sign(turns), averaged_over, averaging)
-
-    def averaged(self, values: Floats) -> Floats:
-        """Values (n, d), averaged along the surface by area."""
-        return np.asarray(self.averaging.solve(np.asfortranarray(self.areas[:, None] * values)))
+        return cls(*shape, stiffness, areas, scales, np.sign(turns), averaging)
 
     def loads(self, rotations: Floats) -> Floats:
         """(n, 3) what the stiffness makes of positions whose edges are those at rest, turned (n, 3, 3) and scaled."""
@@ -112,25 +106,24 @@ class PinnedSystem:
     """A sparse symmetric positive definite system, whose solutions meet pins.
 
     Args:
-        matrix: (n, n).
+        factors: of its (n, n) matrix.
         pins: what must be met.
     """
 
-    def __init__(self, matrix: csc_array | dia_array, pins: Pins) -> None:
-        self.factors: SuperLU = factorised(matrix)
-        self._pins = pins
-        self._answer, self._compliance = np.zeros((matrix.shape[0], 0)), np.zeros((0, 0))
+    def __init__(self, factors: SuperLU, pins: Pins) -> None:
+        self._factors, self._pins = factors, pins
+        self._answer, self._compliance = np.zeros((factors.shape[0], 0)), np.zeros((0, 0))
         if len(pins.positions):
-            self._answer = self.free(pins.matrix.T.toarray())
+            self._answer = self._free(pins.matrix.T.toarray())
             self._compliance = np.linalg.pinv(pins.matrix @ self._answer, hermitian=True)
 
-    def free(self, loads: Floats) -> Floats:
+    def _free(self, loads: Floats) -> Floats:
         """(n, d) solutions for loads (n, d), whatever is pinned."""
-        return np.asarray(self.factors.solve(np.asfortranarray(loads)))
+        return np.asarray(self._factors.solve(np.asfortranarray(loads)))
 
     def solve(self, loads: Floats) -> Floats:
         """(n, 3) solutions for loads (n, 3), moved as little, by the system, as it takes to meet the pins."""
-        free = self.free(loads)
+        free = self._free(loads)
         return np.asarray(free + self._answer @ (self._compliance @ (self._pins.positions - self._pins.matrix @ free)))
 
 
@@ -146,14 +139,13 @@ class Elastic:
 
     def __init__(self, skin: Skin, pull: Floats, length: float, pins: Pins) -> None:
         self._skin = skin
-        self._pull = (np.maximum(pull, LEAST_PULL) * skin.areas)[:, None]
-        self._holding = length**2
-        self._system = PinnedSystem(diags_array(self._pull[:, 0]) + length**2 * skin.stiffness, pins)
-        self._averaging = self._system.factors if length > skin.averaged_over else skin.averaging
+        self._smoothing = ScreenedSmoothing.of(np.maximum(pull, LEAST_PULL) * skin.areas, skin.stiffness, length)
+        self._system = PinnedSystem(self._smoothing.factors, pins)
+        self._averaging = self._smoothing if length > skin.averaging.length else skin.averaging
 
     def solve(self, feet: Floats, loads: Floats) -> Floats:
         """(n, 3) positions that are drawn to feet (n, 3), while edges hold: `Skin.loads`."""
-        return self._system.solve(self._pull * feet + self._holding * loads)
+        return self._system.solve(self._smoothing.loads(feet, loads))
 
     def turns(self, positions: Floats) -> Floats:
         """(n, 3, 3) how the skin has turned where it is at positions (n, 3), on average around each vertex."""
@@ -163,10 +155,10 @@ class Elastic:
         size = skin.areas * skin.scales * skin.handedness
         normals = vertex_normals(positions, skin.corners)
         products += size[:, None, None] * normals[:, :, None] * skin.normals[:, None, :]
-        averaged = self._averaging.solve(np.asfortranarray(products.reshape(-1, 9))).reshape(-1, 3, 3)
+        averaged = self._averaging.solve(products.reshape(-1, 9)).reshape(-1, 3, 3)
         sense = skin.handedness[:, None, None]
         return sense * rotations_of_blends(sense * averaged)
 
     def spread(self, values: Floats) -> Floats:
         """Values (n, d), smoothed as far as vertices are drawn, and going on where they are not."""
-        return self._system.free(self._pull * values)
+        return self._smoothing.smooth(values)

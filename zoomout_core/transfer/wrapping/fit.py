@@ -147,7 +147,7 @@ class Fit:
         wrong |= stretch.max(axis=1) > FIT.most_stretch * stretch.min(axis=1)
         of_vertex = segment_sum(np.repeat(wrong * area, 3), corners.ravel(), len(images))
         share = of_vertex / np.maximum(segment_sum(np.repeat(area, 3), corners.ravel(), len(images)), SMALLEST)
-        return np.asarray(np.clip(1 - 2 * self.skin.averaged(share[:, None])[:, 0], LEAST_SOUND, 1) ** 2)
+        return np.asarray(np.clip(1 - 2 * self.skin.averaging.smooth(share[:, None])[:, 0], LEAST_SOUND, 1) ** 2)
 
     def _smooth_scales(self) -> Floats:
         """(n,) scales of the skin, averaged over long distances where the map can be trusted."""
