@@ -44,7 +44,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
         ("match", "source.ply", "target.ply", "--initial", "nearest", "-o", "map.npz"),
         "matching.proximity:closest_points",
     ),
-    "match, reading": (("match", "source.ply", "target.ply", "-o", "map.npz"), "mesh.files:read_polygons"),
+    "match, reading": (("match", "source.ply", "target.ply", "-o", "map.npz"), "mesh.files:existing"),
     "symmetry": (("symmetry", "source.ply", "-o", "map.npz"), "symmetry.detect:rank"),
     "info": (("info", "source.ply"), "assets.files:existing"),
     "transfer": (("transfer", "source.ply", "target.ply", "-o", "out.ply"), "cli.transfer_command:match"),

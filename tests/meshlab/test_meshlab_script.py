@@ -10,7 +10,7 @@ from creature import SOURCE_POSE, TARGET_POSE, creature
 
 from meshlab_filter.commands import main
 from meshlab_filter.script import read_script, run_script
-from zoomout_core.mesh.files import ply_columns
+from zoomout_core.mesh.ply_files import ply_columns
 
 HEAD = "<!DOCTYPE FilterScript>\n<FilterScript>\n"  # so that a filter begins in line 3
 SIZE = 14.2**0.5

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,7 +23,8 @@ from zoomout_core.assets.asset import (
     suffix_of,
     to_srgb,
 )
-from zoomout_core.mesh.files import read_surface
+from zoomout_core.mesh.files import file_bytes, surface_of
+from zoomout_core.mesh.obj_files import parse_obj, statements
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 
@@ -34,52 +34,22 @@ def read_obj(path: Path) -> Asset:
     Raises:
         MeshError: it cannot be read, or holds no faces.
     """
-    surface = read_surface(path)
-    uvs: list[list[float]] = []
-    colors: list[list[float]] = []
-    coordinate: list[int] = []
-    number: list[int] = []
-    names: dict[str, int] = {}
+    content = parse_obj(file_bytes(path))
+    surface = surface_of(content.polygons(), {}, path)
+    uvs, colors = content.coordinates(), content.colors()
+    coordinate = content.corner_coordinates()
     materials: dict[str, Material] = {}
-    current = -1
-    for keyword, words in _lines(path):
-        if keyword == "vt":
-            uvs.append([float(word) for word in words[:2]] + [0.0] * (2 - len(words)))
-        elif keyword == "v" and len(words) >= 6:
-            colors.append([float(word) for word in words[3:6]])
-        elif keyword == "usemtl":
-            current = names.setdefault(" ".join(words), len(names))
-        elif keyword == "mtllib":
-            materials |= _read_mtl(path.parent / " ".join(words))
-        elif keyword == "f":
-            number.append(current)
-            coordinate += [_coordinate(corner, len(uvs)) for corner in words]
+    for library in content.libraries:
+        materials |= _read_mtl(path.parent / library)
     attributes = []
     if uvs and max(coordinate, default=-1) >= 0:
         table = np.vstack([uvs, [[0.0, 0.0]]])  # corners without any have the last
         attributes.append(Attribute(f"{UV} 0", Domain.CORNER, Kind.UV, table[coordinate]))
     if len(colors) == len(surface.vertices):
         attributes.append(Attribute(f"{COLOR} 0", Domain.POINT, Kind.COLOR, from_srgb(np.array(colors))))
-    if names:
-        attributes.append(material_numbers(np.array(number)))
-    return Asset(surface, tuple(attributes), tuple(materials.get(name, Material(name)) for name in names))
-
-
-def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
-    text = path.read_bytes().decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
-    for line in text.splitlines():
-        words = line.partition("#")[0].split()
-        if words:
-            yield words[0], words[1:]
-
-
-def _coordinate(corner: str, known: int) -> int:
-    """The texture coordinate of a face corner `v/vt/vn`, -1 for none."""
-    written = corner.split("/")[1:2]
-    if not written or not written[0]:
-        return -1
-    number = int(written[0])
-    return number - 1 if number > 0 else known + number
+    if content.materials:
+        attributes.append(material_numbers(np.array(content.face_materials)))
+    return Asset(surface, tuple(attributes), tuple(materials.get(name, Material(name)) for name in content.materials))
 
 
 def _read_mtl(path: Path) -> dict[str, Material]:
@@ -88,7 +58,8 @@ def _read_mtl(path: Path) -> dict[str, Material]:
         return {}
     found: dict[str, Material] = {}
     name, color, image = None, [1.0, 1.0, 1.0, 1.0], None
-    for keyword, words in [*_lines(path), ("newmtl", [])]:
+    for keyword, line in [*statements(path.read_bytes()), ("newmtl", "")]:
+        words = line.split()[1:]
         if keyword == "newmtl":
             if name is not None:
                 found[name] = Material(name, (color[0], color[1], color[2], color[3]), image)

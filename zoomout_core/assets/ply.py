@@ -8,7 +8,8 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, NORMALS, UV, Asset, from_srgb, on_points, to_srgb
-from zoomout_core.mesh.files import ply_columns, read_surface
+from zoomout_core.mesh.files import file_bytes, surface_of
+from zoomout_core.mesh.ply_files import ply_columns, ply_polygons
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
@@ -22,9 +23,9 @@ def read_ply(path: Path) -> Asset:
     Raises:
         MeshError: it cannot be read, or holds no faces.
     """
-    surface = read_surface(path)
-    columns = ply_columns(path.read_bytes())
+    columns = ply_columns(file_bytes(path))
     vertex, attributes = columns["vertex"], []
+    surface = surface_of(ply_polygons(columns), vertex, path)
     if {"red", "green", "blue"} <= vertex.keys():
         names = ("red", "green", "blue", *(["alpha"] if "alpha" in vertex else []))
         values = np.stack([np.asarray(vertex[name], dtype=np.float64) for name in names], axis=1)

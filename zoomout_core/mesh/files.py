@@ -8,22 +8,23 @@ faces of several sizes. The others are left to it, and it keeps vertices when to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import write_surface
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.more_files import READERS as MORE_READERS
+from zoomout_core.mesh.obj_files import parse_obj
+from zoomout_core.mesh.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.text_tables import decode, flatten, number_table
 from zoomout_core.runtime.outputs import written_whole
 
 # What trimesh reads with packages of the extra `formats`.
@@ -49,13 +50,7 @@ def read_surface(path: str | PathLike[str]) -> Surface:
         >>> len(zo.read_surface(folder / "creature.obj").triangles) == len(source.triangles)
         True
     """
-    shape = read_shape(path)
-    if isinstance(shape, PointCloud):
-        raise MeshError(
-            f"{path} holds no faces, only {len(shape.points)} points: give a file with a surface, "
-            "or read it as a point cloud."
-        )
-    return shape
+    return _with_faces(read_shape(path), path)
 
 
 @memory_in_words
@@ -67,13 +62,35 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
-    vertices, corner_vertex, face_start = read_polygons(path)
+    return _shape(*_read(path), path)
+
+
+def surface_of(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[str]) -> Surface:
+    """The surface of a file whose polygons, and columns of vertices if it is PLY, have been read.
+
+    Raises:
+        MeshError: it holds no faces, or points or faces that cannot be used.
+    """
+    return _with_faces(_shape(polygons, vertex_columns, path), path)
+
+
+def _shape(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[str]) -> Surface | PointCloud:
+    vertices, corner_vertex, face_start = polygons
     try:
         if len(face_start) < 2:
-            return PointCloud(vertices, _normals(Path(path)))
+            return PointCloud(vertices, ply_normals(vertex_columns))
         return Surface.from_corners(vertices, corner_vertex, face_start)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
+
+
+def _with_faces(shape: Surface | PointCloud, path: str | PathLike[str]) -> Surface:
+    if isinstance(shape, PointCloud):
+        raise MeshError(
+            f"{path} holds no faces, only {len(shape.points)} points: give a file with a surface, "
+            "or read it as a point cloud."
+        )
+    return shape
 
 
 def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
@@ -89,9 +106,9 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
         >>> len(zo.read_point_cloud(folder / "scan.xyz").points) == len(target.vertices)
         True
     """
-    vertices = read_polygons(path)[0]
+    (vertices, _, _), vertex_columns = _read(path)
     try:
-        return PointCloud(vertices, _normals(Path(path)))
+        return PointCloud(vertices, ply_normals(vertex_columns))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 
@@ -106,16 +123,12 @@ def existing(path: str | PathLike[str]) -> Path:
     return path
 
 
-def _bytes(path: Path) -> bytes:
+def file_bytes(path: Path) -> bytes:
+    """The content of a file, else a MeshError."""
     try:
         return path.read_bytes()
     except OSError as error:
         raise MeshError(f"{path} could not be opened ({error.strerror}): check who may read it.") from error
-
-
-def _text(content: bytes) -> str:
-    # Names and comments may be in any encoding; only numbers and keywords are of interest.
-    return content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n")
 
 
 def read_polygons(path: str | PathLike[str]) -> Polygons:
@@ -129,11 +142,19 @@ def read_polygons(path: str | PathLike[str]) -> Polygons:
         TypeError: the path is neither a string nor a path.
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
+    return _read(path)[0]
+
+
+def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
+    """What `read_polygons` returns, and the columns of vertices of a PLY file."""
     path = existing(path)
     readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
-    readers |= {".off": _read_off, ".ply": _read_ply, ".obj": _read_obj}
+    readers |= {".off": _read_off, ".obj": _read_obj}
     try:
-        return readers.get(path.suffix.lower(), _read_with_trimesh)(path)
+        if path.suffix.lower() == ".ply":
+            columns = ply_columns(file_bytes(path))
+            return ply_polygons(columns), columns["vertex"]
+        return readers.get(path.suffix.lower(), _read_with_trimesh)(path), {}
     except (MeshError, ImportError):
         raise
     except Exception as error:  # what a reader raises on a broken file depends on where it stumbles
@@ -146,7 +167,7 @@ def read_polygons(path: str | PathLike[str]) -> Polygons:
 
 def _read_off(path: Path) -> Polygons:
     """After keyword and counts a line a vertex, then a line a face; colours and the like may follow."""
-    text = _text(_bytes(path))
+    text = decode(file_bytes(path))
     lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
     keyword, *counts = lines[0].split() if lines else [""]
     if not keyword.endswith("OFF"):
@@ -157,174 +178,17 @@ def _read_off(path: Path) -> Polygons:
     face_lines = lines[vertex_count + 1 : vertex_count + face_count + 1]
     if len(face_lines) < face_count:
         raise ValueError("it ends too early")
-    sizes = _table(face_lines, [0], np.int64)[:, 0]
+    sizes = number_table(face_lines, [0], np.int64)[:, 0]
     words = np.array([len(line.split()) for line in face_lines])
     wrong = np.flatnonzero((sizes < 0) | (sizes >= words))
     if len(wrong):
         face = wrong[0]
         raise ValueError(f"face {face} states {sizes[face]} vertices, and its line has {words[face] - 1} numbers")
     if len(np.unique(sizes)) == 1:
-        return _table(vertex_lines, [0, 1, 2]), *_flat(_table(face_lines, range(1, sizes[0] + 1), np.int64))
+        corners = number_table(face_lines, range(1, sizes[0] + 1), np.int64)
+        return number_table(vertex_lines, [0, 1, 2]), *flatten(corners)
     polygons = [line.split()[1 : size + 1] for line, size in zip(face_lines, sizes, strict=True)]
-    return _table(vertex_lines, [0, 1, 2]), *_flat([[int(word) for word in polygon] for polygon in polygons])
-
-
-def _table(lines: list[str], columns: Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """(len(lines), len(columns)) numbers."""
-    if not lines:
-        return np.zeros((0, len(columns)), dtype)
-    table = np.loadtxt(lines, usecols=columns, ndmin=2)
-    found = table.astype(dtype)
-    if (found != table).any() and np.issubdtype(dtype, np.integer):
-        raise ValueError(f"{table[found != table][0]} stands where a whole number should")
-    return found
-
-
-def _flat(polygons: Any) -> tuple[Integers, Integers]:
-    """The corners (c,) and face starts (f + 1,) of polygons."""
-    sizes = [len(polygon) for polygon in polygons]
-    return np.concatenate([[], *polygons]).astype(np.int64), np.cumsum([0, *sizes])
-
-
-# --- OBJ ----------------------------------------------------------------------------------------------------
-
-
-def _read_obj(path: Path) -> Polygons:
-    positions: list[str] = []
-    polygons: list[list[int]] = []
-    for line in _text(_bytes(path)).replace("\\\n", " ").splitlines():
-        keyword = line.lstrip()[:2].rstrip()
-        if keyword == "v":
-            positions.append(line)
-        elif keyword == "f":
-            polygons.append([_vertex_number(corner, len(positions)) for corner in line.split()[1:]])
-    return _table(positions, [1, 2, 3]), *_flat(polygons)
-
-
-def _vertex_number(corner: str, known: int) -> int:
-    """The vertex of a face corner `v/vt/vn`: counted from 1, or backwards from the last one so far."""
-    number = int(corner.partition("/")[0])
-    if number == 0:
-        raise ValueError("a face names vertex 0, and vertices are counted from 1")
-    return number - 1 if number > 0 else known + number
-
-
-# --- PLY ----------------------------------------------------------------------------------------------------
-
-# Names of types in PLY headers, and numpy's.
-PLY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
-}
-
-
-@dataclass(frozen=True)
-class _Property:
-    """A column of a PLY element; of a list, `size_type` is the type of the length that precedes it."""
-
-    name: str
-    type: np.dtype[Any]
-    size_type: np.dtype[Any] | None
-
-
-@dataclass(frozen=True)
-class _Element:
-    name: str
-    count: int
-    properties: list[_Property]
-
-
-def _read_ply(path: Path) -> Polygons:
-    columns = ply_columns(_bytes(path))
-    vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
-    face = columns.get("face", {})
-    return vertices, *_flat(face.get("vertex_indices", face.get("vertex_index", [])))
-
-
-def _normals(path: Path) -> Floats | None:
-    """(n, 3) normals, where a PLY file has one for each vertex."""
-    columns = ply_columns(_bytes(path))["vertex"] if path.suffix.lower() == ".ply" else {}
-    if not {"nx", "ny", "nz"} <= columns.keys():
-        return None
-    return np.stack([np.array(columns[axis], dtype=np.float64) for axis in ("nx", "ny", "nz")], axis=1)
-
-
-def ply_columns(content: bytes) -> dict[str, dict[str, Any]]:
-    """The content of a PLY file, by element and property.
-
-    Returns:
-        Arrays (count,), or (count, k) for lists of one size; for lists of several sizes a list of arrays.
-
-    Raises:
-        ValueError: it is not PLY, or incomplete; a KeyError or a StopIteration where its header is broken.
-    """
-    end = content.find(b"end_header")
-    if not content.startswith(b"ply") or end < 0:
-        raise ValueError("it has no PLY header")
-    header = [line.split() for line in _text(content[:end]).splitlines()]
-    body = content[content.index(b"\n", end) + 1 :]
-    encoding = next(words[1] for words in header if words[:1] == ["format"])
-    if encoding == "ascii":
-        body = np.array(body.split(), dtype=np.float64).tobytes()  # from here on a binary file of doubles
-        types = {word: np.dtype(np.float64) for word in PLY_TYPES}
-    else:
-        order = ">" if encoding == "binary_big_endian" else "<"
-        types = {word: np.dtype(order + code) for word, code in PLY_TYPES.items()}
-    columns = {}
-    for element in _ply_elements(header, types):
-        columns[element.name], body = _element_columns(body, element)
-    return columns
-
-
-def _ply_elements(header: list[list[str]], types: dict[str, np.dtype[Any]]) -> list[_Element]:
-    elements = []
-    for words in header:
-        if words[:1] == ["element"]:
-            elements.append(_Element(words[1], int(words[2]), []))
-        elif words[:2] == ["property", "list"]:
-            elements[-1].properties.append(_Property(words[4], types[words[3]], types[words[2]]))
-        elif words[:1] == ["property"]:
-            elements[-1].properties.append(_Property(words[2], types[words[1]], None))
-    return elements
-
-
-def _element_columns(body: bytes, element: _Element) -> tuple[dict[str, Any], bytes]:
-    """The columns of an element, arrays (count, ...) or lists of arrays of any size; and what follows it."""
-    if element.count == 0:
-        return {column.name: np.zeros(0) for column in element.properties}, body
-    first, _ = _ply_row(body, 0, element.properties)
-    fields: list[Any] = []
-    for column in element.properties:
-        if column.size_type is not None:
-            fields.append((column.name + " size", column.size_type))
-        fields.append((column.name, column.type, first[column.name].shape))
-    row = np.dtype(fields)
-    if len(body) >= element.count * row.itemsize:
-        table = np.frombuffer(body, row, element.count)
-        lists = [column.name for column in element.properties if column.size_type is not None]
-        if all((table[name + " size"] == len(first[name])).all() for name in lists):
-            columns = {column.name: table[column.name] for column in element.properties}
-            return columns, body[element.count * row.itemsize :]
-    offset, rows = 0, []
-    for _ in range(element.count):
-        values, offset = _ply_row(body, offset, element.properties)
-        rows.append(values)
-    return {column.name: [values[column.name] for values in rows] for column in element.properties}, body[offset:]
-
-
-def _ply_row(body: bytes, offset: int, properties: list[_Property]) -> tuple[dict[str, Any], int]:
-    """The values of the row that begins at an offset, and the offset of the next."""
-    values: dict[str, Any] = {}
-    for column in properties:
-        size = None
-        if column.size_type is not None:
-            size = int(np.frombuffer(body, column.size_type, 1, offset)[0])
-            offset += column.size_type.itemsize
-        flat = np.frombuffer(body, column.type, 1 if size is None else size, offset) if size != 0 else np.zeros(0)
-        values[column.name] = flat[0] if size is None else flat
-        offset += len(flat) * column.type.itemsize
-    return values, offset
+    return number_table(vertex_lines, [0, 1, 2]), *flatten([[int(word) for word in polygon] for polygon in polygons])
 
 
 def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
@@ -352,6 +216,13 @@ def write_shape(shape: Surface | PointCloud, path: str | PathLike[str]) -> None:
         part.write_text("\n".join([*header, "end_header", *rows, ""]), encoding="ascii")
 
 
+# --- OBJ ----------------------------------------------------------------------------------------------------
+
+
+def _read_obj(path: Path) -> Polygons:
+    return parse_obj(file_bytes(path)).polygons()
+
+
 # --- everything else ----------------------------------------------------------------------------------------
 
 
@@ -360,7 +231,7 @@ def _read_with_blender(path: Path) -> Polygons:
     with TemporaryDirectory(prefix="zoomout-") as folder:
         surface = Path(folder) / "surface.ply"
         write_surface(path, surface)
-        return _read_ply(surface)
+        return ply_polygons(ply_columns(surface.read_bytes()))
 
 
 def _read_with_extra(path: Path) -> Polygons:

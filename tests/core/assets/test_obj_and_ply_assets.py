@@ -10,6 +10,7 @@ from skinned_tubes import PNG, write_tube
 
 from zoomout_core.assets.asset import Asset, Material, from_srgb, material_numbers, on_points, to_srgb
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.mesh.files import read_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -64,6 +65,16 @@ def test_obj_is_read_backwards_and_without_coordinates_at_some_corners(tmp_path:
     uv = asset.find("uv 0")
     assert uv is not None
     assert uv.values.tolist() == [[0.25, 0.5], [0, 0], [0.25, 0.5], [0, 0], [0, 0], [0, 0]]
+    assert asset.materials == (Material("a b"),)
+
+
+def test_obj_may_have_comments_and_long_lines_anywhere(tmp_path: Path) -> None:
+    text = "v 0 0 0 # first\nv 1 0 0\n\tv  0 1 \\\n0\nvt .5 .5 # place\nusemtl  a  b # paint\nf 1/1 2 \\\n 3 # all\n"
+    (tmp_path / "a.obj").write_text(text)
+    asset = read_asset(tmp_path / "a.obj")
+    np.testing.assert_array_equal(asset.surface.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(asset.surface.corner_vertex, [0, 1, 2])
+    np.testing.assert_array_equal(read_surface(tmp_path / "a.obj").corner_vertex, [0, 1, 2])
     assert asset.materials == (Material("a b"),)
 
 

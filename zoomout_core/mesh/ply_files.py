@@ -1,0 +1,129 @@
+"""PLY files: columns of numbers, in text or binary, of elements such as vertices and faces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.text_tables import decode, flatten
+
+# Of an element: arrays (count,), or (count, k) for lists of one size; for lists of several sizes a list of arrays.
+PlyColumns: TypeAlias = Mapping[str, Any]
+# Names of types in PLY headers, and numpy's.
+PLY_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+
+
+@dataclass(frozen=True)
+class _Property:
+    """A column of a PLY element; of a list, `size_type` is the type of the length that precedes it."""
+
+    name: str
+    type: np.dtype[Any]
+    size_type: np.dtype[Any] | None
+
+
+@dataclass(frozen=True)
+class _Element:
+    name: str
+    count: int
+    properties: list[_Property]
+
+
+def ply_polygons(columns: Mapping[str, PlyColumns]) -> tuple[Floats, Integers, Integers]:
+    """(n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
+
+    Args:
+        columns: of a PLY file, see `ply_columns`.
+    """
+    vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
+    face = columns.get("face", {})
+    return vertices, *flatten(face.get("vertex_indices", face.get("vertex_index", [])))
+
+
+def ply_normals(vertex_columns: PlyColumns) -> Floats | None:
+    """(n, 3) normals, where each vertex has one."""
+    if not {"nx", "ny", "nz"} <= vertex_columns.keys():
+        return None
+    return np.stack([np.array(vertex_columns[axis], dtype=np.float64) for axis in ("nx", "ny", "nz")], axis=1)
+
+
+def ply_columns(content: bytes) -> dict[str, PlyColumns]:
+    """The content of a PLY file, by element and property.
+
+    Raises:
+        ValueError: it is not PLY, or incomplete; a KeyError or a StopIteration where its header is broken.
+    """
+    end = content.find(b"end_header")
+    if not content.startswith(b"ply") or end < 0:
+        raise ValueError("it has no PLY header")
+    header = [line.split() for line in decode(content[:end]).splitlines()]
+    body = content[content.index(b"\n", end) + 1 :]
+    encoding = next(words[1] for words in header if words[:1] == ["format"])
+    if encoding == "ascii":
+        body = np.array(body.split(), dtype=np.float64).tobytes()  # from here on a binary file of doubles
+        types = {word: np.dtype(np.float64) for word in PLY_TYPES}
+    else:
+        order = ">" if encoding == "binary_big_endian" else "<"
+        types = {word: np.dtype(order + code) for word, code in PLY_TYPES.items()}
+    columns: dict[str, PlyColumns] = {}
+    for element in _ply_elements(header, types):
+        columns[element.name], body = _element_columns(body, element)
+    return columns
+
+
+def _ply_elements(header: list[list[str]], types: dict[str, np.dtype[Any]]) -> list[_Element]:
+    elements = []
+    for words in header:
+        if words[:1] == ["element"]:
+            elements.append(_Element(words[1], int(words[2]), []))
+        elif words[:2] == ["property", "list"]:
+            elements[-1].properties.append(_Property(words[4], types[words[3]], types[words[2]]))
+        elif words[:1] == ["property"]:
+            elements[-1].properties.append(_Property(words[2], types[words[1]], None))
+    return elements
+
+
+def _element_columns(body: bytes, element: _Element) -> tuple[dict[str, Any], bytes]:
+    """The columns of an element, arrays (count, ...) or lists of arrays of any size; and what follows it."""
+    if element.count == 0:
+        return {column.name: np.zeros(0) for column in element.properties}, body
+    first, _ = _ply_row(body, 0, element.properties)
+    fields: list[Any] = []
+    for column in element.properties:
+        if column.size_type is not None:
+            fields.append((column.name + " size", column.size_type))
+        fields.append((column.name, column.type, first[column.name].shape))
+    row = np.dtype(fields)
+    if len(body) >= element.count * row.itemsize:
+        table = np.frombuffer(body, row, element.count)
+        lists = [column.name for column in element.properties if column.size_type is not None]
+        if all((table[name + " size"] == len(first[name])).all() for name in lists):
+            columns = {column.name: table[column.name] for column in element.properties}
+            return columns, body[element.count * row.itemsize :]
+    offset, rows = 0, []
+    for _ in range(element.count):
+        values, offset = _ply_row(body, offset, element.properties)
+        rows.append(values)
+    return {column.name: [values[column.name] for values in rows] for column in element.properties}, body[offset:]
+
+
+def _ply_row(body: bytes, offset: int, properties: list[_Property]) -> tuple[dict[str, Any], int]:
+    """The values of the row that begins at an offset, and the offset of the next."""
+    values: dict[str, Any] = {}
+    for column in properties:
+        size = None
+        if column.size_type is not None:
+            size = int(np.frombuffer(body, column.size_type, 1, offset)[0])
+            offset += column.size_type.itemsize
+        flat = np.frombuffer(body, column.type, 1 if size is None else size, offset) if size != 0 else np.zeros(0)
+        values[column.name] = flat[0] if size is None else flat
+        offset += len(flat) * column.type.itemsize
+    return values, offset
