@@ -35,7 +35,7 @@ class MatchOptions:
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" an earlier map
             that is evidence, not the start alone.
         k_final: size of the final functional map, 4 or more; less on meshes with fewer vertices.
-        step: growth of the functional map in an iteration, beyond a size of 120.
+        step: growth of the functional map in a round; smaller steps take more rounds.
         samples: farthest points that the iterations run on.
         seed: of the eigensolver.
         proxy_vertices: larger meshes are matched by decimated stand-ins of about this many vertices, 500 or more;

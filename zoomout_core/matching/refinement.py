@@ -33,11 +33,23 @@ class Schedule(NamedTuple):
     Attributes:
         aligning: size of the functional map, and diffusion length, at unit area, over which images are smoothed: the
             target is aligned with the source in space, which decides the orientation of its limbs.
-        settling: sizes of the functional map, which grows once more, with a lower weight of positions in space.
+        settling: first and last size of the functional map, which grows once more by the step, with a lower weight of
+            positions in space.
     """
 
     aligning: tuple[tuple[int, float], ...]
-    settling: tuple[int, ...]
+    settling: tuple[int, int]
+
+    def settling_sizes(self, step: int, size: int) -> list[int]:
+        """Sizes of the functional map while it settles: the last step of the schedule is the longest.
+
+        Args:
+            step: growth in each round.
+            size: of the final functional map, which limits the schedule or continues it.
+        """
+        first, last = self.settling
+        scheduled = [*range(first, max(first, last - step) + 1, step), last]
+        return [*(min(k, size) for k in scheduled), *range(last + step, size, step)]
 
 
 @dataclass(frozen=True)
@@ -66,7 +78,7 @@ class RefinementTuning(Tuning, set_by="correspondence"):
     """
 
     between_shapes: Schedule = tuned(
-        Schedule(((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04)), (30, 50, 70, 90, 120)),
+        Schedule(((30, 0.08), (60, 0.06), (120, 0.04), (120, 0.04)), (30, 120)),
         "eigenfunctions, and lengths at unit area",
         0,
         1000,
@@ -108,7 +120,7 @@ def refine(
         anchors: what holds it in place, at all vertices.
         mirrored: it maps the target's mirror image.
         k_final: size of the final functional map; less on coarse meshes.
-        step: its growth in an iteration, once the target is aligned with the source.
+        step: its growth in a round, once the target is aligned with the source.
         schedule: of the rounds on samples, None for that of two shapes; a single one on all vertices follows.
 
     Returns:
@@ -128,7 +140,7 @@ def refine(
         among = source.sampled.samples if k < size else slice(None)
         vertex, aligned = align_and_match(vertex, source, target, *how, min(k, size), width, mirrored, among)
     factor = _weight_factor(vertex, aligned, source, target, size)
-    settling = [*(min(k, size) for k in schedule.settling), *range(schedule.settling[-1] + step, size, step)]
+    settling = schedule.settling_sizes(step, size)
     for i, k in enumerate(settling):
         advance(0.3 + 0.4 * i / len(settling))
         weight = REFINEMENT.settling_weight * factor * min(1.0, factor) ** REFINEMENT.steepness

@@ -11,9 +11,11 @@ from reports import fractions_of
 
 from zoomout_core.matching import refinement
 from zoomout_core.matching.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.refinement import REFINEMENT, Schedule, refine
 from zoomout_core.tuning import retuned
 
+K_FINAL, STEP = MatchOptions().k_final, MatchOptions().step
 SCHEDULE = Schedule(((10, 0.08), (25, 0.05), (60, 0.04)), (12, 60))
 
 
@@ -57,16 +59,16 @@ def refined(shape: ShapeAnalysis, k_final: int = 40, step: int = 7, schedule: Sc
 def test_maps_grow_along_the_schedule_and_no_larger_than_asked_for(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
     assert refined(shape).shape == (40, 40)
-    assert rounds.sizes == [10, 25, 40, 12, 40]
+    assert rounds.sizes == [10, 25, 40, 12, 19, 26, 33, 40, 40, 40]
     # While the map is to grow, the samples are close enough.
     assert rounds.counts[:3] == [200, 200, 640]
-    assert rounds.widths == [0.08, 0.05, 0.04, 0.04, 0.04]
+    assert rounds.widths == [0.08, 0.05, *[0.04] * 8]
 
 
 def test_beyond_the_schedule_maps_grow_by_the_step(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    refined(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 13, 14)))
-    assert rounds.sizes == [10, 12, 13, 14, 21, 28, 35]
+    refined(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 14)))
+    assert rounds.sizes == [10, 12, 14, 21, 28, 35]
 
 
 def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, monkeypatch) -> None:
@@ -74,8 +76,27 @@ def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, m
     refined(shape, schedule=None)
     assert rounds.sizes[0] < rounds.sizes[-1] == 40
     assert rounds.widths[0] > rounds.widths[-1] > 0
-    own, between = REFINEMENT.onto_itself, REFINEMENT.between_shapes
-    assert len(own.aligning) + len(own.settling) < len(between.aligning) + len(between.settling)
+    own, between = (
+        len(schedule.aligning) + len(schedule.settling_sizes(STEP, K_FINAL))
+        for schedule in (REFINEMENT.onto_itself, REFINEMENT.between_shapes)
+    )
+    assert own < between
+
+
+def test_the_usual_step_goes_through_these_sizes() -> None:
+    between, own = REFINEMENT.between_shapes, REFINEMENT.onto_itself
+    assert between.settling_sizes(STEP, K_FINAL) == [30, 50, 70, 90, 120]
+    assert own.settling_sizes(STEP, K_FINAL) == [90, 120]
+    assert between.settling_sizes(STEP, 60) == [30, 50, 60, 60, 60]
+    assert between.settling_sizes(STEP, 200) == [30, 50, 70, 90, 120, 140, 160, 180]
+
+
+def test_a_smaller_step_gives_more_sizes() -> None:
+    between = REFINEMENT.between_shapes
+    assert between.settling_sizes(10, K_FINAL) == [*range(30, 120, 10), 120]
+    counts = [len(between.settling_sizes(step, K_FINAL)) for step in (1, 5, 10, 20, 40, 1000)]
+    assert counts == sorted(set(counts), reverse=True)
+    assert between.settling_sizes(1000, K_FINAL) == [30, 120]
 
 
 @pytest.mark.parametrize("schedule", [REFINEMENT.between_shapes, REFINEMENT.onto_itself])
@@ -86,7 +107,7 @@ def test_schedules_go_from_small_smooth_maps_to_large_ones(schedule: Schedule) -
     assert widths[0] < 0.2
     assert list(widths) == sorted(widths, reverse=True)
     assert widths[-1] > 0.01
-    assert list(schedule.settling) == sorted(schedule.settling)
+    assert schedule.settling[0] < schedule.settling[1]
     assert schedule.settling[0] >= sizes[0]
 
 
