@@ -14,7 +14,7 @@ from tqdm import tqdm
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.memory_cache import store_shapes
 from zoomout_core.matching.options import PARTIAL
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import DETAIL, resolve_detail
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.runtime.threads import set_threads
@@ -181,7 +181,7 @@ def start_arguments(
     Raises:
         MeshError: options that do not fit together, or a file or a direction that cannot be used.
     """
-    arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "initial": initial, "partial": partial}
+    arguments = resolve_detail(detail, seed=seed, initial=initial, partial=partial)
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")

@@ -18,7 +18,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.threads import for_each
@@ -139,7 +139,7 @@ async def prepare_parts(
         detail: of the match that is made if not.
         options: of that.
     """
-    matches = await compute(partial(_matches, sources, targets, known, DETAIL[detail] | options))
+    matches = await compute(partial(_matches, sources, targets, known, resolve_detail(detail, **options)))
 
     def write() -> dict[str, tuple[str, StoredMatch]]:
         written = [_unedited(context, pair) for pair, _ in matches]

@@ -17,9 +17,8 @@ import numpy as np
 from bpy.types import Context, Mesh, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.options import SMALLEST_FINAL
 from zoomout_core.matching.pair import LandmarkError
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
@@ -97,9 +96,7 @@ async def match_pair(
     if initial == "same_order":
         with stage("Comparing the order"):
             return await compute(partial(same_order, pair))
-    arguments: dict[str, Any] = DETAIL[detail] | {"initial": initial}
-    if k_final:
-        arguments["k_final"] = max(k_final, SMALLEST_FINAL)
+    arguments = resolve_detail(detail, k_final, initial=initial)
     if initial == "file":
         arguments |= {"initial": "given", "initial_map": map_of_file(pair, map_file)}
     landmarks = _landmarks(context, pair, initial, use_landmarks and "landmarks" not in options)

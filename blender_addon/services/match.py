@@ -11,8 +11,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.collection.agree import agree
-from zoomout_core.matching.options import SMALLEST_FINAL
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.runtime.progress import stage
 
 from ..jobs import compute, run
@@ -127,7 +126,7 @@ async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, Prepar
         k_final: of these; 0 for as large as `detail` says.
         prepared: the matches, by the names of the targets.
     """
-    sizes: dict[str, Any] = DETAIL[detail] | ({"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {})
+    sizes = zo.MatchOptions(**resolve_detail(detail, k_final))
     agreed = dict(prepared)
     for source in dict.fromkeys(each.pair.source_names for each in prepared.values()):
         results = {
@@ -135,7 +134,7 @@ async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, Prepar
             for name, each in prepared.items()
             if each.pair.source_names == source and isinstance(each.result, zo.MatchResult)
         }
-        for name, result in (await compute(partial(agree, results, zo.MatchOptions(**sizes)))).items():
+        for name, result in (await compute(partial(agree, results, sizes))).items():
             was = prepared[name]
             if result is not was.result:
                 agreed[name] = await _prepare(was.context, was.pair, result, was.settings, was.seen)

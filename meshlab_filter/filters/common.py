@@ -10,7 +10,7 @@ from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, P
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.options import PARTIAL
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import DETAIL, resolve_detail
 from zoomout_core.runtime.progress import portion
 from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
 
@@ -96,13 +96,13 @@ def _arguments(
     seed: int,
 ) -> dict[str, Any]:
     """What the parameters mean to `zoomout_core.match`."""
-    return {
-        **DETAIL[detail],
-        "seed": seed,
-        "initial": initial,
-        "partial": partial,
-        "landmarks": read_landmarks(landmarks) if isinstance(landmarks, str) else landmarks,
-        "exact_landmarks": exact_landmarks,
-        "initial_map": read_vertex_map(initial_map) if isinstance(initial_map, str) else initial_map,
-        "common_axes": [read_axis(common_axes, "common_axes")] if isinstance(common_axes, str) else common_axes,
-    }
+    return resolve_detail(
+        detail,
+        seed=seed,
+        initial=initial,
+        partial=partial,
+        landmarks=read_landmarks(landmarks) if isinstance(landmarks, str) else landmarks,
+        exact_landmarks=exact_landmarks,
+        initial_map=read_vertex_map(initial_map) if isinstance(initial_map, str) else initial_map,
+        common_axes=[read_axis(common_axes, "common_axes")] if isinstance(common_axes, str) else common_axes,
+    )

@@ -33,7 +33,7 @@ from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, partner_name, read_stored, store
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.confidence import cycle_error
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.runtime.progress import portion, stage
@@ -127,8 +127,7 @@ def compute_scalar_by_correspondence_error(
     truth: str,
     selectabove: Any,
     name: str,
-    detail: str,
-    seed: int,
+    **accuracy: Any,
 ) -> dict[str, Any]:
     """Say by the target's quality how far a correspondence is off, vertex by vertex.
 
@@ -152,7 +151,7 @@ def compute_scalar_by_correspondence_error(
         with stage("Comparing with the truth"):
             error = np.linalg.norm(found.surface_map.interpolate(places) - places[true], axis=1)
     else:
-        error, notes = _there_and_back(source, target, found, detail, seed)
+        error, notes = _there_and_back(source, target, found, **accuracy)
     mesh.add_vertex_custom_scalar_attribute(error, name)
     apply_native(ms, targetmesh, "compute_scalar_by_function_per_vertex", q=name)
     limit = absolute_length(selectabove, target.surface.vertices)
@@ -195,12 +194,9 @@ def apply_conform_by_zoomout(
     return {**report, "mesh_id": add_layer(ms, new)}
 
 
-def _there_and_back(
-    source: Layer, target: Layer, found: Correspondence, detail: str, seed: int
-) -> tuple[Floats, list[str]]:
+def _there_and_back(source: Layer, target: Layer, found: Correspondence, **accuracy: Any) -> tuple[Floats, list[str]]:
     """(n_t,) by how far going there and back misses the start, and what to say of the way back."""
     # The inverse is evidence, not the start: it distinguishes the sides, and the inverse map is computed independently.
     inverse = found.surface_map.invert(source.surface, target.surface)
-    sizes: dict[str, Any] = {**DETAIL[detail]}
-    back = zo.match(target.shape, source.shape, initial_map=inverse, seed=seed, **sizes)
+    back = zo.match(target.shape, source.shape, initial_map=inverse, **resolve_detail(**accuracy))
     return cycle_error(found.surface_map, back.surface_map, target.surface.vertices), list(back.notes)

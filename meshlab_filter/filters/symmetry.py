@@ -10,7 +10,7 @@ from meshlab_filter.filters.common import ACCURACY
 from meshlab_filter.mesh_data import apply_native, read_layer
 from meshlab_filter.parameters import CHOICE, COUNT, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -35,7 +35,7 @@ DIM, BRIGHT = 70, 235
     *ACCURACY,
 )
 def compute_symmetry_by_zoomout(
-    ms: MeshSet, *, left: str, candidate: int, colorsides: bool, name: str, detail: str, seed: int
+    ms: MeshSet, *, left: str, candidate: int, colorsides: bool, name: str, **accuracy: Any
 ) -> dict[str, Any]:
     """Find the symmetry of the current mesh, in any pose, and its left and right side.
 
@@ -53,8 +53,7 @@ def compute_symmetry_by_zoomout(
     mesh_id = current_id(ms)
     layer, mesh = read_layer(ms, mesh_id), ms.mesh(mesh_id)
     check_names(mesh, [*attribute_names(name), f"{name}_side"])
-    sizes: dict[str, Any] = {**DETAIL[detail]}
-    found = zo.detect_symmetry(layer.shape, left=DIRECTIONS[left], seed=seed, **sizes)
+    found = zo.detect_symmetry(layer.shape, left=DIRECTIONS[left], **resolve_detail(**accuracy))
     if not found:
         raise zo.MeshError(f"No symmetry was found of layer '{layer.label}': it may have none.")
     if candidate >= len(found):

@@ -29,7 +29,7 @@ from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
 from zoomout_core.command_options import detail_options, progress_bar
 from zoomout_core.matching.options import PARTIAL, MatchOptions
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.surface import MeshError
@@ -124,8 +124,7 @@ def collection(
     partial: str,
     cache: Path | None,
     as_json: bool,
-    detail: str,
-    seed: int,
+    **accuracy: Any,
 ) -> None:
     """Match the shapes of folders, prepare each once, and have their maps agree.
 
@@ -155,13 +154,12 @@ def collection(
             choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
         elif template is None:
             choice = {"neighbours": neighbours or NEIGHBOURS}
-        wanted: dict[str, Any] = {**DETAIL[detail], "seed": seed, "partial": partial}
         if not resume:
             _forget(output)
         with _engine(scheduler, workers, retries, len(files)) as engine:
             how = {
                 **choice,
-                "options": MatchOptions(**wanted),
+                "options": MatchOptions(**resolve_detail(partial=partial, **accuracy)),
                 "engine": engine,
                 "cache": cache or output / CACHE,
                 "agree": agree,

@@ -9,7 +9,7 @@ import click
 from zoomout_core.cli.maps import check_map_output
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import mesh_options, progress_bar
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
@@ -35,7 +35,7 @@ from zoomout_core.text_arguments import read_axis
 )
 @json_option
 @mesh_options
-def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, detail: str, seed: int) -> None:
+def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, **accuracy: Any) -> None:
     """Find the symmetries of MESH, in whatever pose it is, and write one of them.
 
     Writes triangle, barycentric, vertex, confidence and functional_map of the map onto itself to one .npz file, and
@@ -44,9 +44,8 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, d
     try:
         check_map_output(output, [mesh])
         shape, direction = read_shape(mesh), read_axis(left, "--left")
-        arguments: dict[str, Any] = {**DETAIL[detail], "seed": seed, "left": direction}
         with progress_bar():
-            found = detect_symmetry(shape, **arguments)
+            found = detect_symmetry(shape, left=direction, **resolve_detail(**accuracy))
         if candidate > len(found):
             raise MeshError(f"There is no candidate {candidate}: {len(found)} were found.")
         chosen = found[candidate - 1]

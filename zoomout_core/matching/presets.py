@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from zoomout_core.matching.options import SMALLEST_FINAL
+
 # Arguments of `match` for each preset: eigenfunctions, samples, vertices. They are part of the public interface.
 DETAIL: dict[str, dict[str, int | None]] = {
     "fast": {"k_final": 60, "samples": 500, "proxy_vertices": 2000},
@@ -9,3 +13,15 @@ DETAIL: dict[str, dict[str, int | None]] = {
     "fine": {"k_final": 200, "samples": 1500, "proxy_vertices": 8000},
     "full": {"k_final": 200, "samples": 2000, "proxy_vertices": None},
 }
+
+
+def resolve_detail(detail: str = "balanced", k_final: int = 0, **options: Any) -> dict[str, Any]:
+    """Arguments of `match` for the options of its doors, which have a level of detail for most sizes.
+
+    Args:
+        detail: one of `DETAIL`.
+        k_final: size of the final functional map; 0 for as large as `detail` says.
+        options: other arguments of `match`, which override those of `detail`.
+    """
+    size = {"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {}
+    return {**DETAIL[detail], **size, **options}

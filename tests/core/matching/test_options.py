@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.presets import DETAIL, resolve_detail
 from zoomout_core.matching.proxy import PROXY
 
 SIZES = {"k_final": 4, "step": 1, "samples": 1, "proxy_vertices": 500}
@@ -31,3 +31,10 @@ def test_each_preset_is_finer_than_the_one_before_it() -> None:
     assert fast.samples < balanced.samples < fine.samples < full.samples
     assert fast.proxy_vertices < PROXY.fewest < PROXY.most < fine.proxy_vertices  # type: ignore[operator]
     assert (balanced.proxy_vertices, full.proxy_vertices) == ("auto", None)
+
+
+def test_a_size_overrides_that_of_the_preset_and_is_no_smaller_than_accepted() -> None:
+    assert resolve_detail() == resolve_detail("balanced", 0) == {}
+    assert resolve_detail("fine", seed=3) == DETAIL["fine"] | {"seed": 3}
+    assert resolve_detail("fast", 90, samples=40) == {"k_final": 90, "samples": 40, "proxy_vertices": 2000}
+    assert MatchOptions(**resolve_detail(k_final=1)).k_final == SIZES["k_final"]
