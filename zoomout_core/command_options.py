@@ -11,14 +11,21 @@ import click
 from platformdirs import user_cache_dir
 from tqdm import tqdm
 
-from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.memory_cache import store_shapes
-from zoomout_core.matching.options import PARTIAL
-from zoomout_core.matching.presets import DETAIL, resolve_detail
+from zoomout_core.matching.option_table import (
+    ACCURACY,
+    MATCHING,
+    RESULT,
+    Door,
+    Kind,
+    Option,
+    offered,
+)
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.runtime.threads import set_threads
-from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
+from zoomout_core.text_arguments import STARTS, read_values
 
 NO_CACHE = "off"
 
@@ -58,13 +65,7 @@ def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
     def with_options(command: Any) -> Any:
         for option in (
             in_place_option,
-            click.option(
-                "--candidate",
-                type=click.IntRange(min=0),
-                default=0,
-                show_default=True,
-                help="Which of the maps that are found to use: another if sides are swapped.",
-            ),
+            table_options(RESULT),
             click.option(
                 "--format",
                 "ending",
@@ -91,19 +92,7 @@ def batch_options(endings: Sequence[str], default: str) -> Callable[[Any], Any]:
 
 def detail_options(command: Any) -> Any:
     """How finely meshes are analysed."""
-    for option in (
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the eigensolver."),
-        click.option(
-            "--detail",
-            type=click.Choice(list(DETAIL)),
-            default="balanced",
-            show_default=True,
-            help="How fine a stand-in for the mesh to match, and by how many eigenfunctions and samples; full: none, "
-            "which takes many times as long.",
-        ),
-    ):
-        command = option(command)
-    return command
+    return table_options(ACCURACY)(command)
 
 
 def mesh_options(command: Any) -> Any:
@@ -127,79 +116,97 @@ def mesh_options(command: Any) -> Any:
 
 def match_options(command: Any) -> Any:
     """The options of every command that matches two meshes."""
-    for option in (
-        mesh_options,
-        click.option(
-            "--common-axis",
-            "common_axes",
-            multiple=True,
-            metavar="X,Y,Z",
-            help="A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
-        ),
-        click.option(
-            "--earlier-map",
-            type=click.Path(exists=True, dir_okay=False),
-            help="A map.npz of these meshes, by `zoomout match`: evidence, whereas --initial starts from it alone.",
-        ),
-        click.option(
-            "--partial",
-            type=click.Choice(PARTIAL),
-            default="auto",
-            show_default=True,
-            help="Whether one mesh is tried as a part of the other where they are not recognised as wholes.",
-        ),
-        click.option("--exact-landmarks", is_flag=True, help="Bend the map so that it hits the landmarks."),
-        click.option(
-            "--landmarks",
-            type=click.Path(exists=True, dir_okay=False),
-            help="Text file of pairs, one a line: a source vertex and a target vertex, numbered from 0; or the six "
-            "coordinates of a point on the source and of one on the target.",
-        ),
-        click.option(
-            "--initial",
-            default="auto",
-            show_default=True,
-            help="How to begin: auto, landmarks, proximity, or a map.npz written by `zoomout match`.",
-        ),
-    ):
-        command = option(command)
-    return command
+    return table_options(MATCHING)(mesh_options(command))
 
 
-def start_arguments(
-    initial: str,
-    landmarks: str | None,
-    exact_landmarks: bool,
-    earlier_map: str | None,
-    common_axes: Sequence[str],
-    partial: str,
-    detail: str,
-    seed: int,
-) -> dict[str, Any]:
+def table_options(options: Sequence[Option]) -> Any:
+    """The options of a table that the command line offers."""
+
+    def with_options(command: Any) -> Any:
+        for option in reversed(offered(options, Door.COMMAND_LINE)):
+            command = table_option(option)(command)
+        return command
+
+    return with_options
+
+
+def table_option(option: Option) -> Any:
+    """The option of the command line that a row of the table stands for."""
+    flag = option.name_at(Door.COMMAND_LINE)
+    if option.kind is Kind.FLAG:
+        names = f"{flag}/--no-{flag.removeprefix('--')}" if option.default else flag
+        return click.option(names, option.name, is_flag=True, default=option.default, help=_help_of(option))
+    keywords = _values_of(option)
+    if option.default is not None:
+        keywords |= {"default": option.default, "show_default": True}
+    return click.option(flag, option.name, help=_help_of(option), **keywords)
+
+
+def _values_of(option: Option) -> dict[str, Any]:
+    """What click needs to know of an option's values."""
+    if option.kind is Kind.CHOICE:
+        return {"type": click.Choice([choice.name for choice in option.choices_at(Door.COMMAND_LINE)])}
+    if option.kind is Kind.START:
+        return {"type": str}
+    if option.kind is Kind.COUNT:
+        low, high = (None if end is None else int(end) for end in (option.minimum, option.maximum))
+        return {"type": click.IntRange(low, high)}
+    if option.kind in (Kind.NUMBER, Kind.ANGLE):
+        return {"type": float}
+    if option.kind is Kind.DIRECTIONS:
+        return {"multiple": True, "metavar": option.kind.value}
+    return {"type": click.Path(exists=True, dir_okay=False)}
+
+
+def _help_of(option: Option) -> str:
+    """The help of an option, with what the command line adds to it."""
+    text = option.help
+    if option.starts == ("nearest",):
+        text = f"With --initial nearest: {text[0].lower()}{text[1:]}"
+    if option.kind is Kind.START:
+        choices = ", ".join(choice.name for choice in option.choices_at(Door.COMMAND_LINE))
+        text += f": {choices}, or a map.npz written by `zoomout match`"
+    elif option.kind is Kind.ANGLE:
+        text += ", in degrees"
+    elif option.kind is Kind.DIRECTIONS:
+        text += ". May be repeated"
+    return f"{text}."
+
+
+def start_arguments(**options: Any) -> dict[str, Any]:
     """What the options of `match_options` mean to `match`.
 
     Raises:
         MeshError: options that do not fit together, or a file or a direction that cannot be used.
     """
-    arguments = resolve_detail(detail, seed=seed, initial=initial, partial=partial)
+    return resolve_detail(**read_options(**options))
+
+
+def read_options(
+    initial: str,
+    landmarks: str | None,
+    exact_landmarks: bool,
+    earlier_map: str | None,
+    common_axes: Sequence[str],
+    **others: Any,
+) -> dict[str, Any]:
+    """The options of `match_options`, with files and directions read; `detail` is still a word.
+
+    Raises:
+        MeshError: see `start_arguments`.
+    """
     if landmarks is None and (initial == "landmarks" or exact_landmarks):
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise MeshError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
-    if landmarks is not None:
-        arguments |= {"landmarks": read_landmarks(landmarks), "exact_landmarks": exact_landmarks}
+    if initial not in STARTS and not Path(initial).is_file():
+        raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
+    if (earlier_map and initial != "auto") or (common_axes and initial not in ("auto", "landmarks")):
+        wish = "--earlier-map" if earlier_map else "--common-axis"
+        raise MeshError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
+    files = {"landmarks": landmarks, "initial_map": earlier_map, "common_axes": list(common_axes) or None}
     if initial not in STARTS:
-        if not Path(initial).is_file():
-            raise MeshError(f"--initial is {initial!r}: give {', '.join(STARTS)}, or the file of an earlier map.")
-        arguments.update(initial="given", initial_map=read_vertex_map(initial))
-    if earlier_map is not None:
-        if initial != "auto":
-            raise MeshError(f"--earlier-map is evidence for --initial auto, not for {initial}: leave one of them out.")
-        arguments["initial_map"] = read_vertex_map(earlier_map)
-    if common_axes:
-        if initial not in ("auto", "landmarks"):
-            raise MeshError(f"--common-axis is evidence for --initial auto, not for {initial}: leave one of them out.")
-        arguments["common_axes"] = [read_axis(axis) for axis in common_axes]
-    return arguments
+        files["initial_map"], initial = initial, "given"
+    return read_values({"initial": initial, "exact_landmarks": exact_landmarks, **files, **others}, Door.COMMAND_LINE)
 
 
 @contextmanager

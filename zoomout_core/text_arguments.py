@@ -1,17 +1,45 @@
-"""What users write of a match in words and text files: how to begin, directions, landmarks."""
+"""What users write of a match in words and files: how to begin, directions, landmarks, maps."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from zoomout_core.arrays import Floats, RealsOrIntegers
+from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import checked_axes
+from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
 from zoomout_core.mesh.surface import MeshError
 
 STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
+
+
+def read_values(values: Mapping[str, Any], door: Door) -> dict[str, Any]:
+    """Options of a match, with the files and directions read that users name; arrays stay as they are.
+
+    Args:
+        values: by the names of rows of the option table.
+        door: where they were given, for errors.
+
+    Raises:
+        MeshError: a file or a direction cannot be used.
+    """
+    return {name: _read_value(OPTIONS[name], value, door) for name, value in values.items()}
+
+
+def _read_value(option: Option, value: Any, door: Door) -> Any:
+    if option.kind is Kind.LANDMARKS and isinstance(value, str):
+        return read_landmarks(value)
+    if option.kind is Kind.MAP and isinstance(value, str):
+        return read_vertex_map(value)
+    words = [value] if isinstance(value, str) else value
+    if option.kind is Kind.DIRECTIONS and isinstance(words, list) and all(isinstance(word, str) for word in words):
+        return [read_axis(word, option.name_at(door)) for word in words]
+    return value
 
 
 def read_axis(text: str, option: str = "--common-axis") -> Floats:

@@ -27,8 +27,9 @@ from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, 
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender
-from zoomout_core.command_options import detail_options, progress_bar
-from zoomout_core.matching.options import PARTIAL, MatchOptions
+from zoomout_core.command_options import detail_options, progress_bar, table_option
+from zoomout_core.matching.option_table import OPTIONS
+from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.blender_files import PROGRAM, blender_command
@@ -90,13 +91,7 @@ MATCHED, DRAWN = 0.9, 0.95
     help="With --transfer: of the meshes (default: that of a template in .blend or .fbx, else glb).",
 )
 @click.option("--blender", metavar="PROGRAM", help=f"Blender's, for .blend and .fbx (default: {PROGRAM}, or blender).")
-@click.option(
-    "--partial",
-    type=click.Choice(PARTIAL),
-    default="auto",
-    show_default=True,
-    help="Whether one mesh is tried as a part of the other where they are not recognised as wholes.",
-)
+@table_option(OPTIONS["partial"])
 @click.option(
     "--cache",
     type=click.Path(path_type=Path),

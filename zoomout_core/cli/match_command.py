@@ -8,10 +8,18 @@ import click
 
 from zoomout_core.cli.maps import check_map_output
 from zoomout_core.cli.report import json_option, match_figures, match_lines, say
-from zoomout_core.command_options import in_place_option, match_options, progress_bar, start_arguments
+from zoomout_core.command_options import (
+    in_place_option,
+    match_options,
+    progress_bar,
+    start_arguments,
+    table_options,
+)
 from zoomout_core.evaluation import flipped_share
+from zoomout_core.matching import option_table
+from zoomout_core.matching.option_table import OPTIONS, Door, offered
 from zoomout_core.matching.pipeline import match as match_shapes
-from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE, ProximityMatch, match_by_proximity
+from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
@@ -27,30 +35,13 @@ NEAREST = "nearest"
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
 @in_place_option
 @match_options
-@click.option(
-    "--most-distance",
-    type=float,
-    default=MOST_DISTANCE,
-    show_default=True,
-    help="With --initial nearest: how far the nearest point may be, over the square root of SOURCE's area.",
-)
-@click.option(
-    "--most-angle",
-    type=float,
-    default=MOST_ANGLE,
-    show_default=True,
-    help="With --initial nearest: by how many degrees the normals may differ there.",
-)
-@click.option("--either-side", is_flag=True, help="With --initial nearest: the normals may also oppose each other.")
+@table_options(option_table.NEAREST)
 @json_option
 def match(
     source: str,
     target: str,
     output: str,
     in_place: bool,
-    most_distance: float,
-    most_angle: float,
-    either_side: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -62,6 +53,7 @@ def match(
     and nothing else.
     """
     try:
+        of_nearest = {each.name: options.pop(each.name) for each in offered(option_table.NEAREST, Door.COMMAND_LINE)}
         landmarks, earlier, start = (options[name] for name in ("landmarks", "earlier_map", "initial"))
         check_map_output(output, filter(None, (source, target, landmarks, earlier, start)), in_place)
         shapes = read_shape(source), read_shape(target)
@@ -69,7 +61,7 @@ def match(
             _check_nothing_else(options)
             surfaces = as_surface(shapes[0]), as_surface(shapes[1])
             with progress_bar():
-                nearest = match_by_proximity(*surfaces, most_distance, most_angle, either_side)
+                nearest = match_by_proximity(*surfaces, **of_nearest)
             lines, figures = _save_nearest(nearest, output)
         else:
             arguments = start_arguments(**options)
@@ -92,8 +84,8 @@ def _check_nothing_else(options: dict[str, Any]) -> None:
     """Raise a MeshError if the user gave more than a map to the nearest points takes."""
     for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
         if options[name]:
-            option = f"--{name}".replace("_", "-").replace("axes", "axis")
-            raise MeshError(f"{option} has no effect on --initial {NEAREST}: leave one of them out.")
+            flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
+            raise MeshError(f"{flag} has no effect on --initial {NEAREST}: leave one of them out.")
 
 
 def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:

@@ -1,0 +1,63 @@
+"""The table of options agrees with the library, and its doors keep their names."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from inspect import signature
+
+import click
+import pytest
+
+from zoomout_core.cli import main
+from zoomout_core.matching.option_table import NEAREST, OPTIONS, STARTS, Door, Kind, Option
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.proximity import match_by_proximity
+
+LIBRARY = {field.name: field.default for field in fields(MatchOptions)}
+PROXIMITY = {name: each.default for name, each in signature(match_by_proximity).parameters.items()}
+# Arguments of `match` that a door has in another form: 0 eigenfunctions are as many as the detail says.
+OTHERWISE = {"k_final"}
+
+
+@pytest.mark.parametrize("option", OPTIONS.values(), ids=list(OPTIONS))
+def test_defaults_are_those_of_the_library(option: Option) -> None:
+    library = PROXIMITY if option in NEAREST else LIBRARY
+    if option.name in library and option.name not in OTHERWISE:
+        assert option.default == library[option.name]
+
+
+@pytest.mark.parametrize("option", OPTIONS.values(), ids=list(OPTIONS))
+def test_a_row_has_all_that_its_doors_show(option: Option) -> None:
+    assert option.doors
+    assert set(option.starts) <= set(STARTS)
+    assert (Door.BLENDER in option.doors) == bool(option.label)
+    assert bool(option.choices) == (option.kind in (Kind.START, Kind.CHOICE))
+    assert all(choice.label for choice in option.choices_at(Door.BLENDER) if Door.BLENDER in option.doors)
+    for text in (option.help, *(choice.help for choice in option.choices)):
+        assert text[0].isupper()
+        assert not text.endswith(".")
+
+
+def test_detail_offers_all_presets() -> None:
+    assert [choice.name for choice in OPTIONS["detail"].choices] == list(DETAIL)
+
+
+def test_flags_keep_their_names_and_defaults() -> None:
+    params = {option.opts[-1]: option for option in main.commands["match"].params if isinstance(option, click.Option)}
+    defaults = {
+        "--initial": "auto",
+        "--exact-landmarks": False,
+        "--partial": "auto",
+        "--detail": "balanced",
+        "--seed": 0,
+        "--most-distance": 0.08,
+        "--most-angle": 30.0,
+        "--either-side": False,
+    }
+    context = click.Context(main.commands["match"])
+    assert {flag: params[flag].get_default(context) for flag in defaults} == defaults
+    without = {"--landmarks", "--earlier-map", "--common-axis"}
+    own = {"--output", "--in-place", "--cache", "--json"}
+    assert set(params) == {*defaults, *without, *own}
+    assert "--candidate" in {name for option in main.commands["transfer"].params for name in option.opts}

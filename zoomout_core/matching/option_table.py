@@ -1,0 +1,334 @@
+"""The options of a match, one row each: the command line, Blender, MeshLab and `docs/options.md` are made from these.
+
+A row whose name is a field of `MatchOptions` needs nothing else. The doors turn rows into their own kind of option:
+`command_options.py`, `blender_addon/properties/option_property.py` and `meshlab_filter/filters/common.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from zoomout_core.matching.options import PARTIAL
+from zoomout_core.matching.proximity import MOST_ANGLE, MOST_DISTANCE
+
+
+class Door(Enum):
+    """Where users meet options."""
+
+    COMMAND_LINE = "Command line"
+    BLENDER = "Blender"
+    MESHLAB = "MeshLab"
+
+
+class Kind(Enum):
+    """What values an option has; the value of a member describes them in the documentation."""
+
+    START = "choice, or map.npz"  # the file on the command line alone
+    CHOICE = "choice"
+    FLAG = "on or off"
+    COUNT = "whole number"
+    NUMBER = "number"
+    ANGLE = "degrees"
+    LANDMARKS = "file"
+    MAP = "map.npz"
+    DIRECTIONS = "X,Y,Z"
+
+
+# The starts that Blender offers, and MeshLab's "given". "nearest" alone is not refined, and has options of its own.
+STARTS = ("auto", "landmarks", "proximity", "nearest", "same_order", "file", "given")
+REFINED = tuple(start for start in STARTS if start != "nearest")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One value of an option.
+
+    Attributes:
+        name: the value; Blender has it in capitals.
+        help: a sentence without a full stop, as all texts here: Blender adds it.
+        label: in Blender.
+        doors: that offer it.
+    """
+
+    name: str
+    help: str
+    label: str = ""
+    doors: tuple[Door, ...] = tuple(Door)
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of a match.
+
+    Attributes:
+        name: as in Python, in Blender and in MeshLab.
+        kind: of its values.
+        default: its value where none is given.
+        help: what happens and when to use it, without a full stop at the end.
+        doors: that offer it.
+        label: in Blender.
+        flag: on the command line, where it is not the name.
+        choices: the values of a choice.
+        minimum: of a number.
+        maximum: of a number.
+        soft_maximum: as far as Blender's slider goes.
+        starts: values of `initial` that use the option.
+        panel: of Blender's sidebar. "Hints" and "Advanced" show their rows by themselves.
+    """
+
+    name: str
+    kind: Kind
+    default: Any
+    help: str
+    doors: tuple[Door, ...] = tuple(Door)
+    label: str = ""
+    flag: str = ""
+    choices: tuple[Choice, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    soft_maximum: float | None = None
+    starts: tuple[str, ...] = REFINED
+    panel: str = "Advanced"
+
+    def name_at(self, door: Door) -> str:
+        """What users of a door call it."""
+        if door is Door.COMMAND_LINE:
+            return self.flag or "--" + self.name.replace("_", "-")
+        return self.label if door is Door.BLENDER else self.name
+
+    def choices_at(self, door: Door) -> tuple[Choice, ...]:
+        """The choices that a door offers."""
+        return tuple(choice for choice in self.choices if door in choice.doors)
+
+    def doors_of(self, choice: Choice) -> tuple[Door, ...]:
+        """The doors that offer a choice."""
+        return tuple(door for door in choice.doors if door in self.doors)
+
+
+BLENDER = (Door.BLENDER,)
+COMMAND_LINE = (Door.COMMAND_LINE,)
+MESHLAB = (Door.MESHLAB,)
+FILES = COMMAND_LINE + MESHLAB
+
+# How to begin, and what is known of the map.
+MATCHING = (
+    Option(
+        "initial",
+        Kind.START,
+        "auto",
+        "How to find the match",
+        label="Method",
+        choices=(
+            Choice("auto", "From the shapes alone; poses and placements may differ", "Automatic"),
+            Choice("landmarks", "From the landmarks, for shapes that alone lead to a wrong match", "Landmarks"),
+            Choice("proximity", "From the nearest points in space, for meshes that overlap", "Nearest Points"),
+            Choice(
+                "nearest",
+                "Each vertex takes the nearest point if it is close and faces the same way; the others are filled in. "
+                "For clothes, in the pose of the body that wears them",
+                "Clothes on a Body",
+                BLENDER,
+            ),
+            Choice(
+                "same_order",
+                "Vertex by vertex, for meshes with the same vertices in the same order, such as a sculpted copy",
+                "Same Order",
+                BLENDER,
+            ),
+            Choice("file", "From a map that `zoomout match` wrote for these two meshes", "From File", BLENDER),
+            Choice("given", "From `initial_map`", doors=MESHLAB),
+        ),
+        starts=STARTS,
+        panel="Match",
+    ),
+    Option(
+        "map_file",
+        Kind.MAP,
+        "",
+        "Map file (.npz) to start from",
+        BLENDER,
+        "Map",
+        starts=("file",),
+        panel="Match",
+    ),
+    Option(
+        "landmarks",
+        Kind.LANDMARKS,
+        None,
+        "Corresponding places, one pair a line: a source vertex and a target vertex, counted from 0, or the six "
+        "coordinates of a point on the source and of one on the target",
+        FILES,
+    ),
+    Option(
+        "exact_landmarks",
+        Kind.FLAG,
+        False,
+        "Bend the match so that each landmark lands exactly on its partner; otherwise landmarks only attract it",
+        label="Hit Exactly",
+        panel="Landmarks",
+    ),
+    Option(
+        "use_landmarks",
+        Kind.FLAG,
+        True,
+        "Landmarks on both objects mark corresponding places; a single pair tells left from right",
+        BLENDER,
+        "Landmarks",
+        starts=("auto",),
+        panel="Hints",
+    ),
+    Option(
+        "names",
+        Kind.FLAG,
+        True,
+        "Vertex groups and materials of the same name mark corresponding places. "
+        "Turn this off if names mean different things on the two meshes",
+        BLENDER,
+        "Names",
+        starts=("auto",),
+        panel="Hints",
+    ),
+    Option(
+        "same_up",
+        Kind.FLAG,
+        False,
+        "Both objects stand upright along the scene's Z axis",
+        BLENDER,
+        "Same Up Axis",
+        starts=("auto",),
+        panel="Hints",
+    ),
+    Option(
+        "from_last",
+        Kind.FLAG,
+        False,
+        "The previous match of these two objects is approximately right. Use this after a small change of options",
+        BLENDER,
+        "Last Match",
+        starts=("auto",),
+        panel="Hints",
+    ),
+    Option(
+        "common_axes",
+        Kind.DIRECTIONS,
+        None,
+        "Direction in which both meshes are oriented alike, such as the up axis: x, -x, y, -y, z, -z or X,Y,Z",
+        FILES,
+        flag="--common-axis",
+    ),
+    Option(
+        "earlier_map",
+        Kind.MAP,
+        None,
+        "Map (.npz) of these meshes that `zoomout match` wrote and that is approximately right. "
+        "It is evidence, whereas `--initial` starts from it alone",
+        COMMAND_LINE,
+    ),
+    Option(
+        "initial_map",
+        Kind.MAP,
+        None,
+        "Earlier map, or the .npz file that `zoomout match` wrote: the start if `initial` is given, otherwise evidence",
+        MESHLAB,
+    ),
+    Option(
+        "partial",
+        Kind.CHOICE,
+        "auto",
+        "Whether one mesh is tried as a part of the other if they do not match as wholes",
+        FILES,
+        choices=(
+            Choice(PARTIAL[0], "Try it if something may be missing at a border"),
+            Choice(PARTIAL[1], "Both meshes are whole"),
+        ),
+    ),
+)
+
+# How finely meshes are analysed: these options are also those of symmetries.
+ACCURACY = (
+    Option(
+        "detail",
+        Kind.CHOICE,
+        "balanced",
+        "How small the features are that are matched; more detail takes longer",
+        label="Detail",
+        choices=(
+            Choice("fast", "Quick preview, and enough for coarse meshes", "Fast"),
+            Choice("balanced", "Fine enough for most characters", "Balanced"),
+            Choice("fine", "Follows fingers and wrinkles more closely, and takes several times as long", "Fine"),
+            Choice("full", "Matches meshes at full size, which takes many times as long", doors=FILES),
+        ),
+        panel="Match",
+    ),
+    Option(
+        "k_final",
+        Kind.COUNT,
+        0,
+        "Number of eigenfunctions that the match is refined to; more follow smaller features but take longer, "
+        "and 0 leaves the number to Detail",
+        BLENDER,
+        "Eigenfunctions",
+        minimum=0,
+        maximum=1000,
+        soft_maximum=300,
+    ),
+    Option("seed", Kind.COUNT, 0, "Random seed of the eigensolver", FILES, minimum=0),
+)
+
+# Of the nearest points, with initial="nearest".
+NEAREST = (
+    Option(
+        "most_distance",
+        Kind.NUMBER,
+        MOST_DISTANCE,
+        "Largest distance to the nearest point, divided by the square root of the source's area, "
+        "which is about 1.4 m for a human",
+        COMMAND_LINE + BLENDER,
+        "Distance",
+        minimum=1e-3,
+        soft_maximum=0.5,
+        starts=("nearest",),
+    ),
+    Option(
+        "most_angle",
+        Kind.ANGLE,
+        MOST_ANGLE,
+        "Largest angle between the normals of a vertex and of its nearest point",
+        COMMAND_LINE + BLENDER,
+        "Angle",
+        minimum=0,
+        maximum=180,
+        starts=("nearest",),
+    ),
+    Option(
+        "either_side",
+        Kind.FLAG,
+        False,
+        "Also accept normals that oppose each other, for clothes with an inner side of their own",
+        COMMAND_LINE + BLENDER,
+        "Either Side",
+        starts=("nearest",),
+    ),
+)
+
+# Of what is transferred along a match.
+RESULT = (
+    Option(
+        "candidate",
+        Kind.COUNT,
+        0,
+        "Which of the maps found to use, counted from 0; try 1 if left and right are swapped",
+        FILES,
+        minimum=0,
+    ),
+)
+
+OPTIONS = {option.name: option for option in (*MATCHING, *ACCURACY, *NEAREST, *RESULT)}
+
+
+def offered(options: Sequence[Option], door: Door) -> tuple[Option, ...]:
+    """The options that a door offers."""
+    return tuple(option for option in options if door in option.doors)
