@@ -29,10 +29,11 @@ from zoomout_core.command_options import (
     in_place_option,
     match_options,
     progress_bar,
-    start_arguments,
+    read_options,
+    table_option,
     threads_option,
 )
-from zoomout_core.matching.presets import DETAIL
+from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.mesh.memory import NO_MEMORY
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.interrupts import INTERRUPTED
@@ -112,11 +113,9 @@ def transfer(
     """
     try:
         jobs = planned(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
-        preset = DETAIL[options["detail"]]
-        matching = {name: value for name, value in start_arguments(**options).items() if name not in preset}
-        matching |= {"candidate": candidate, "detail": options["detail"]}
+        matching = read_options(**options)
         with progress_bar():
-            outcomes = transfer_files(source, jobs, in_place, **matching)
+            outcomes = transfer_files(source, jobs, in_place, candidate=candidate, **matching)
         if is_folder(output):
             write_report(source, outcomes, Path(output))
     except (ValueError, OSError, ImportError) as error:
@@ -167,7 +166,7 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="A .mlx file that is run on every mesh and project that is saved, instead of a transfer.",
 )
-@click.option("--detail", type=click.Choice(list(DETAIL)), default="balanced", show_default=True)
+@table_option(OPTIONS["detail"])
 @click.option("--interval", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between looks.")
 @click.option("--once", is_flag=True, help="Work on what is there, and end.")
 def watch_command(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
-from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, SWITCH, TEXT, Parameter
+from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
-from zoomout_core.maps.surface_map import read_vertex_map
-from zoomout_core.matching.options import PARTIAL
-from zoomout_core.matching.presets import DETAIL, resolve_detail
+from zoomout_core.matching import option_table
+from zoomout_core.matching.option_table import Door, Kind, Option, offered
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.runtime.progress import portion
-from zoomout_core.text_arguments import STARTS, read_axis, read_landmarks
+from zoomout_core.text_arguments import read_values
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -31,26 +32,36 @@ STORED_OR_NEW = Parameter(
     "",
     "The name under which compute_correspondence_by_zoomout stored it on the target; empty: find one.",
 )
-ACCURACY = (
-    Parameter("detail", CHOICE, "balanced", "How fine a stand-in for each mesh is matched.", tuple(DETAIL)),
-    Parameter("seed", COUNT, 0, "Of the eigensolver."),
-)
-MATCHING = (
-    Parameter("initial", CHOICE, "auto", "How a correspondence is begun.", (*STARTS, "given")),
-    Parameter("landmarks", DATA, None, "Pairs of source and target vertices or points, or a text file, a pair a line."),
-    Parameter("exact_landmarks", SWITCH, False, "Bend the correspondence so that it hits the landmarks."),
-    Parameter("initial_map", DATA, None, "An earlier map, or the .npz file that `zoomout match` wrote it to."),
-    Parameter("common_axes", DATA, None, "Directions (a, 3) in which both meshes stand alike, or x, y or z."),
-    Parameter("partial", CHOICE, "auto", "Whether one mesh is tried as a part of the other.", PARTIAL),
-    *ACCURACY,
-    Parameter("candidate", COUNT, 0, "Which correspondence to use: another where sides are swapped."),
-)
+# Kinds of options in the table of the core that have types of their own; all others take arrays or files.
+TYPES = {
+    Kind.START: CHOICE,
+    Kind.CHOICE: CHOICE,
+    Kind.FLAG: SWITCH,
+    Kind.COUNT: COUNT,
+    Kind.NUMBER: NUMBER,
+    Kind.ANGLE: NUMBER,
+}
+
+
+def parameters_of(options: Sequence[Option]) -> tuple[Parameter, ...]:
+    """The parameters that rows of the option table stand for."""
+    return tuple(_parameter(option) for option in offered(options, Door.MESHLAB))
+
+
+def _parameter(option: Option) -> Parameter:
+    choices = tuple(choice.name for choice in option.choices_at(Door.MESHLAB))
+    unit = ", in degrees" if option.kind is Kind.ANGLE else ""
+    return Parameter(option.name, TYPES.get(option.kind, DATA), option.default, f"{option.help}{unit}.", choices)
+
+
+ACCURACY = parameters_of(option_table.ACCURACY)
+MATCHING = parameters_of((*option_table.MATCHING, *option_table.ACCURACY, *option_table.RESULT))
 
 
 def match_layers(source: Layer, target: Layer, candidate: int, **matching: Any) -> zo.MatchResult:
     """The correspondence of two layers, by the parameters MATCHING."""
     with portion(0.0, 0.85):
-        result = zo.match(source.shape, target.shape, **_arguments(**matching))
+        result = zo.match(source.shape, target.shape, **resolve_detail(**read_values(matching, Door.MESHLAB)))
     if candidate:
         with portion(0.85, 1.0):
             result = result.use(candidate)
@@ -83,26 +94,3 @@ def report_on(result: zo.MatchResult) -> dict[str, Any]:
         ],
         "notes": list(result.notes),
     }
-
-
-def _arguments(
-    initial: str,
-    landmarks: Any,
-    exact_landmarks: bool,
-    initial_map: Any,
-    common_axes: Any,
-    partial: str,
-    detail: str,
-    seed: int,
-) -> dict[str, Any]:
-    """What the parameters mean to `zoomout_core.match`."""
-    return resolve_detail(
-        detail,
-        seed=seed,
-        initial=initial,
-        partial=partial,
-        landmarks=read_landmarks(landmarks) if isinstance(landmarks, str) else landmarks,
-        exact_landmarks=exact_landmarks,
-        initial_map=read_vertex_map(initial_map) if isinstance(initial_map, str) else initial_map,
-        common_axes=[read_axis(common_axes, "common_axes")] if isinstance(common_axes, str) else common_axes,
-    )
