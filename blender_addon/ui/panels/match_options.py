@@ -5,7 +5,7 @@ from __future__ import annotations
 from bpy.types import Context, Panel
 
 from ...operators.clear_data import ZOOMOUT_OT_clear_match_data
-from ...properties.match import CONSTRAINTS, NEARNESS
+from ...properties.match import options_of_panel
 from .match import ZOOMOUT_PT_match
 from .sidebar import SidebarPanel, split_properties
 
@@ -24,8 +24,9 @@ class ZOOMOUT_PT_hints(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         split_properties(self.layout)
         column = self.layout.column(heading="Go By")
-        for name in CONSTRAINTS:
-            column.prop(context.scene.zoomout, name)
+        settings = context.scene.zoomout
+        for option in options_of_panel(ZOOMOUT_PT_hints.bl_label, settings.initial):
+            column.prop(settings, option.name)
 
 
 class ZOOMOUT_PT_match_advanced(SidebarPanel, Panel):
@@ -37,8 +38,8 @@ class ZOOMOUT_PT_match_advanced(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         split_properties(self.layout)
         settings = context.scene.zoomout
-        for name in NEARNESS if settings.initial == "NEAREST" else ("k_final",):
-            self.layout.prop(settings, name)
+        for option in options_of_panel(ZOOMOUT_PT_match_advanced.bl_label, settings.initial):
+            self.layout.prop(settings, option.name)
         row = self.layout.row(align=True)
         row.operator(ZOOMOUT_OT_clear_match_data.bl_idname)
         row.operator(ZOOMOUT_OT_clear_match_data.bl_idname, text="Of File").whole_file = True
