@@ -1,0 +1,8 @@
+"""The page of options is that of the table."""
+
+import option_page
+
+
+def test_the_page_is_up_to_date():
+    text = option_page.PAGE.read_text(encoding="utf-8")
+    assert option_page.page(text) == text, "run python tools/option_page.py"
