@@ -68,7 +68,8 @@ class Option:
         kind: of its values.
         default: its value where none is given.
         help: what happens and when to use it, without a full stop at the end.
-        doors: that offer it.
+        doors: that offer it. `python -m meshlab_filter transfer` hands the options of the command line to a filter, so
+            those of a match need MeshLab, too.
         label: in Blender.
         flag: on the command line, where it is not the name.
         choices: the values of a choice.
