@@ -48,7 +48,7 @@ SHIPPED = (
 )
 NOT_SHIPPED = ("demo/*.py",)
 # Texts of `docs` that become pages in the zip, with the pictures that they show.
-DOCUMENTS = ("blender.md", "transfer.md", "whats_new.md")
+DOCUMENTS = ("blender.md", "options.md", "transfer.md", "whats_new.md")
 # What the core's own wheel is built from.
 CORE = ("pyproject.toml", "README.md", "LICENSE", "zoomout_core/**/*.py", "zoomout_core/py.typed")
 
