@@ -119,7 +119,7 @@ def match_options(command: Any) -> Any:
     return table_options(MATCHING)(mesh_options(command))
 
 
-def table_options(options: Sequence[Option]) -> Any:
+def table_options(options: Sequence[Option]) -> Callable[[Any], Any]:
     """The options of a table that the command line offers."""
 
     def with_options(command: Any) -> Any:
@@ -130,7 +130,7 @@ def table_options(options: Sequence[Option]) -> Any:
     return with_options
 
 
-def table_option(option: Option) -> Any:
+def table_option(option: Option) -> Callable[[Any], Any]:
     """The option of the command line that a row of the table stands for."""
     flag = option.name_at(Door.COMMAND_LINE)
     if option.kind is Kind.FLAG:

@@ -27,6 +27,10 @@ from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
 
+# Rounds on samples at the final size: a smaller step adds sizes below that, not rounds at it.
+MAX_ROUNDS_AT_FINAL_SIZE = 5
+
+
 class Schedule(NamedTuple):
     """Rounds on samples.
 
@@ -49,7 +53,9 @@ class Schedule(NamedTuple):
         """
         first, last = self.settling
         scheduled = [*range(first, max(first, last - step) + 1, step), last]
-        return [*(min(k, size) for k in scheduled), *range(last + step, size, step)]
+        growing = [k for k in scheduled if k < size]
+        at_final_size = min(len(scheduled) - len(growing), MAX_ROUNDS_AT_FINAL_SIZE)
+        return [*growing, *[size] * at_final_size, *range(last + step, size, step)]
 
 
 @dataclass(frozen=True)

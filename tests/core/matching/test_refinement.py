@@ -97,6 +97,7 @@ def test_a_smaller_step_gives_more_sizes() -> None:
     counts = [len(between.settling_sizes(step, K_FINAL)) for step in (1, 5, 10, 20, 40, 1000)]
     assert counts == sorted(set(counts), reverse=True)
     assert between.settling_sizes(1000, K_FINAL) == [30, 120]
+    assert between.settling_sizes(5, 40) == [30, 35, 40, 40, 40, 40, 40]
 
 
 @pytest.mark.parametrize("schedule", [REFINEMENT.between_shapes, REFINEMENT.onto_itself])
