@@ -7,6 +7,7 @@ products alone (Ericson, Real-Time Collision Detection, 5.1.5), so the same code
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array
@@ -144,8 +145,7 @@ class _Closest:
         ap = self.points[queries].T - a
         ab -= a
         ac -= a
-        dots = tuple((u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) for u, v in _pairs_of(ap, ab, ac))
-        weights = barycentric_of_closest(dots)
+        weights = barycentric_of_closest(inner_products(ap, ab, ac, axis=0))
         off = ap - weights[:, 1] * ab - weights[:, 2] * ac
         distance = np.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
         pick = _first_least(distance, queries)
@@ -153,11 +153,6 @@ class _Closest:
         chosen = queries[pick]
         self.triangle[chosen], self.barycentric[chosen] = candidates[pick], weights[pick]
         self.distance[chosen] = distance[pick]
-
-
-def _pairs_of(ap: Floats, ab: Floats, ac: Floats) -> tuple[tuple[Floats, Floats], ...]:
-    """The vectors whose inner products `barycentric_of_closest` takes."""
-    return (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
 
 
 def _search(found: _Closest, queries: Integers, group: _Group) -> None:
@@ -312,6 +307,30 @@ def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers
         entries[np.arange(size.sum()) - np.repeat(begin - first[chosen], size)],
         begin,
     )
+
+
+def closest_on_triangles(points: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+    """The point of each triangle abc that is closest to a point.
+
+    Args:
+        points: (..., 3) positions.
+        a: (..., 3) first corners, of a common shape with the points,
+        b: (..., 3) second
+        c: (..., 3) and third ones.
+
+    Returns:
+        (..., 3) barycentric coordinates, and (..., 3) the ways from there to the points.
+    """
+    ap, ab, ac = points - a, b - a, c - a
+    weights = barycentric_of_closest(inner_products(ap, ab, ac, axis=-1))
+    return weights, ap - weights[..., 1:2] * ab - weights[..., 2:] * ac
+
+
+def inner_products(ap: Floats, ab: Floats, ac: Floats, axis: Literal[0, -1]) -> tuple[Floats, ...]:
+    """The inner products that `barycentric_of_closest` takes, over the first axis, which is faster, or the last."""
+    over = "x...,x...->..." if axis == 0 else "...x,...x->..."
+    pairs = (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
+    return tuple(np.einsum(over, u, v) for u, v in pairs)
 
 
 def barycentric_of_closest(dots: tuple[Floats, ...]) -> Floats:

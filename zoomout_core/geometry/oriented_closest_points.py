@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unit_vectors
 from zoomout_core.runtime.threads import threads
 from zoomout_core.tuning import Tuning, tuned
@@ -126,10 +126,7 @@ class OrientedSurface:
         near = self._tree.query(rows, ORIENTED_SEARCH.candidates, workers=workers)[1]
         candidate = self._on[np.asarray(near)]
         a, b, c = (self._vertices[self._triangles[candidate, i]] for i in range(3))
-        ap, ab, ac = points[:, None] - a, b - a, c - a
-        pairs = (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
-        weights = barycentric_of_closest(tuple(np.einsum("qcx,qcx->qc", u, v) for u, v in pairs))
-        off = ap - weights[..., 1:2] * ab - weights[..., 2:] * ac
+        weights, off = closest_on_triangles(points[:, None], a, b, c)
         distance = np.sqrt(np.einsum("qcx,qcx->qc", off, off))
         best = np.argmin(distance, axis=1)
         query = np.arange(len(points))

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
-from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import rotations_of_blends
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -93,7 +93,7 @@ class Following:
             count = max(1, FOLLOWING.samples // 4**number)
             places, triangle = surface_samples(before, body.triangles, count)
             corners = body.triangles[triangle]
-            weights = _barycentric(places, before[corners])
+            weights, _ = closest_on_triangles(places, *before[corners].transpose(1, 0, 2))
             images = np.einsum("sc,scx->sx", weights, after[corners])
             turned = np.einsum("sc,scxy->sxy", weights, turns[corners])
             self._sets.append(_Samples(places, images, turned, cKDTree(places)))
@@ -146,13 +146,6 @@ class _Samples(NamedTuple):
         growth = np.einsum("qk,qk->q", weights, np.linalg.norm(turns[:, :, 0], axis=2))
         rotations = rotations_of_blends(np.einsum("qk,qkxy->qxy", weights, turns))
         return np.einsum("qk,qkx->qx", weights, moved), growth[:, None, None] * rotations
-
-
-def _barycentric(points: Floats, corners: Floats) -> Floats:
-    """(q, 3) coordinates of points (q, 3) in triangles (q, 3, 3)."""
-    ap, ab, ac = points - corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    pairs = (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
-    return barycentric_of_closest(tuple(np.einsum("qx,qx->q", u, v) for u, v in pairs))
 
 
 def _turns(body: Surface, shape: Floats) -> Floats:

@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Bytes, Floats, Integers, check_counts
-from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.geometry.closest_points import barycentric_of_closest, inner_products
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -228,8 +228,7 @@ def _near(
         triangle, y = row_triangle[block][owner], row[block][owner]
         a, b, c = places[triangle].transpose(1, 2, 0)
         ab, ac, offset = b - a, c - a, np.stack([x, y]) + 0.5 - a
-        pairs = ((offset, ab), (offset, ac), (ab, ab), (ab, ac), (ac, ac))
-        weights = barycentric_of_closest(tuple(np.einsum("xq,xq->q", *pair) for pair in pairs))
+        weights = barycentric_of_closest(inner_products(offset, ab, ac, axis=0))
         offset -= weights[:, 1] * ab + weights[:, 2] * ac
         yield x, y, triangle, weights, np.hypot(*offset)
 

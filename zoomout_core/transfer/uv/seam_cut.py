@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.closest_points import barycentric_of_closest
+from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
@@ -310,11 +310,8 @@ def _within(points: Floats, face: Integers, mapped: MappedTarget) -> tuple[Integ
     owner, triangle = ragged(np.arange(len(face)), start, end, order)
     corners = target.triangles[triangle]
     a, b, c = mapped.points[corners].transpose(1, 0, 2)
-    ap, ab, ac = points[owner] - a, b - a, c - a
-    dots = [np.einsum("qx,qx->q", x, y) for x, y in ((ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac))]
-    weights = barycentric_of_closest(tuple(dots))
-    gap = np.linalg.norm(ap - weights[:, 1:2] * ab - weights[:, 2:] * ac, axis=1)
-    best = np.lexsort((gap, owner))
+    weights, off = closest_on_triangles(points[owner], a, b, c)
+    best = np.lexsort((np.linalg.norm(off, axis=1), owner))
     best = best[np.flatnonzero(np.diff(owner[best], prepend=-1))]
     return corners[best], weights[best]
 
