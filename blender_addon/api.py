@@ -130,6 +130,6 @@ def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: 
         MeshError: there is no such vertex, or the modifiers leave no surface there.
     """
     if obj.type != "MESH" or not 0 <= vertex < len(obj.data.vertices):
-        raise zo.MeshError(f"'{obj.name}' is no mesh with a vertex {vertex}: give another one.")
+        raise zo.MeshError(f"'{obj.name}' is not a mesh with a vertex {vertex}: choose another one.")
     place = surface_point_of_vertex(obj, vertex, context.evaluated_depsgraph_get())
     landmarks.set_landmark(context.scene, obj, place, number, name)

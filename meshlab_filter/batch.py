@@ -76,14 +76,14 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
     confidence = report["confidence"]
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
-        f"Right with a probability of {report['certainty']:.0%}, by its lead over the other candidates.",
+        f"Correct with a probability of {report['certainty']:.0%}, judged by its lead over the other candidates.",
         f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are below {LOW}.",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
-        f"{len(report['candidates'])} correspondences were found; where sides are swapped, try --candidate 1.",
+        f"{len(report['candidates'])} correspondences were found; if sides are swapped, try --candidate 1.",
         *report["notes"],
     ]
     lost = [name for name in report["transferred"] if name not in FORMATS[ending]]
     if lost:
-        lines.append(f"{ending[1:].upper()} cannot hold {' and '.join(lost)}: write PLY to keep them.")
+        lines.append(f"{ending[1:].upper()} files cannot store {' and '.join(lost)}: write PLY to keep them.")
     return lines

@@ -63,7 +63,10 @@ class Filter:
 
 
 CATALOGUE: dict[str, Filter] = {}
-CALLBACK = "Called with the fraction done and what is being done; what it raises ends the work, and nothing changes."
+CALLBACK = (
+    "Called with the fraction completed and the name of the stage; raising an exception in it cancels the filter "
+    "without changes."
+)
 
 
 class MeshFilter(Protocol):
@@ -195,7 +198,9 @@ def check_mesh(ms: MeshSet, mesh_id: int) -> None:
         MeshError: there is none.
     """
     if not ms.mesh_id_exists(mesh_id):
-        raise MeshError(f"There is no mesh {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id.")
+        raise MeshError(
+            f"There is no mesh with id {mesh_id} among the {ms.mesh_number()} of the MeshSet: give another id."
+        )
 
 
 def current_id(ms: MeshSet) -> int:
@@ -205,13 +210,13 @@ def current_id(ms: MeshSet) -> int:
         MeshError: the MeshSet has none.
     """
     if ms.mesh_number() == 0:
-        raise MeshError("There is no mesh in the MeshSet: load one.")
+        raise MeshError("The MeshSet is empty: load a mesh.")
     return int(ms.current_mesh_id())
 
 
 def _check_name(name: str) -> None:
     if name not in filter_list():
-        raise MeshError(f"There is no filter '{name}': filter_list() names them all.")
+        raise MeshError(f"There is no filter '{name}': call filter_list() for their names.")
 
 
 def _listening(callback: Callback | None) -> AbstractContextManager[None]:
@@ -231,7 +236,7 @@ def _apply_native(ms: MeshSet, name: str, parameters: dict[str, Any]) -> dict[st
         raise MeshError(" ".join(str(error).split())) from error
     except RuntimeError as error:  # a value of a type that pymeshlab cannot convert
         raise ValueError(
-            f"The filter {name} does not take {parameters}: print_filter_parameter_list says what."
+            f"The filter {name} does not accept {parameters}: call print_filter_parameter_list for their types."
         ) from error
 
 

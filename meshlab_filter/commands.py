@@ -62,7 +62,7 @@ def search_command(words: tuple[str, ...]) -> None:
     """
     try:
         if not search(" ".join(words)):
-            raise MeshError(f"No filter has {' and '.join(words)} in its name: try other words, or fewer.")
+            raise MeshError(f"No filter name contains {' and '.join(words)}: try other words, or fewer.")
         print_filter_list(" ".join(words))
     except (ValueError, ImportError) as error:
         raise click.ClickException(str(error)) from None
@@ -144,7 +144,7 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
         with progress_bar():
             reports = run_script(ms, script)
         if ms.mesh_number() == 0:
-            raise MeshError("No mesh is left to write: keep one.")
+            raise MeshError("The script leaves no mesh to write: keep at least one.")
         save_beside(ms, Path(output), textures, {}, in_place)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
@@ -159,16 +159,22 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
 @click.option(
     "--source",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="The mesh whose attributes every mesh that is saved in FOLDER receives.",
+    help="Transfer attributes from this mesh to every mesh saved in FOLDER.",
 )
 @click.option(
     "--script",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="A .mlx file that is run on every mesh and project that is saved, instead of a transfer.",
+    help="Run this .mlx file on every saved mesh and project, instead of a transfer.",
 )
 @table_option(OPTIONS["detail"])
-@click.option("--interval", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between looks.")
-@click.option("--once", is_flag=True, help="Work on what is there, and end.")
+@click.option(
+    "--interval",
+    type=click.FloatRange(0.1),
+    default=1.0,
+    show_default=True,
+    help="Seconds between checks of the folder.",
+)
+@click.option("--once", is_flag=True, help="Process existing files, then exit.")
 def watch_command(
     folder: Path, source: Path | None, script: Path | None, detail: str, interval: float, once: bool
 ) -> None:
@@ -200,7 +206,7 @@ def watch_command(
         if script is not None:
             read_script(script)
         if not once:
-            click.echo(f"Watching {folder}; Ctrl-C ends it.")
+            click.echo(f"Watching {folder}; press Ctrl-C to stop.")
         for _ in watch(work, process, interval, once):
             pass
     except KeyboardInterrupt:

@@ -39,7 +39,7 @@ def new_mesh_set() -> MeshSet:
     try:
         import pymeshlab
     except ImportError as error:
-        raise ImportError("This needs pymeshlab: pip install 'zoomout-core[meshlab]'.") from error
+        raise ImportError("This command requires pymeshlab: pip install 'zoomout-core[meshlab]'.") from error
     return pymeshlab.MeshSet()
 
 
@@ -57,7 +57,7 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
     before = ms.mesh_number()
     gltf = Path(path).suffix.lower() in (".gltf", ".glb")
     if not Path(path).is_file():
-        raise MeshError(f"{path} could not be read: there is no such file; check the path.")
+        raise MeshError(f"There is no file {path}: check the path.")
     if Path(path).suffix.lower() == ".off":  # of a line too short, MeshLab reads beyond it: what then happens varies
         read_polygons(path)
     fault = fault_of_file(path, gltf)
@@ -69,7 +69,7 @@ def load_mesh(ms: MeshSet, path: str | Path) -> int:
     except PyMeshLabException as error:
         raise MeshError(f"{path} could not be read ({' '.join(str(error).split())}): check the file.") from error
     if ms.mesh_number() > before + 1:
-        raise MeshError(f"{path} holds {ms.mesh_number() - before} meshes: merge them into one.")
+        raise MeshError(f"{path} contains {ms.mesh_number() - before} meshes: merge them into one.")
     return int(ms.current_mesh_id())
 
 
@@ -86,7 +86,10 @@ def save_mesh(ms: MeshSet, output: str | Path) -> None:
         with _staying():
             ms.save_current_mesh(str(output), **custom)
     except PyMeshLabException as error:
-        raise MeshError(f"{output} could not be written ({' '.join(str(error).split())}): write elsewhere.") from error
+        raise MeshError(
+            f"{output} could not be written ({' '.join(str(error).split())}): check disk space and permissions, or "
+            "choose another place."
+        ) from error
 
 
 @contextmanager
@@ -127,7 +130,7 @@ def save_beside(
         digests = {file.name: sha256(file.read_bytes()).digest() for file in images}
         for name, digest in digests.items():
             if brought.get(name, digest) != digest:
-                raise MeshError(f"Another mesh brought a different texture {name}: write to another folder.")
+                raise MeshError(f"Another mesh has a different texture {name}: choose another output folder.")
         for file in images:
             for path, image in inputs.items():
                 if not is_same_file(path, output.parent / file.name):
@@ -137,8 +140,8 @@ def save_beside(
                     break
                 if not in_place:
                     raise MeshError(
-                        f"A texture {file.name} would take the place of another picture, {path}, which is an input: "
-                        "write to another folder, or give --in-place to replace it."
+                        f"The texture {file.name} would overwrite the input image {path}: choose another output "
+                        "folder, or pass --in-place."
                     )
         brought |= digests
 
@@ -159,5 +162,5 @@ def check_format(output: Path) -> None:
     """
     if output.suffix.lower() not in FORMATS:
         raise MeshError(
-            f"{output} ends in '{output.suffix}': choose {' or '.join(FORMATS)}, which can hold the results."
+            f"{output} ends in '{output.suffix}', which cannot store the results: choose {' or '.join(FORMATS)}."
         )

@@ -297,14 +297,14 @@ def check_target(layer: Layer) -> None:
     twice = (layer.faces == np.roll(layer.faces, 1, axis=1)).any(axis=1).sum()
     if twice:
         raise MeshError(
-            f"Layer '{layer.label}' has {twice} faces that name a vertex twice, and MeshLab makes no layer with such: "
-            "remove them with the filter meshing_remove_null_faces."
+            f"Layer '{layer.label}' has {twice} faces that use a vertex twice, which MeshLab does not accept: remove "
+            "them with the filter meshing_remove_null_faces."
         )
     lost = (~np.isfinite(layer.vertices).all(axis=1)).sum()
     if lost:
         raise MeshError(
-            f"Layer '{layer.label}' has {lost} vertices that are not finite, and MeshLab makes no layer with such: "
-            "remove them with the filter meshing_remove_unreferenced_vertices."
+            f"Layer '{layer.label}' has {lost} vertices that are not finite, which MeshLab does not accept: remove "
+            "them with the filter meshing_remove_unreferenced_vertices."
         )
 
 

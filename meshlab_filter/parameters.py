@@ -102,7 +102,7 @@ COUNT = Type("int", ("RichInt",), "a whole number that is not negative", _is_cou
 NUMBER = Type("float", ("RichFloat", "RichDynamicFloat"), "a number", _is_number, _finite)
 SWITCH = Type("bool", ("RichBool",), "true or false", lambda value: isinstance(value, bool), _truth)
 TEXT = Type("str", ("RichString",), "a text", _is_text, str)
-NAMES = Type("str or list of str", ("RichString",), "a list of names, or a text with commas between", _are_names, str)
+NAMES = Type("str or list of str", ("RichString",), "a list of names, or a text separated by commas", _are_names, str)
 CHOICE = Type("str", ("RichEnum", "RichString"), "one of its choices", _is_text, str)
 LENGTH = Type(
     "PercentageValue", ("RichAbsPerc", "RichPercentage"), "a PercentageValue or a PureValue", _is_length, _length

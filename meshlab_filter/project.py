@@ -58,7 +58,7 @@ def read_project(path: str | Path) -> list[ProjectMesh]:
     root = read_elements(path, "MeshLabProject", PROJECT)
     meshes = [mesh for group in root.find("MeshGroup") for mesh in group.find("MLMesh")]
     if not meshes:
-        raise MeshError(f"The project {path} has no mesh: save one that has.")
+        raise MeshError(f"The project {path} has no mesh: add one and save it again.")
     return [_project_mesh(Path(path), mesh) for mesh in meshes]
 
 
@@ -121,7 +121,7 @@ def _project_mesh(path: Path, element: Element) -> ProjectMesh:
     label = element.attributes.get("label") or name
     if not name:
         raise MeshError(
-            f"Line {element.line} of {path}: the mesh '{label}' is in no file; save it as one, and the project again."
+            f"Line {element.line} of {path}: the mesh '{label}' has no file; export it, and save the project again."
         )
     words = " ".join(matrix.text for matrix in element.find("MLMatrix44")).split() or np.eye(4).ravel()
     try:
@@ -130,7 +130,7 @@ def _project_mesh(path: Path, element: Element) -> ProjectMesh:
             raise ValueError
     except ValueError:
         raise MeshError(
-            f"Line {element.line} of {path}: the mesh '{label}' has a matrix that places nothing; correct it."
+            f"Line {element.line} of {path}: the mesh '{label}' has an invalid matrix; correct it."
         ) from None
     return ProjectMesh(label, _found(path.parent, name), transform, element.attributes.get("visible") != "0")
 

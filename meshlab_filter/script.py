@@ -101,15 +101,13 @@ def _call(path: str | Path, element: Element) -> Call:
 
 def _check_filter(element: Element) -> None:
     if element.tag != "filter":
-        raise MeshError(
-            f"there is a {element.tag} where a filter should be: save the script with MeshLab 2022 or later."
-        )
+        raise MeshError(f"expected a filter, but found a {element.tag}: save the script with MeshLab 2022 or later.")
     if not element.attributes.get("name"):
         raise MeshError("the filter has no name: give one.")
     name = element.attributes["name"]
     if SNAKE_CASE.fullmatch(name) and name not in (known := filter_list()):
         like = get_close_matches(name, known, n=1)
-        remedy = f"is '{like[0]}' meant?" if like else "filter_list() names them all."
+        remedy = f"is '{like[0]}' meant?" if like else "call filter_list() for their names."
         raise MeshError(f"there is no filter '{name}': {remedy}")
 
 
@@ -118,19 +116,19 @@ def _value(child: Element, row: Filter | None) -> tuple[str, Any]:
     missing = [name for name in ("name", "type", "value") if name not in child.attributes]
     name, rich = child.attributes.get("name", ""), child.attributes.get("type", "")
     if child.tag != "Param":
-        raise MeshError(f"there is a {child.tag} where a Param should be: correct it.")
+        raise MeshError(f"expected a Param, but found a {child.tag}: correct it.")
     if rich in OTHER_RICH and row is None:
         return name, None  # several attributes hold the value, and pymeshlab reads them
     if missing:
-        raise MeshError(f"the parameter '{name}' has no {' and no '.join(missing)}: give it.")
+        raise MeshError(f"the parameter '{name}' has no {' or '.join(missing)}: give it.")
     if rich not in RICH_TYPES:
-        raise MeshError(f"'{name}' is of the type {rich}, which is none: give one of {', '.join(RICH_TYPES)}.")
+        raise MeshError(f"'{name}' has the unknown type {rich}: use one of {', '.join(RICH_TYPES)}.")
     if row is None:
         return name, Parameter(name, RICH_TYPES[rich], None, "").read(child.attributes["value"])
     for parameter in row.parameters:
         if parameter.name == name:
             if rich not in parameter.type.rich:
-                raise MeshError(f"'{name}' is of the type {rich}: give it as {' or '.join(parameter.type.rich)}.")
+                raise MeshError(f"'{name}' has the type {rich}: give it as {' or '.join(parameter.type.rich)}.")
             return name, parameter.read(child.attributes["value"])
     known = ", ".join(parameter.name for parameter in row.parameters)
     raise MeshError(f"the filter {row.name} has no parameter '{name}': it has {known}.")
@@ -150,10 +148,12 @@ def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
     import pymeshlab
 
     if ms.mesh_number() == 0:  # pymeshlab would end the process
-        raise MeshError("there is no mesh left to apply a filter to: keep one.")
+        raise MeshError("there is no mesh left to apply a filter to: keep at least one.")
     if call.name in pymeshlab.filter_list():
         if None in call.values.values():
-            raise MeshError(f"'{call.name}' has a parameter that is read only if it is called as in MeshLab's menus.")
+            raise MeshError(
+                f"'{call.name}' has a parameter that is only read if the filter has its name from MeshLab's menus."
+            )
         return apply_filter(ms, call.name, **call.values)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "filter.mlx"
@@ -164,7 +164,7 @@ def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
     except (pymeshlab.PyMeshLabException, RuntimeError) as error:
         said = " ".join(str(error).split())
         if said.startswith(UNKNOWN):
-            raise MeshError(f"neither MeshLab nor this project has a filter '{call.name}': check the name.") from error
+            raise MeshError(f"there is no filter '{call.name}' in MeshLab or this project: check the name.") from error
         raise MeshError(
             f"MeshLab could not apply '{call.name}' ({said}): check its parameters and the mesh."
         ) from error

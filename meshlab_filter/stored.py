@@ -44,9 +44,9 @@ def check_names(mesh: Mesh, names: Iterable[str]) -> None:
     """
     for name in names:
         if not (name.isascii() and name.isidentifier()):
-            raise ValueError(f"'{name}' is no name for an attribute: give letters, digits and underscores.")
+            raise ValueError(f"'{name}' is not a valid attribute name: use letters, digits and underscores.")
         if has_attribute(mesh, name):
-            raise MeshError(f"Layer '{mesh.label()}' has an attribute '{name}' already: give another name.")
+            raise MeshError(f"Layer '{mesh.label()}' already has an attribute '{name}': choose another name.")
 
 
 def attribute_names(name: str) -> tuple[str, ...]:
@@ -96,6 +96,6 @@ def read_stored(mesh: Mesh, name: str, source: Layer) -> Correspondence:
                 surface_map, confidence, attribute_values(mesh, partner_name(name)) > 0.5 if known else None
             )
     raise MeshError(
-        f"The correspondence '{name}' of layer '{mesh.label()}' leads to another source than '{source.label}', or to "
-        "what that was before it changed: find it again, under another name."
+        f"The correspondence '{name}' of layer '{mesh.label()}' belongs to a different source than '{source.label}', "
+        "or to an earlier version of it: compute it again under another name."
     )

@@ -38,7 +38,7 @@ def fault_of_file(path: str | Path, gltf: bool) -> str:
 
 def _fault(path: str | Path, size: int, gltf: bool) -> str:
     if Path(path).suffix.lower() == ".stl" and size < _stated_size(Path(path)):
-        return "it states more triangles than it has"
+        return "it declares more triangles than it contains"
     command = [sys.executable, __file__, str(path), str(MEMORY + MEMORY_PER_BYTE * size), "gltf" if gltf else ""]
     try:
         ran = subprocess.run(
@@ -49,11 +49,11 @@ def _fault(path: str | Path, size: int, gltf: bool) -> str:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return "MeshLab does not come to an end with it"
+        return "MeshLab does not finish reading it"
     if ran.returncode == 0:
         return ""
     lines = ran.stdout.decode(errors="replace").strip().splitlines()
-    return lines[-1] if lines else "MeshLab breaks down on it"
+    return lines[-1] if lines else "MeshLab crashes on it"
 
 
 def _stated_size(path: Path) -> int:
@@ -75,16 +75,16 @@ def _try(path: str, memory: int, gltf: bool) -> str:
         for mesh in meshes:
             faces = mesh.face_matrix()
             if len(faces) and not 0 <= faces.min() <= faces.max() < mesh.vertex_number():
-                return "its faces name vertices that it does not have"
+                return "its faces refer to vertices that it does not have"
     except pymeshlab.PyMeshLabException as error:
         return " ".join(str(error).split())
     except (MemoryError, ValueError, RuntimeError):
-        return "it asks for more memory than it could fill"
+        return "it declares more data than it contains"
     try:
         for mesh in meshes:
             mesh.polygonal_face_list()  # endless where a face lies on the diagonal of another
     except (MemoryError, ValueError, RuntimeError):
-        return "some of its faces lie on one another, which MeshLab cannot join to polygons: triangulate it"
+        return "some of its faces overlap, so MeshLab cannot join them to polygons: triangulate it"
     return ""
 
 

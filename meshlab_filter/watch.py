@@ -92,9 +92,11 @@ class Watch:
         source, *targets = read_project(path)
         *outputs, project = self.outputs(path)
         if not targets:
-            raise MeshError(f"The project {path.name} has one mesh: save one with a source, and then its targets.")
+            raise MeshError(
+                f"The project {path.name} has only one mesh: save a project with a source, followed by its targets."
+            )
         if len({output.name.casefold() for output in outputs}) < len(outputs):
-            raise MeshError(f"Two targets of the project {path.name} have one name: rename one of them.")
+            raise MeshError(f"Two targets of the project {path.name} have the same name: rename one of them.")
         jobs = [Job(target.path, output) for target, output in zip(targets, outputs, strict=True)]
         lines = _transfer(source.path, jobs, self.detail)
         shown = [source]
@@ -148,7 +150,7 @@ def _run_script(script: Path, path: Path, output: Path) -> list[str]:
     textures = load_inputs(ms, path)
     reports = run_script(ms, script)
     if ms.mesh_number() == 0:
-        raise MeshError("No mesh is left to write: keep one.")
+        raise MeshError("The script leaves no mesh to write: keep at least one.")
     save_beside(ms, output, textures, {})
     return [f"{output.name}: {note}" for report in reports for note in report.get("notes", ())]
 

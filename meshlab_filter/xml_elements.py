@@ -68,10 +68,8 @@ def read_elements(path: str | Path, root: str, ending: str) -> Element:
     try:
         parser.Parse(Path(path).read_bytes(), True)
     except ExpatError as error:
-        raise MeshError(f"Line {error.lineno} of {path} is no XML: {ErrorString(error.code)}.") from None
+        raise MeshError(f"Line {error.lineno} of {path} is not valid XML: {ErrorString(error.code)}.") from None
     (found,) = outermost
     if found.tag != root:
-        raise MeshError(
-            f"Line {found.line} of {path} begins a {found.tag}, where a {root} should: give a {ending} file."
-        )
+        raise MeshError(f"Line {found.line} of {path} has a {found.tag} instead of a {root}: give a {ending} file.")
     return found

@@ -20,7 +20,7 @@ def run(commands: str, name: str, extra: str) -> None:
     try:
         _run(commands, name)
     except KeyboardInterrupt:
-        print(f"{name}: interrupted; what was not whole was not written.", file=sys.stderr)
+        print(f"{name}: interrupted; incomplete files were not written.", file=sys.stderr)
         sys.exit(INTERRUPTED)
     except MemoryError:
         sys.exit(f"Error: {import_module('zoomout_core.mesh.memory').NO_MEMORY}")

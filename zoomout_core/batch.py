@@ -89,7 +89,7 @@ def planned(
     for path in (Path(source), *paths):
         if path.resolve().parent == place.resolve() and not in_place:
             raise MeshError(
-                f"{path} is in {output}, where files and textures might take its place: give another folder, or "
+                f"{path} is in {output}, where the output could overwrite it: choose another folder, or pass "
                 "--in-place."
             )
     jobs = [Job(path, place / f"{path.stem}{ending}") for path in paths]
@@ -97,7 +97,7 @@ def planned(
     for job in jobs:
         other = first.setdefault(job.output.name.casefold(), job.target)
         if other is not job.target:
-            raise MeshError(f"{other} and {job.target} would both become {job.output}: rename one of them.")
+            raise MeshError(f"{other} and {job.target} would both be written to {job.output}: rename one of them.")
         if place.is_dir():
             check_output(job.output, [source, *paths], in_place)
     return jobs
@@ -114,7 +114,7 @@ def meshes_of(given: Path, endings: Collection[str], source: Path | None = None)
     files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
     found = [path for path in files if source is None or path.resolve() != source.resolve()]
     if not found:
-        raise MeshError(f"The folder {given} holds no {'other ' if source else ''}meshes: check its name.")
+        raise MeshError(f"The folder {given} contains no {'other ' if source else ''}meshes: check the path.")
     return found
 
 
@@ -185,7 +185,9 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
         for line in others:
             click.echo(f"  {line}")
     failed = sum(bool(outcome.error) for outcome in outcomes)
-    click.echo(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} says how each went.")
+    click.echo(
+        f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each."
+    )
     end_with_code(outcomes)
 
 

@@ -287,4 +287,6 @@ def _row(drawn: list[tuple[Surface, Floats, str]], sides: int, figure: Figure | 
 
 def _check_length(values: Floats | Integers, surface: Surface, what: str) -> None:
     if len(values) != len(surface.vertices):
-        raise ValueError(f"There are {len(values)} {what} for {len(surface.vertices)} vertices: are they of this mesh?")
+        raise ValueError(
+            f"There are {len(values)} {what} for {len(surface.vertices)} vertices: check that they belong to this mesh."
+        )

@@ -67,8 +67,8 @@ def read_landmarks(path: str) -> tuple[RealsOrIntegers, RealsOrIntegers]:
         table = np.array(rows).reshape(len(rows), columns).astype(np.float64 if columns == 6 else np.int64)
     except (ValueError, OverflowError, IndexError):
         raise MeshError(
-            f"{path} is no list of landmarks: give two vertex numbers a line, source and target, or six coordinates, "
-            "of a point on the source and of one on the target."
+            f"{path} is not a list of landmarks: write two vertex numbers (source and target) per line, or six "
+            "coordinates of a source and a target point."
         ) from None
     source, target = np.split(table, 2, axis=1)
     return (source, target) if columns == 6 else (source[:, 0], target[:, 0])

@@ -148,11 +148,11 @@ class TransferJob:
         if self.kept.any() or outside.any():
             how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~(outside | self.kept))
         if self.kept.any():
-            self.remarks.add([f"{self.kept.sum()} vertices without a partner keep what they have."])
+            self.remarks.add([f"{self.kept.sum()} vertices without a partner keep their data."])
         if outside.any():
             names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
-            lie = f"{outside.sum()} vertices lie on objects without it ({names})"
-            self.remarks.add([f"{carried.name}: {lie}, and keep what they have."])
+            lie = f"{outside.sum()} vertices are on objects without this data ({names})"
+            self.remarks.add([f"{carried.name}: {lie}, and keep their data."])
         return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
 
     @cached_property
@@ -177,7 +177,7 @@ class TransferJob:
     def note_replaced(self, what: str) -> None:
         """Say that data of the target is replaced, where others are blended."""
         if not self.blend.replaces:
-            self.remarks.add([f"{what}: not blended with those of '{self.pair.target_name}', but put in their place."])
+            self.remarks.add([f"{what}: replaced those of '{self.pair.target_name}' instead of blending with them."])
 
 
 class Adapter(Protocol):

@@ -105,7 +105,7 @@ def _note_unturned(layers: list[Layer], request: TransferRequest, remarks: Remar
     """Say which names of what is to turn are none of attributes that can."""
     missing = set(request.settings.turning).difference(layer.attribute.name for layer in layers if layer.turning)
     remarks.add(
-        f"{name}: does not turn, as '{request.source.name}' has no vectors, quaternions or matrices of this name."
+        f"{name}: not rotated, because '{request.source.name}' has no vectors, quaternions or matrices of this name."
         for name in sorted(missing)
     )
 
@@ -129,4 +129,4 @@ def _check_names(layers: list[Layer], target: Object, remarks: Remarks) -> None:
                 f"'{name}' is an attribute of the source but a vertex group of '{target.name}': rename one of them."
             )
         if name in attributes and not mesh_data.fits(attributes[name], layer):
-            remarks.notes.append(f"{name}: replaced an attribute of '{target.name}' that was of another type.")
+            remarks.notes.append(f"{name}: replaced an attribute of '{target.name}' of another type.")

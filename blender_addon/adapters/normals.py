@@ -47,7 +47,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     flat = [source.name for source, *_ in request.sources if mesh_data.is_flat(source)]
     if flat:
-        remarks.skipped["custom normals"] = f"'{flat[0]}' has a scale of zero, so that they point nowhere"
+        remarks.skipped["custom normals"] = f"'{flat[0]}' has a scale of zero, so its normals have no direction"
         return []
     normals = mesh_data.read_joined_normals(request.sources)
     if normals is None:

@@ -95,6 +95,6 @@ def parse_group_names(text: str) -> dict[str, str]:
     for pair in parse_names(text):
         old, equals, new = (part.strip() for part in pair.partition("="))
         if not (old and equals and new):
-            raise zo.MeshError(f"New group names are given as 'old = new, old = new', and '{pair}' is no pair.")
+            raise zo.MeshError(f"Write new group names as 'old = new, old = new': '{pair}' is not such a pair.")
         names[old] = new
     return names

@@ -103,8 +103,8 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         check_takes_keys(request.target, [request.source.name])
         if any(modifier.show_viewport for modifier in request.target.modifiers):
             remarks.notes.append(
-                f"The key '{request.source.name}' has the shape that is seen of the source, and the modifiers of "
-                f"'{request.target.name}' act on it as well."
+                f"The key '{request.source.name}' stores the visible shape of the source, and the modifiers of "
+                f"'{request.target.name}' deform it further."
             )
         found.append(ShapeAdapter(request.source.name, mesh_data.origin(request.source)))
     return found
@@ -166,7 +166,7 @@ def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeK
     found = mesh_data.read_shape_keys(source, faces)
     if found is None:
         remarks.skipped["shape keys"] = (
-            f"modifiers of '{source.name}' make other faces when a key is played alone: disable those that add or "
+            f"modifiers of '{source.name}' change its faces when a single key is active: disable those that add or "
             "remove vertices"
         )
         return None
@@ -177,7 +177,7 @@ def _keys_of(source: Object, faces: mesh_data.Faces, remarks: Remarks) -> ShapeK
 def check_takes_keys(target: Object, names: Sequence[str]) -> None:
     """Raise a MeshError if an object cannot take shape keys of some names."""
     if mesh_data.is_flat(target):
-        raise zo.MeshError(f"'{target.name}' has a scale of zero, so that it takes no shape keys: give it another.")
+        raise zo.MeshError(f"'{target.name}' has a scale of zero and cannot have shape keys: change its scale.")
     keys = target.data.shape_keys
     if keys is None:
         return
@@ -185,8 +185,8 @@ def check_takes_keys(target: Object, names: Sequence[str]) -> None:
         raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
     if keys.reference_key.name in names:
         raise zo.MeshError(
-            f"'{keys.reference_key.name}' is the first shape key of '{target.name}', which the others start from: "
-            "rename it."
+            f"'{keys.reference_key.name}' is the Basis shape key of '{target.name}': rename the source's key or this "
+            "one."
         )
 
 
@@ -196,8 +196,8 @@ def _note_masks(keys: Sequence[ShapeKey], request: TransferRequest, remarks: Rem
         masks -= {group.name for source in request.sources for group in source.original.vertex_groups}
     if masks:
         remarks.notes.append(
-            f"Shape keys are limited to vertex groups that '{request.target.name}' lacks ({', '.join(sorted(masks))}): "
-            "transfer these as well."
+            f"Shape keys use vertex groups that '{request.target.name}' lacks ({', '.join(sorted(masks))}): transfer "
+            "these as well."
         )
 
 
@@ -207,6 +207,6 @@ def _note_animation(source: Object, target: Object, remarks: Remarks) -> None:
     if played is None:
         return
     if played.action and own and own.action:
-        remarks.add([f"The shape keys of '{target.name}' keep the action that they have."])
+        remarks.add([f"The shape keys of '{target.name}' keep their current action."])
     if played.nla_tracks:
-        remarks.skipped["NLA tracks of shape keys"] = "they are not transferred: their keys' drivers and action are"
+        remarks.skipped["NLA tracks of shape keys"] = "they are not transferred, unlike the keys' drivers and action"

@@ -64,14 +64,14 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         return []
     if weights.values.nnz == 0:
         remarks.notes.append(
-            f"As its modifiers leave it, '{request.source.name}' has no weights: its vertex groups arrive empty."
+            f"After its modifiers, '{request.source.name}' has no weights, so its vertex groups are transferred empty."
         )
     labels = tuple(weights.labels[i] for i in open_columns)
     hidden = [name for name in labels if name in target.data.attributes]
     if hidden:
         remarks.notes.append(
-            f"'{target.name}' has attributes with the names of vertex groups ({', '.join(hidden)}): rename them, "
-            "or modifiers may confuse the two."
+            f"'{target.name}' has attributes with the same names as vertex groups ({', '.join(hidden)}): rename "
+            "them, because modifiers may confuse the two."
         )
     deforming = _deforming_groups(weights, lacking, request, remarks)
     columns = [i for i, name in enumerate(weights.labels) if name in deforming]
@@ -109,10 +109,10 @@ def _deforming_groups(
     skin = sum_to_one(weights.values[rows])
     name = request.source.name
     remarks.notes.append(
-        f"No armature has bones with the names of the vertex groups of '{name}', which sum to one on every vertex: "
-        "they were taken for skin weights."
+        f"No armature has bones named like the vertex groups of '{name}': they sum to one on every vertex, and were "
+        "treated as bone weights."
         if skin
-        else f"No armature has bones with the names of the vertex groups of '{name}', which were taken for masks."
+        else f"No armature has bones named like the vertex groups of '{name}': they were treated as masks."
     )
     return set(weights.labels) if skin else set()
 

@@ -65,7 +65,7 @@ def main(command_line: Sequence[str]) -> int:
         with interrupts_heard():
             return _run(command_line)
     except KeyboardInterrupt:
-        print("zoomout: interrupted; what was not whole was not written.", file=sys.stderr)
+        print("zoomout: interrupted; incomplete files were not written.", file=sys.stderr)
         return INTERRUPTED
     finally:
         signal.signal(signal.SIGINT, before or signal.SIG_DFL)

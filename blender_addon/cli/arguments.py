@@ -56,22 +56,22 @@ def as_in_sidebar(options: argparse.Namespace, *groups: type) -> Any:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=f"blender --background FILE.blend --command {NAME}",
-        description="Match meshes of a file across pose and topology, transfer data between them, and find the "
-        "symmetries of one.",
+        description="Match meshes of a file across pose and topology, transfer data between them, and find their "
+        "symmetries.",
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    match = commands.add_parser("match", help="match targets with a source, and keep the matches in the file")
+    match = commands.add_parser("match", help="match targets with a source, and store the matches in the file")
     _add_pair(match)
     transfer = commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
     _add_pair(transfer)
     transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(transfer, group)
-    wrap = commands.add_parser("wrap", help="give targets the shape of a source, or a source that of a target")
+    wrap = commands.add_parser("wrap", help="deform targets to the shape of a source, or a source to that of a target")
     _add_objects(wrap)
     _add_options(wrap, MatchOptions)
     _add_options(wrap, WrapOptions)
-    dress = commands.add_parser("dress", help="copy clothes, hair and other things of a source onto targets")
+    dress = commands.add_parser("dress", help="fit copies of a source's clothes, hair and other objects to targets")
     _add_objects(dress)
     dress.add_argument(
         "--thing", action="append", dest="things", default=[], metavar="NAME", help="object; may be repeated"
@@ -79,37 +79,38 @@ def _parser() -> argparse.ArgumentParser:
     dress.add_argument("--collection", metavar="NAME", help="collection of such objects")
     _add_options(dress, MatchOptions)
     _add_options(dress, DressOptions)
-    _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and what is done along it"))
+    _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and mirror their data along it"))
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
-    _add_surface(commands.add_parser("surface", help="write what is shown in a file as one surface"))
+    _add_surface(commands.add_parser("surface", help="write the visible meshes of a file as one surface"))
     for name, command in commands.choices.items():
-        when = "if all was done" if name == "symmetry" else "when at least one target is done"
+        when = "if everything succeeds" if name == "symmetry" else "if at least one target succeeds"
         if name != "surface":
             command.add_argument(
                 "--save",
                 metavar="OUT.blend",
                 help=f"save the file there {when}, or export it to .fbx, .glb, .gltf, .obj or .ply",
             )
-        command.add_argument("--report", metavar="REPORT.json", help="write what was done")
-        command.add_argument("--in-place", action="store_true", help="these may take the place of a file that is read")
+        command.add_argument("--report", metavar="REPORT.json", help="write a report")
+        command.add_argument("--in-place", action="store_true", help="allow outputs to overwrite input files")
     return parser
 
 
 def _add_carry(parser: argparse.ArgumentParser) -> None:
     """Add options of a transfer between files."""
     parser.description = (
-        "Transfer what the visible meshes of the file SOURCE have to those of the file TARGET. Each file is matched as "
-        "one body, unless a map is given. Files are .blend, or what Blender imports: .fbx, .glb, .gltf, .obj, .ply, "
-        ".stl. What the targets do not use is left behind."
+        "Transfer the data of the visible meshes in the file SOURCE to those in the file TARGET. Each file is "
+        "matched as one body, unless a map is given. Supported files are .blend, .fbx, .glb, .gltf, .obj, .ply and "
+        ".stl. Data that the targets do not use is not copied."
     )
-    parser.add_argument("source", metavar="SOURCE", help="file that has the data")
-    parser.add_argument("target", metavar="TARGET", help="file that receives it")
+    parser.add_argument("source", metavar="SOURCE", help="file to copy data from")
+    parser.add_argument("target", metavar="TARGET", help="file that receives the data")
     parser.add_argument(
-        "--map", default="", metavar="MAP.npz", help="map that `zoomout match` made of what `surface` wrote of both"
+        "--map",
+        default="",
+        metavar="MAP.npz",
+        help="map that `zoomout match` computed from the surfaces of both files, as written by `surface`",
     )
-    parser.add_argument(
-        "--detail", choices=tuple(DETAIL), default="balanced", help="of the match, where no map is given"
-    )
+    parser.add_argument("--detail", choices=tuple(DETAIL), default="balanced", help="for the match, if no map is given")
     parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(parser, group)
@@ -121,20 +122,20 @@ def _add_surface(parser: argparse.ArgumentParser) -> None:
         "Write the visible meshes of a file, joined, in world space and in triangles, as a PLY file, which "
         "`zoomout match` reads."
     )
-    parser.add_argument("file", metavar="FILE", help="file, as of `carry`")
+    parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
     parser.add_argument(
         "--role",
         choices=("source", "target"),
         default="target",
-        help="as what the file takes part in a transfer: a source is read as its modifiers leave it, of a target the "
-        "mesh itself, where armatures and shape keys move it (default: target)",
+        help="role of the file in a transfer: a source is read with its modifiers, a target without them but in its "
+        "pose (default: target)",
     )
-    parser.add_argument("--save", required=True, metavar="OUT.ply", help="write the surface there")
+    parser.add_argument("--save", required=True, metavar="OUT.ply", help="path of the surface file to write")
 
 
 def _add_objects(parser: argparse.ArgumentParser) -> None:
     """Add options that name a source and its targets."""
-    parser.add_argument("--source", metavar="NAME", help="object that has the data")
+    parser.add_argument("--source", metavar="NAME", help="object to copy data from")
     parser.add_argument(
         "--target", action="append", dest="targets", default=[], metavar="NAME", help="object; may be repeated"
     )
@@ -143,8 +144,8 @@ def _add_objects(parser: argparse.ArgumentParser) -> None:
 def _add_pair(parser: argparse.ArgumentParser) -> None:
     """Add options of who is matched, and how."""
     _add_objects(parser)
-    parser.add_argument("--source-collection", metavar="NAME", help="collection whose meshes have the data")
-    parser.add_argument("--target-collection", metavar="NAME", help="collection whose meshes receive it, part by part")
+    parser.add_argument("--source-collection", metavar="NAME", help="collection of the meshes to copy data from")
+    parser.add_argument("--target-collection", metavar="NAME", help="collection of the meshes that receive the data")
     _add_options(parser, MatchOptions)
 
 
@@ -159,22 +160,26 @@ def _check_pair(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
 def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     """Add options of a mesh's own symmetry."""
     parser.description = (
-        "Find the symmetries of objects, in any pose, and keep them in the file; then do what is asked for along "
-        "the one that is used, in the order of these options. Where an object already has one, that is used."
+        "Find the symmetries of objects, in any pose, and store them in the file; then mirror data along the chosen "
+        "symmetry, in the order of these options. A symmetry that is already stored is reused."
     )
     parser.add_argument(
         "--object", required=True, action="append", dest="objects", metavar="NAME", help="object; may be repeated"
     )
-    parser.add_argument("--anew", action="store_true", help="find symmetries even where an object has some")
+    parser.add_argument("--anew", action="store_true", help="find symmetries again, even if an object has some")
     _add_options(parser, DetectOptions)
-    parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth that was found")
-    parser.add_argument("--swap-sides", action="store_true", help="take left for right")
-    parser.add_argument("--name-sides", action="store_true", help="make vertex groups of the sides")
+    parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth symmetry found")
+    parser.add_argument("--swap-sides", action="store_true", help="swap left and right")
+    parser.add_argument("--name-sides", action="store_true", help="create vertex groups for the sides")
     _add_options(parser, SideOptions)
-    parser.add_argument("--symmetrise-weights", action="store_true", help="make vertex groups the same on both sides")
+    parser.add_argument("--symmetrise-weights", action="store_true", help="make vertex groups symmetric")
     _add_options(parser, DirectionOptions)
     parser.add_argument(
-        "--mirror-shape-keys", nargs="+", default=(), metavar="KEY", help="make keys from these, as --key-mode says"
+        "--mirror-shape-keys",
+        nargs="+",
+        default=(),
+        metavar="KEY",
+        help=("create mirrored keys from these, as set by --key-mode"),
     )
     _add_options(parser, KeyOptions)
     parser.add_argument(
@@ -182,7 +187,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     )
     _add_options(parser, LayerOptions, ["uv_layout"])
     parser.add_argument(
-        "--check", nargs="+", choices=CHECKS, default=(), help="report how far the sides differ in these, at the end"
+        "--check", nargs="+", choices=CHECKS, default=(), help="finally, report how much the sides differ in these"
     )
 
 

@@ -69,7 +69,7 @@ def read_joined_layers(
         parts = [layers.get(name) for layers in found]
         for obj, part in zip(objects, parts, strict=True):
             if part is not None and not _alike(part, first):
-                skipped[f"{name} of '{obj.original.name}'"] = "it is of another type than on other objects"
+                skipped[f"{name} of '{obj.original.name}'"] = "it has another type on other objects"
         of_one_type = [part if part is not None and _alike(part, first) else None for part in parts]
         joined.append(
             JoinedLayer(

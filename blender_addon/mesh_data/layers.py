@@ -157,11 +157,11 @@ def untransferable_data(obj: Object, mesh: Mesh) -> dict[str, str]:
         mesh: its mesh as the modifiers leave it.
     """
     found = (
-        ("skin radii", bool(mesh.skin_vertices), "they belong to the edges that the Skin modifier grows a mesh from"),
+        ("skin radii", bool(mesh.skin_vertices), "they belong to the edges used by the Skin modifier"),
         (
             "multires displacement",
             any(modifier.type == "MULTIRES" for modifier in obj.modifiers),
-            "it is bound to the faces of the source's own mesh",
+            "it depends on the faces of the source mesh",
         ),
     )
     return {name: reason for name, present, reason in found if present}
@@ -177,13 +177,13 @@ def _kind(attribute: bpy.types.Attribute, role: Role, turning: bool) -> Kind:
 def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
     name = attribute.name
     if name.startswith(EDITING_STATES):
-        return "they belong to the editing of the source's own mesh"
+        return "they belong to the editing state of the source mesh"
     if name.startswith(SYMMETRY_ATTRIBUTES):
-        return "it maps the source's own mesh onto itself"
+        return "it maps the source mesh onto itself"
     if name in MATCH_ATTRIBUTES or name == HAS_PARTNER:
-        return "it belongs to a match that the source itself is the target of"
+        return "it belongs to a match in which the source is the target"
     if name.startswith(PINS):
-        return "pins of UVs are set for one unwrapping of one mesh"
+        return "UV pins belong to a single unwrapping of a single mesh"
     if attribute.is_internal and name not in SCULPTED:
         return "it is internal to Blender"
     if attribute.data_type not in STORAGE:

@@ -76,7 +76,8 @@ def check_evaluated(obj: Object, depsgraph: Depsgraph) -> Object:
     evaluated = obj.evaluated_get(depsgraph)
     if not evaluated.is_evaluated:
         raise zo.MeshError(
-            f"'{obj.name}' or its collection is disabled in the viewport: enable it, so that its modifiers work."
+            f"'{obj.name}' or its collection is disabled in the viewport: enable it, because its modifiers are not "
+            "evaluated."
         )
     return evaluated
 
@@ -221,4 +222,7 @@ def without_faces(obj: Object) -> str:
     if not making:
         return f"'{obj.name}' has no faces: choose a mesh with a surface."
     names = ", ".join(f"'{name}'" for name in making)
-    return f"Apply {names} on '{obj.name}': data is written to the mesh itself, which has no faces without it."
+    return (
+        f"The mesh of '{obj.name}' has no faces before its modifiers: apply {names}, because data is written to the "
+        "mesh itself."
+    )

@@ -64,7 +64,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
         MeshError: it is of another type, has no points, or is not evaluated.
     """
     if obj.type not in TYPES:
-        raise zo.MeshError(f"'{obj.name}' is neither a mesh nor hair curves: convert it to one of these.")
+        raise zo.MeshError(f"'{obj.name}' is neither a mesh nor hair curves: convert it to one of them.")
     stood = matrix_at_rest(obj) if at_rest else world_matrix(obj)
     return Worn(
         obj.name,
@@ -128,7 +128,9 @@ def add_worn_copy(
         _free(copy)
         if copy.type == "MESH" and copy.data.shape_keys and is_deformed and not stands_as_modelled(obj, seen):
             copy.shape_key_clear()
-            notes.append(f"The shape keys of '{obj.name}' were left out, because it is deformed: undo that first.")
+            notes.append(
+                f"The shape keys of '{obj.name}' were left out, because it is deformed: undo the deformation first."
+            )
     _write_positions(copy, worn, positions, turns, place)
     if not worn.at_rest or copy.parent in bodies:
         put(copy, wearer, place)
@@ -224,7 +226,9 @@ def _refer_to(copy: Object, wearer: Object, bodies: Collection[Object]) -> list[
             if modifier.type in BOUND_TO_VERTICES:
                 name = modifier.name
                 copy.modifiers.remove(modifier)
-                notes.append(f"'{copy.name}' is not bound by '{name}', which holds for another mesh: bind it anew.")
+                notes.append(
+                    f"'{copy.name}' is no longer bound by '{name}', which was bound to another mesh: bind it again."
+                )
                 break
             setattr(modifier, prop.identifier, wearer)
     return notes

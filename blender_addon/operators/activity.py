@@ -5,7 +5,7 @@ from __future__ import annotations
 from zoomout_core.runtime.progress import Progress
 
 # Why no other operator can start meanwhile, as a text for a button.
-AT_WORK = "ZoomOut is at work: wait, or press ESC"
+AT_WORK = "ZoomOut is running: wait, or press ESC"
 
 # The progress, or None where no operator is running.
 running: Progress | None = None

@@ -12,8 +12,8 @@ class ZOOMOUT_OT_bend_match(MatchedOperator):
     bl_idname = "zoomout.bend_match"
     bl_label = "Bend Match to Landmarks"
     bl_description = (
-        "Bend the match of the active mesh near the landmarks that it misses, so that it meets them, without matching "
-        "again; all that is farther away stays. Where a landmark is far off, match again"
+        "Correct the match of the active mesh near landmarks that it misses, without matching again; the rest of the "
+        "match is kept. If a landmark is far off, match again instead"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -21,9 +21,8 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
     bl_idname = "zoomout.bind_to_rig"
     bl_label = "Bind to Rig"
     bl_description = (
-        "Transfer the vertex groups to the active mesh, and to the other selected ones, take them to the rest pose, "
-        "and bind them to the source's armature, so that its bones pose them at once. They are matched first where "
-        "they are not yet"
+        "Transfer vertex groups to the active mesh and the other selected ones, move them to Rest Position, and bind "
+        "them to the source's armature. Meshes without a match are matched first"
     )
     bl_options = {"REGISTER", "UNDO"}
 

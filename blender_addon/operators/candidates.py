@@ -41,14 +41,14 @@ class ZOOMOUT_OT_use_candidate(CandidateOperator):
     bl_idname = "zoomout.use_candidate"
     bl_label = "Use Candidate"
     bl_description = (
-        "Put this one of the maps that were found in the place of the match. The number is how likely it is right; "
-        "mirrored ones are for a target that is a mirror image"
+        "Replace the match with this candidate. The number is the probability that it is correct; mirrored "
+        "candidates are for targets that are mirror images of the source"
     )
     bl_options = {"REGISTER", "UNDO"}
 
     candidate: IntProperty(
         name="Candidate",
-        description="Number in the list, from 1; at 0 the one after the one that is used",
+        description="Number in the list, starting at 1; 0 uses the candidate after the current one",
         default=0,
         min=0,
         options={"SKIP_SAVE"},
@@ -56,18 +56,20 @@ class ZOOMOUT_OT_use_candidate(CandidateOperator):
 
     def place(self, listing: CandidateList) -> int:
         if self.candidate > len(listing.candidates):
-            raise zo.MeshError(f"There is no candidate {self.candidate}: {len(listing.candidates)} are listed.")
+            raise zo.MeshError(f"There is no candidate {self.candidate}: the list has {len(listing.candidates)}.")
         return self.candidate - 1 if self.candidate else (listing.chosen + 1) % len(listing.candidates)
 
 
 class ZOOMOUT_OT_swap_match_sides(CandidateOperator):
     bl_idname = "zoomout.swap_match_sides"
     bl_label = "Swap Sides of Match"
-    bl_description = "Use the map that has left and right the other way round"
+    bl_description = "Use the candidate with left and right swapped"
     bl_options = {"REGISTER", "UNDO"}
 
     def place(self, listing: CandidateList) -> int:
         swapped = side_swapped(listing)
         if swapped is None:
-            raise zo.MeshError("None of the candidates swaps the sides: set a landmark on one side, then match again.")
+            raise zo.MeshError(
+                "None of the candidates swaps the sides: place a landmark on one side, then match again."
+            )
         return swapped

@@ -12,10 +12,10 @@ from ..adapters import USUAL_DATA
 class ZOOMOUT_OT_choose_data(Operator):
     bl_idname = "zoomout.choose_data"
     bl_label = "Choose Data"
-    bl_description = "Choose all the data that a target may lack, or none"
+    bl_description = "Turn on all kinds of data to transfer, or turn them off"
     bl_options = {"REGISTER", "UNDO", "INTERNAL"}
 
-    every: BoolProperty(name="All", description="Choose all rather than none", default=True)
+    every: BoolProperty(name="All", description="Turn everything on instead of off", default=True)
 
     def execute(self, context: Context) -> set[str]:
         """Set the check marks."""

@@ -16,7 +16,7 @@ from .modal_operator import ModalOperator
 
 OF_FILE = (
     "Remove all matches, candidates, reports, symmetries and landmarks from all meshes and scenes of this file. "
-    "What was transferred stays"
+    "Transferred data is kept"
 )
 
 
@@ -25,7 +25,7 @@ class ZOOMOUT_OT_clear_match_data(ModalOperator):
     bl_label = "Clear Match Data"
     bl_description = (
         "Remove matches, candidates, reports, symmetries and landmarks from the active mesh and the other selected "
-        "ones. What was transferred stays"
+        "ones. Transferred data is kept"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -14,8 +14,8 @@ class ZOOMOUT_OT_cut_seams(SourceName, ModalOperator):
     bl_idname = "zoomout.cut_seams"
     bl_label = "Cut Along Seams"
     bl_description = (
-        "Add vertices and edges to the active mesh where the seams of the source's active UV map run, so that islands "
-        "end there exactly. This changes the mesh's topology; its match is kept, so transfer afterwards"
+        "Cut the active mesh along the seams of the source's active UV map, so that UV islands end exactly there. "
+        "This changes the topology but keeps the match, so transfer afterwards"
     )
     bl_options = {"REGISTER", "UNDO"}
 

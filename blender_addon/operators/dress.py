@@ -24,15 +24,15 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
     bl_idname = "zoomout.dress"
     bl_label = "Dress"
     bl_description = (
-        "Copy clothes, hair, eyes and other things of the source onto the active mesh, fitted to its body along their "
-        "match and bound to the same rig: all objects of the collection chosen in the sidebar, else those that are "
-        "selected besides the source"
+        "Fit copies of the source's clothes, hair, eyes and other objects to the active mesh, and bind them to the "
+        "same rig. Uses the collection chosen in the sidebar, otherwise the objects selected besides the source and "
+        "the target"
     )
     bl_options = {"REGISTER", "UNDO"}
 
     collection: StringProperty(
         name="Collection",
-        description="Name of the collection of what is carried; if empty, the one chosen in the sidebar",
+        description="Name of the collection to fit; if empty, the one chosen in the sidebar",
         options=ONCE,
     )
 
@@ -47,7 +47,7 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
         target = context.active_object
         source = source_of_worn(context, target, self.source)
         if source == target.name:
-            raise zo.MeshError("Make the mesh active that is to be dressed: the active one is the source.")
+            raise zo.MeshError("The active mesh is the source: make the mesh to dress active.")
         names = worn_names(context, source, target.name, self.collection)
         dressing = Dressing(**self.dress_options())
         repeated, options = self.options.is_repeat, self.match_options()

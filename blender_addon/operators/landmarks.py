@@ -64,8 +64,8 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
     bl_idname = "zoomout.landmarks_from_selected"
     bl_label = "Landmarks from Selected Vertices"
     bl_description = (
-        "Place a landmark on each selected vertex of the source and of the target, in the order of the selection: "
-        "the first of one corresponds to the first of the other"
+        "Place a landmark on each selected vertex of the source and the target, in the order of selection: the first "
+        "vertex of one corresponds to the first of the other"
     )
 
     @classmethod
@@ -86,9 +86,9 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
         selected = {obj: self._selected.get(obj.name, []) for obj in objects}
         count = sum(map(len, selected.values()))
         if not count:
-            raise zo.MeshError("No vertex of the source or of a target is selected: select some.")
+            raise zo.MeshError("No vertex of the source or of a target is selected: select at least one.")
         if count > MOST_SELECTED:
-            raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select single ones.")
+            raise zo.MeshError(f"{count} vertices are selected, more than {MOST_SELECTED}: select fewer.")
         depsgraph = context.evaluated_depsgraph_get()
         places = {obj: [surface_point_of_vertex(obj, vertex, depsgraph) for vertex in selected[obj]] for obj in objects}
         numbers = set()
@@ -107,7 +107,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
     bl_idname = "zoomout.import_landmarks"
     bl_label = "Import Landmarks"
-    bl_description = "Place landmarks where the source and the target have something of the same name"
+    bl_description = "Place landmarks at vertex groups or empties that have the same name on the source and the target"
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Place them."""
@@ -118,7 +118,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
 class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
     bl_idname = "zoomout.confirm_landmarks"
     bl_label = "Confirm Proposed Landmarks"
-    bl_description = "Take all partners of landmarks that the match proposes, drawn as pale dots, as they are"
+    bl_description = "Accept all landmark positions that the match proposed, drawn as pale dots"
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Confirm them."""
@@ -128,7 +128,7 @@ class ZOOMOUT_OT_confirm_landmarks(LandmarkOperator):
 class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
     bl_idname = "zoomout.remove_landmark"
     bl_label = "Remove Landmark"
-    bl_description = "Remove the landmark that is chosen in the list from the source and the targets"
+    bl_description = "Remove the active landmark of the list from the source and the targets"
 
     @classmethod
     def poll(cls, context: Context) -> bool:

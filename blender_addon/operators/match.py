@@ -22,9 +22,9 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
     bl_idname = "zoomout.match"
     bl_label = "Match"
     bl_description = (
-        "Find where on the source each vertex of the active mesh, and of the other selected ones, belongs, whatever "
-        "their poses and topologies. The source is the mesh chosen in the sidebar; if none is chosen, the one "
-        "selected besides the active mesh"
+        "Match each vertex of the active mesh, and of the other selected ones, to the source, across poses and "
+        "topologies. The source is the mesh chosen in the sidebar; if none is chosen, the one selected besides the "
+        "active mesh"
     )
     bl_options = {"REGISTER", "UNDO"}
 

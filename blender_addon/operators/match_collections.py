@@ -18,8 +18,8 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
     bl_idname = "zoomout.match_collections"
     bl_label = "Match Collections"
     bl_description = (
-        "Match the meshes of both collections as one body: each mesh of the target's, as body, eyes and clothes, with "
-        "those of the source's that it lies on; names that are alike help"
+        "Match two characters that consist of several meshes, such as body, eyes and clothes. Each mesh of the "
+        "target collection is matched to its counterparts in the source collection; similar names help"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -38,9 +38,9 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     bl_idname = "zoomout.place_landmarks"
     bl_label = "Place Landmarks"
     bl_description = (
-        "Click on the source and on the target, in turn, at places that correspond; drag a dot to move it. Where the "
-        "two are matched, the partner is proposed: drag it, or click on it to confirm it. "
-        "Backspace takes the last one back, ESC or the right mouse button ends"
+        "Click corresponding points on the source and the target in turn; drag a dot to move it. If the two are "
+        "matched, the partner is proposed: drag it, or click it to confirm. Backspace removes the last landmark, ESC "
+        "or the right mouse button finishes"
     )
     bl_options = {"REGISTER"}  # each click is an undo step of its own
 
@@ -55,7 +55,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Begin to follow the mouse."""
         if not modal.can_begin(context.window):
-            text = "Landmarks are placed with the mouse: move it over a 3D view, and try again"
+            text = "Landmarks are placed with the mouse: move it over a 3D viewport, and try again"
             self.report({"ERROR"}, reported(text))
             return {"CANCELLED"}
         self._left = modes.leave(context, self)
@@ -106,7 +106,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         objects = self._present(context)
         hit = _first_hit(context, objects, pointed)
         if hit is None:
-            self.report({"INFO"}, reported(f"Nothing was hit there: click on one of these: {_names(objects)}"))
+            self.report({"INFO"}, reported(f"There is no surface here: click on {_names(objects)}"))
             return {"RUNNING_MODAL"}
         obj, place = hit
         number = next_number(context.scene, obj, objects)
@@ -172,8 +172,8 @@ def _advice(context: Context, objects: list[Object]) -> str:
         by_dot = ", or drag or click its pale dot" if proposed else ""
         task = f"Landmark {number}: click on '{obj.name}'{by_dot}"
     else:
-        task = f"Click on one of these: {_names(objects)}"
-    return f"{task}  |  Drag a dot to move it  |  Backspace: take back  |  ESC or right click: end"
+        task = f"Click on {_names(objects)}"
+    return f"{task}  |  Drag a dot to move it  |  Backspace: undo  |  ESC or right click: finish"
 
 
 def _names(objects: list[Object]) -> str:

@@ -22,7 +22,7 @@ class ZOOMOUT_OT_preview(ModalOperator):
     bl_idname = "zoomout.preview"
     bl_label = "Show Match or Symmetry"
     bl_description = (
-        "Show the match or the symmetry of the active mesh by colors in the viewport. Nothing in the file is changed"
+        "Show the match or the symmetry of the active mesh as colors in the viewport. This does not change the file"
     )
     bl_options = {"REGISTER"}
 
@@ -53,7 +53,7 @@ class ZOOMOUT_OT_preview(ModalOperator):
 class ZOOMOUT_OT_clear_preview(Operator):
     bl_idname = "zoomout.clear_preview"
     bl_label = "Hide Colors"
-    bl_description = "Take the colors away; the viewport is as it was before"
+    bl_description = "Remove the colors and restore the viewport"
     bl_options = {"REGISTER"}
 
     @classmethod

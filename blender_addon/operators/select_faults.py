@@ -25,14 +25,14 @@ class SelectOperator(MatchedOperator):
 class ZOOMOUT_OT_select_doubtful(SelectOperator):
     bl_idname = "zoomout.select_doubtful"
     bl_label = "Select Doubtful"
-    bl_description = "Select the vertices of the active mesh whose match is of low confidence, for Edit Mode"
+    bl_description = "Select the vertices of the active mesh with low match confidence, to check them in Edit Mode"
     what = DOUBTFUL
 
 
 class ZOOMOUT_OT_select_flipped(SelectOperator):
     bl_idname = "zoomout.select_flipped"
     bl_label = "Select Flipped"
-    bl_description = "Select the faces of the active mesh that the match turns over, for Edit Mode"
+    bl_description = "Select the faces of the active mesh that the match flips, to check them in Edit Mode"
     what = FLIPPED
     selecting = (False, False, True)
 
@@ -41,8 +41,8 @@ class ZOOMOUT_OT_select_without_partner(SelectOperator):
     bl_idname = "zoomout.select_without_partner"
     bl_label = "Select Without Partner"
     bl_description = (
-        "Select the vertices of the active mesh to which nothing on the source corresponds, and those of the source "
-        "to which nothing on it does, for Edit Mode"
+        "Select the vertices of the active mesh and of the source that have no counterpart on the other mesh, to "
+        "check them in Edit Mode"
     )
     what = WITHOUT_PARTNER
 

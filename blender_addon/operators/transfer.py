@@ -26,9 +26,9 @@ class ZOOMOUT_OT_transfer(
     bl_idname = "zoomout.transfer"
     bl_label = "Transfer"
     bl_description = (
-        "Transfer data from the source to the active mesh, and to the other selected ones, along their matches; they "
-        "are matched first where they are not yet. The source is chosen as for matching, else it is the one that was "
-        "matched"
+        "Transfer data from the source to the active mesh, and to the other selected ones, through their matches. "
+        "Meshes without a match are matched first. The source is chosen as for matching, otherwise it is the one "
+        "that was matched"
     )
     bl_options = {"REGISTER", "UNDO"}
 

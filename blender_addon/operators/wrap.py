@@ -21,8 +21,8 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
     bl_idname = "zoomout.wrap"
     bl_label = "Wrap"
     bl_description = (
-        "Give the topology of the active mesh, and of the other selected ones, the shape of the source, along their "
-        "matches; they are matched first where they are not yet"
+        "Deform the active mesh, and the other selected ones, to the shape of the source, keeping their topology. "
+        "Meshes without a match are matched first"
     )
     bl_options = {"REGISTER", "UNDO"}
 

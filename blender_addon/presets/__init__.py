@@ -42,7 +42,7 @@ class SettingsPreset(AddPresetBase):
 class ZOOMOUT_OT_add_match_preset(SettingsPreset, Operator):
     bl_idname = "zoomout.add_match_preset"
     bl_label = "Add Match Preset"
-    bl_description = "Keep the options of the match by a name, or remove a preset"
+    bl_description = "Save the match options as a preset, or remove a preset"
     preset_menu = ZOOMOUT_PT_match_presets.__name__
     preset_subdir = ZOOMOUT_PT_match_presets.preset_subdir
     preset_values = tuple(f"settings.{name}" for name in MatchOptions.__annotations__)
@@ -51,7 +51,7 @@ class ZOOMOUT_OT_add_match_preset(SettingsPreset, Operator):
 class ZOOMOUT_OT_add_transfer_preset(SettingsPreset, Operator):
     bl_idname = "zoomout.add_transfer_preset"
     bl_label = "Add Transfer Preset"
-    bl_description = "Keep the options of the transfer by a name, or remove a preset"
+    bl_description = "Save the transfer options as a preset, or remove a preset"
     preset_menu = ZOOMOUT_PT_transfer_presets.__name__
     preset_subdir = ZOOMOUT_PT_transfer_presets.preset_subdir
     preset_values = tuple(

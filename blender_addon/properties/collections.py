@@ -12,11 +12,11 @@ class CollectionSettings:
 
     source_collection: PointerProperty(
         name="Source",
-        description="The collection whose meshes have the data",
+        description="Collection of the meshes to copy data from",
         type=Collection,
     )
     target_collection: PointerProperty(
         name="Target",
-        description="The collection whose meshes receive it",
+        description="Collection of the meshes that receive the data",
         type=Collection,
     )

@@ -16,23 +16,23 @@ class DressOptions:
 
     dress_manner: EnumProperty(
         name="Parts",
-        description="What keeps its form, and what follows the body",
+        description="How the parts of the objects follow the body",
         items=(
             (
                 "AUTOMATIC",
                 "Automatic",
-                "Small solid parts, such as eyes, teeth and buttons, and what hangs from a bone turn and grow as a "
-                "whole; all else follows the body",
+                "Keep small solid parts, such as eyes, teeth and buttons, and objects parented to a bone rigid; "
+                "deform everything else with the body",
             ),
-            ("SOFT", "Soft", "All follows the body"),
-            ("RIGID", "Rigid", "Each object turns and grows as a whole"),
+            ("SOFT", "Soft", "Deform everything with the body"),
+            ("RIGID", "Rigid", "Rotate and scale each object as a whole"),
         ),
         default="AUTOMATIC",
         options=ONCE,
     )
     dress_stiffness: FloatProperty(
         name="Stiffness",
-        description="How far what follows the body keeps its form, from cloth that follows each detail to armor",
+        description="How rigidly soft parts follow the body, from cloth that follows each detail to armor",
         default=0.5,
         min=0,
         max=1,
@@ -40,8 +40,8 @@ class DressOptions:
         options=ONCE,
     )
     dress_gap: FloatProperty(
-        name="Least Gap",
-        description="Distance from the skin that is kept at least, where it was outside of it",
+        name="Minimum Gap",
+        description="Minimum distance from the skin, for parts that were outside it",
         default=0,
         min=0,
         subtype="DISTANCE",
@@ -60,7 +60,7 @@ class DressCollection:
     dress_collection: PointerProperty(
         name="Collection",
         description=(
-            "The collection of what the source wears; if none is chosen, all objects that are selected besides the "
+            "Collection of the objects that the source wears; if none is chosen, all objects selected besides the "
             "source and the target"
         ),
         type=Collection,

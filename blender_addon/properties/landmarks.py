@@ -21,16 +21,22 @@ from .once import ONCE
 class ZOOMOUT_PG_place(PropertyGroup):
     """Where a landmark lies on one object: a `SurfacePoint`."""
 
-    object: PointerProperty(name="Object", description="The object that it lies on", type=Object)
-    face: IntProperty(name="Face", description="The face that it lies in")
+    object: PointerProperty(name="Object", description="Object that the landmark is on", type=Object)
+    face: IntProperty(name="Face", description="Face that the landmark is on")
     vertices: IntVectorProperty(name="Vertices", description="Three vertices of the face")
-    weights: FloatVectorProperty(name="Weights", description="Its barycentric coordinates between them")
-    position: FloatVectorProperty(name="Position", description="Where it was when it was set", subtype="XYZ")
+    weights: FloatVectorProperty(
+        name="Weights", description="Barycentric coordinates of the landmark between these vertices"
+    )
+    position: FloatVectorProperty(
+        name="Position", description="Position of the landmark when it was placed", subtype="XYZ"
+    )
     proposed: BoolProperty(
         name="Proposed",
-        description="It was set where a match leads, and does not count before it is moved or confirmed",
+        description="The match proposed this position, which is not used until it is moved or confirmed",
     )
-    counts: IntVectorProperty(name="Counts", description="Vertices and faces that the mesh had then", size=2)
+    counts: IntVectorProperty(
+        name="Counts", description="Number of vertices and faces of the mesh at that time", size=2
+    )
 
     def take(self, place: SurfacePoint) -> None:
         """Take the values of a surface point."""
@@ -47,8 +53,10 @@ class ZOOMOUT_PG_place(PropertyGroup):
 class ZOOMOUT_PG_landmark(PropertyGroup):
     """A numbered landmark, with a place on each object that it was set on. Its `name` says what it is."""
 
-    number: IntProperty(name="Number", description="What is drawn beside it")
-    places: CollectionProperty(name="Places", description="Where it lies on each object", type=ZOOMOUT_PG_place)
+    number: IntProperty(name="Number", description="Number drawn beside the landmark")
+    places: CollectionProperty(
+        name="Places", description="Position of the landmark on each object", type=ZOOMOUT_PG_place
+    )
 
 
 class LandmarkSettings:
@@ -56,12 +64,12 @@ class LandmarkSettings:
 
     landmarks: CollectionProperty(
         name="Landmarks",
-        description="Places that correspond, by number",
+        description="Corresponding points, by number",
         type=ZOOMOUT_PG_landmark,
     )
     active_landmark: IntProperty(
         name="Active Landmark",
-        description="The landmark that is chosen in the list",
+        description="Active landmark of the list",
     )
     show_landmarks: BoolProperty(
         name="Show",
@@ -74,11 +82,11 @@ class ImportOptions:
     """Where landmarks are imported from."""
 
     what: EnumProperty(
-        name="What",
-        description="What marks the places",
+        name="Import From",
+        description="Objects or groups that mark the points",
         items=(
             ("GROUPS", "Vertex Groups", "At the centre of small vertex groups that both objects have"),
-            ("EMPTIES", "Empties", "Where empties are that belong to the objects, as their children or by lying near"),
+            ("EMPTIES", "Empties", "At empties that are children of the objects or near them"),
         ),
         default="GROUPS",
         options=ONCE,

@@ -22,8 +22,8 @@ class SourceName:
     source: StringProperty(
         name="Source",
         description=(
-            "Name of the object that has the data; if empty, the one chosen in the sidebar, "
-            "else the mesh that is selected besides the active one"
+            "Name of the source object; if empty, the one chosen in the sidebar, otherwise the mesh selected besides "
+            "the active one"
         ),
         options=ONCE,
     )
@@ -33,8 +33,10 @@ class OwnSources:
     """Whether an operator takes a source for each target."""
 
     own_sources: BoolProperty(
-        name="Own Sources",
-        description="Each target receives from the source that it was matched with, whatever is chosen or selected",
+        name="Matched Sources",
+        description=(
+            "Transfer to each target from the source that it was matched with, ignoring the chosen or selected source"
+        ),
         default=False,
         options=ONCE,
     )
@@ -63,15 +65,13 @@ class ZOOMOUT_PG_settings(
     source: PointerProperty(
         name="Source",
         description=(
-            "The mesh that has the data; the active mesh receives it. "
-            "If none is chosen, the mesh that is selected besides the active one"
+            "Mesh to copy data from; the active mesh receives the data. If none is chosen, the mesh selected besides "
+            "the active one is used"
         ),
         type=Object,
         poll=_may_be_source,
     )
-    symmetry: PointerProperty(
-        name="Symmetry", description="Settings of what is done along a mesh's own symmetry", type=ZOOMOUT_PG_symmetry
-    )
+    symmetry: PointerProperty(name="Symmetry", description="Settings of the symmetry tools", type=ZOOMOUT_PG_symmetry)
 
 
 def take_settings(operator: Operator, settings: PropertyGroup) -> None:

@@ -26,10 +26,10 @@ class DetectOptions:
     """How to find symmetries."""
 
     left: EnumProperty(
-        name="Left Is",
+        name="Left Axis",
         description=(
-            "The axis of the object that points to the character's own left: it tells the two sides apart. "
-            "A character that faces you in the front view has its left on the right, at +X"
+            "Axis of the object that points to the character's own left, which decides which side is left. A "
+            "character that faces you in the front view has its left at +X"
         ),
         items=tuple((name, name, f"The object's own {name} axis") for name in AXES),
         default="X",
@@ -42,15 +42,15 @@ class DirectionOptions:
 
     direction: EnumProperty(
         name="Copy",
-        description="Which side gives what it has to the other one",
+        description="Side to copy from",
         items=(
-            ("LEFT_TO_RIGHT", "Left to Right", "The right side becomes like the left one"),
-            ("RIGHT_TO_LEFT", "Right to Left", "The left side becomes like the right one"),
-            ("EXCHANGE", "Exchange", "Each side becomes what the other one was"),
+            ("LEFT_TO_RIGHT", "Left to Right", "Copy the left side to the right side"),
+            ("RIGHT_TO_LEFT", "Right to Left", "Copy the right side to the left side"),
+            ("EXCHANGE", "Exchange", "Exchange the two sides"),
             (
                 "AVERAGE",
                 "Average",
-                "Both sides get the mean of the two; of selections, seams and sharp edges, what either side has",
+                "Set both sides to their average; selections, seams and sharp edges of either side are set on both",
             ),
         ),
         default="LEFT_TO_RIGHT",
@@ -63,7 +63,7 @@ class WeightOptions:
 
     only_active: BoolProperty(
         name="Active Group Only",
-        description="Only the active vertex group and its partner on the other side, as Arm.L and Arm.R",
+        description="Change only the active vertex group and its partner on the other side, such as Arm.L and Arm.R",
         default=False,
         options=ONCE,
     )
@@ -74,19 +74,23 @@ class KeyOptions:
 
     key_mode: EnumProperty(
         name="Make",
-        description="What is made of a shape key",
+        description="Shape key to create from the active one",
         items=(
             (
                 "MIRROR",
                 "Other Side's Key",
-                "The key of the other side, as Smile.R from Smile.L; made anew, or overwritten if it is there. "
-                "Exchange makes each of the two from the other one",
+                "Create or overwrite the key of the other side, such as Smile.R from Smile.L. Exchange creates each "
+                "of the two from the other",
             ),
-            ("SPLIT", "Left and Right Keys", "Two keys, as Smile.L and Smile.R, which together are the whole"),
+            (
+                "SPLIT",
+                "Left and Right Keys",
+                "Split the key into two, such as Smile.L and Smile.R, which add up to the original",
+            ),
             (
                 "SYMMETRISE",
                 "Symmetric Key",
-                "The key itself, the same on both sides, or with its sides exchanged",
+                "Make the key itself symmetric, or exchange its sides",
             ),
         ),
         default="MIRROR",
@@ -95,8 +99,8 @@ class KeyOptions:
     blend: FloatProperty(
         name="Blend",
         description=(
-            "How far from the symmetry line a left key goes over into the right one when a key is split, over the "
-            "square root of the surface's area, which is about 1.4 m for a human"
+            "Width of the blend between the left and the right key on either side of the symmetry line, relative to "
+            "the square root of the surface area, which is about 1.4 m for a human"
         ),
         default=BLEND,
         min=0,
@@ -117,22 +121,22 @@ class LayerOptions:
         name="Color Attributes", description="All color attributes", default=True, options=ONCE
     )
     attributes: BoolProperty(
-        name="Attributes", description="All other attributes that hold values", default=True, options=ONCE
+        name="Attributes", description="All other attributes with values", default=True, options=ONCE
     )
     materials: BoolProperty(
         name="Materials",
-        description="Which face has which material; Boot.L and Boot.R change places, where there are both",
+        description="Material of each face; Boot.L and Boot.R are exchanged if both exist",
         default=True,
         options=ONCE,
     )
     edges: BoolProperty(
         name="Seams & Edge Marks",
-        description="Seams, sharp edges, creases and bevel weights, drawn anew along the edges of the other side",
+        description="Seams, sharp edges, creases and bevel weights, traced along the edges of the other side",
         default=True,
         options=ONCE,
     )
     masks: BoolProperty(
-        name="Sculpt Masks", description="The mask and the face sets of sculpting", default=False, options=ONCE
+        name="Sculpt Masks", description="Mask and face sets of Sculpt Mode", default=False, options=ONCE
     )
     selection: BoolProperty(
         name="Selection",
@@ -142,10 +146,15 @@ class LayerOptions:
     )
     uv_layout: EnumProperty(
         name="UV Layout",
-        description="Where the side that receives UVs has them in the atlas",
+        description="Position of the mirrored UVs in the atlas",
         items=(
-            ("OWN", "In Place", "Where its faces were before: each island is turned, scaled and mirrored to fit there"),
-            ("OVER", "Overlapping", "Over those of the other side, so that both share their texels"),
+            (
+                "OWN",
+                "In Place",
+                "Keep the islands of the receiving side where they are, and rotate, scale and mirror the new UVs to "
+                "fit there",
+            ),
+            ("OVER", "Overlapping", "Place the UVs on top of those of the other side, so that both share the texture"),
         ),
         default="OWN",
         options=ONCE,
@@ -161,20 +170,24 @@ class CheckOptions:
 
     check: EnumProperty(
         name="Check",
-        description="What is compared with its other side",
+        description="Data to compare between the two sides",
         items=(
-            ("SHAPE", "Shape", "How far the surface stands off its other side's, whatever the pose"),
-            ("WEIGHTS", "Weights", "Which part of a vertex's weights lies in other groups than on the other side"),
-            ("KEY", "Active Shape Key", "How far it moves vertices otherwise than its partner, or itself, over there"),
+            ("SHAPE", "Shape", "Distance between the surface and its mirror image, in any pose"),
+            ("WEIGHTS", "Weights", "Share of a vertex's weights that differs from the other side"),
+            (
+                "KEY",
+                "Active Shape Key",
+                "Difference between the active shape key and its partner, or itself, on the other side",
+            ),
         ),
         default="SHAPE",
         options=ONCE,
     )
     red_length: FloatProperty(
-        name="Red At",
+        name="Red Threshold",
         description=(
-            "The distance between the sides that red stands for, over the square root of the surface's area; it stays "
-            "from one check to the next"
+            "Distance between the sides that is shown in red, relative to the square root of the surface area. It "
+            "stays the same for later checks"
         ),
         default=RED_LENGTH,
         min=1e-5,
@@ -183,8 +196,8 @@ class CheckOptions:
         options=ONCE,
     )
     red_weight: FloatProperty(
-        name="Red At",
-        description="The part of a vertex's weights that red stands for; it stays from one check to the next",
+        name="Red Threshold",
+        description="Share of a vertex's weights that is shown in red. It stays the same for later checks",
         default=RED_WEIGHT,
         min=1e-3,
         max=1,
@@ -199,7 +212,8 @@ class SideOptions:
     middle_width: FloatProperty(
         name="Middle",
         description=(
-            "How far from the symmetry line vertices belong to the middle, over the square root of the surface's area"
+            "Distance from the symmetry line up to which vertices belong to the middle, relative to the square root "
+            "of the surface area"
         ),
         default=0.01,
         min=0,
@@ -211,7 +225,7 @@ class SideOptions:
 class KeyName:
     """Which shape key an operator takes."""
 
-    key: StringProperty(name="Shape Key", description="Name of the key; if empty, the active one", options=ONCE)
+    key: StringProperty(name="Shape Key", description="Name of the shape key; if empty, the active one", options=ONCE)
 
 
 class ZOOMOUT_PG_symmetry(

@@ -18,15 +18,14 @@ class TransferOptions:
 
     uv_maps: BoolProperty(
         name="UV Maps",
-        description="Transfer all UV maps; seams stay where the source has them",
+        description="Transfer all UV maps, with seams at the same places as on the source",
         default=True,
         options=ONCE,
     )
     vertex_groups: BoolProperty(
         name="Vertex Groups",
         description=(
-            "Transfer all vertex groups; groups that deform keep their sum, "
-            "and locked groups of the target are left alone"
+            "Transfer all vertex groups; deform weights keep their sum, and locked groups of the target are not changed"
         ),
         default=True,
         options=ONCE,
@@ -34,27 +33,27 @@ class TransferOptions:
     shape_keys: BoolProperty(
         name="Shape Keys",
         description=(
-            "Transfer all shape keys with their settings and drivers; they turn and grow with the target, "
-            "and keys of the same name are overwritten"
+            "Transfer all shape keys with their settings and drivers, rotated and scaled to fit the target; keys of "
+            "the same name are overwritten"
         ),
         default=True,
         options=ONCE,
     )
     color_attributes: BoolProperty(
         name="Color Attributes",
-        description="Transfer all colour attributes, mixed as scene-linear colours",
+        description="Transfer all color attributes, interpolated as scene-linear colors",
         default=True,
         options=ONCE,
     )
     attributes: BoolProperty(
         name="Attributes",
-        description="Transfer the other attributes; vectors arrive as they are, unless they are said to turn",
+        description="Transfer all other attributes; vectors are copied unchanged unless listed under Directions",
         default=True,
         options=ONCE,
     )
     materials: BoolProperty(
         name="Materials",
-        description="Give each face the material of the source; slots that the target lacks are appended",
+        description="Assign the source's material to each face; missing material slots are added",
         default=True,
         options=ONCE,
     )
@@ -62,8 +61,8 @@ class TransferOptions:
     edges: BoolProperty(
         name="Seams & Sharps",
         description=(
-            "Trace seams, sharp edges, creases, bevel weights and Freestyle edges as lines along the target's edges, "
-            "and creases and bevel weights of vertices. Of each kind that the source has, the target's own are replaced"
+            "Trace seams, sharp edges, creases, bevel weights and Freestyle edges along the target's edges, and "
+            "transfer creases and bevel weights of vertices. Marks of the same kind on the target are replaced"
         ),
         default=True,
         options=ONCE,
@@ -71,8 +70,8 @@ class TransferOptions:
     custom_normals: BoolProperty(
         name="Custom Normals",
         description=(
-            "Transfer the normals of face corners where the source has custom ones, turned with the surface. "
-            "Blender marks edges as sharp where they jump"
+            "Transfer the source's custom normals, rotated with the surface. Blender marks edges with split normals "
+            "as sharp"
         ),
         default=True,
         options=ONCE,
@@ -80,7 +79,7 @@ class TransferOptions:
 
     shape: BoolProperty(
         name="Shape as Key",
-        description="Add a shape key, with the name of the source, that gives the target the source's shape",
+        description="Add a shape key, named after the source, that deforms the target to the source's shape",
         default=False,
         options=ONCE,
     )
@@ -96,8 +95,8 @@ class BlendOptions:
     fill_below: FloatProperty(
         name="Fill Below",
         description=(
-            "Weights, colours and numbers at vertices of less confidence than this are filled in from around them; "
-            "at 0 all are taken as they are mapped"
+            "Fill in weights, colors and numbers from their surroundings at vertices with lower confidence than "
+            "this; 0 keeps all mapped values"
         ),
         default=FILL_BELOW,
         min=0,
@@ -107,27 +106,29 @@ class BlendOptions:
     )
     without_partner: EnumProperty(
         name="No Partner",
-        description="What becomes of the target where nothing on the source corresponds to it",
+        description="How to treat parts of the target without a counterpart on the source",
         items=(
             (
                 "FILL",
                 "Fill In",
-                "Weights, colours, numbers and shape keys go on smoothly from around it, other data as what is nearest",
+                "Continue weights, colors, numbers and shape keys smoothly from the surroundings, and copy other "
+                "data from the nearest point",
             ),
-            ("KEEP", "Keep", "The target keeps what it has there"),
+            ("KEEP", "Keep", "Keep the target's own data there"),
         ),
         default="FILL",
         options=ONCE,
     )
     mode: EnumProperty(
         name="Where",
-        description="Where the target receives what it may have already",
+        description="Which of the target's existing data to replace",
         items=(
-            ("MIX", "Everywhere", "Replace what the target has, as far as factor and mask say"),
+            ("MIX", "Everywhere", "Replace the target's data, weighted by Factor and Mask"),
             (
                 "MISSING",
                 "Only Missing",
-                "Keep what the target has: add weights to vertices that have none, and other data where it is zero",
+                "Keep the target's data: add weights only to vertices without any, and other data only where it is "
+                "zero",
             ),
         ),
         default="MIX",
@@ -136,8 +137,8 @@ class BlendOptions:
     factor: FloatProperty(
         name="Factor",
         description=(
-            "How much is taken of what is transferred, the rest being what the target has; of labels and UVs, "
-            "which cannot be mixed, all above one half"
+            "Share of the transferred data that is mixed with the target's own data. UVs and labels cannot be mixed, "
+            "and are replaced above 0.5"
         ),
         default=1,
         min=0,
@@ -147,14 +148,14 @@ class BlendOptions:
     )
     mask_group: StringProperty(
         name="Mask",
-        description="A vertex group of the target, by which the factor is multiplied",
+        description="Vertex group of the target that is multiplied with the factor",
         options=ONCE,
     )
     limit: IntProperty(
         name="Limit Weights",
         description=(
-            "How many weights of groups that deform a vertex may have, of which the largest are kept; "
-            "at 0 as many as on the source"
+            "Maximum number of deform weights per vertex, of which the largest are kept; 0 uses the maximum of the "
+            "source"
         ),
         default=0,
         min=0,
@@ -163,7 +164,7 @@ class BlendOptions:
     )
     flip_names: BoolProperty(
         name="Flip Group Names",
-        description="Vertex groups change sides, as from Arm.L to Arm.R: for a match of left with right",
+        description="Rename vertex groups to the other side, such as Arm.L to Arm.R, if the match maps left to right",
         default=False,
         options=ONCE,
     )
@@ -176,8 +177,8 @@ class BlendOptions:
     turning: StringProperty(
         name="Directions",
         description=(
-            "Names, between commas, of attributes that turn with the surface: "
-            "directions and rotations, in the mesh's own space"
+            "Attributes to rotate with the surface, separated by commas, such as directions and rotations in object "
+            "space"
         ),
         options=ONCE,
     )
@@ -201,8 +202,8 @@ class BindChoice:
     bind: BoolProperty(
         name="Bind to Rig",
         description=(
-            "Bind the target to the source's armature as well: it is taken to the rest pose, gets the vertex groups "
-            "and the Armature modifier, and is posed by the bones at once. This moves its vertices"
+            "Also bind the target to the source's armature: move it to Rest Position, and add the vertex groups and "
+            "an Armature modifier. This moves its vertices"
         ),
         default=False,
         options=ONCE,
@@ -213,27 +214,29 @@ class BindOptions:
     """How to bind a target to the source's armature."""
 
     binding: EnumProperty(
-        name="Stands",
-        description="What becomes of the target's shape",
+        name="Target Pose",
+        description="Pose that the target is in before binding",
         items=(
             (
                 "AUTOMATIC",
                 "Automatic",
-                "Find out in which pose the target stands, and take it to the rest pose if needed",
+                "Detect the pose of the target, and move it to Rest Position if needed",
             ),
             (
                 "REST_POSE",
                 "In a Pose",
-                "Take the target to the rest pose; a shape key, Posed Shape, keeps it as it stood",
+                "Move the target to Rest Position; the shape key Posed Shape keeps its current shape",
             ),
-            ("KEEP_SHAPE", "At Rest", "Keep the target's shape, moved and scaled to where the source is"),
+            ("KEEP_SHAPE", "At Rest", "Keep the target's shape, moved and scaled to the source"),
         ),
         default="AUTOMATIC",
         options=ONCE,
     )
     replace_binding: BoolProperty(
         name="Replace Binding",
-        description="Take the target off the armature that it is bound to, as it is posed; else it is refused",
+        description=(
+            "Remove the target from its current armature, keeping its posed shape; otherwise bound targets are rejected"
+        ),
         default=False,
         options=ONCE,
     )

@@ -15,30 +15,30 @@ class WrapOptions:
 
     wrap_result: EnumProperty(
         name="Result",
-        description="Where the new shape goes",
+        description="Where to store the new shape",
         items=(
-            ("SHAPE_KEY", "Shape Key", "A shape key with the name of the mesh whose shape it is, shown at once"),
+            ("SHAPE_KEY", "Shape Key", "Add a shape key named after the mesh with that shape, and show it"),
             (
                 "MESH",
                 "Mesh",
-                "The vertices of the mesh itself are moved, and its shape keys with them; the match is kept",
+                "Move the vertices of the mesh itself, together with its shape keys; the match is kept",
             ),
-            ("OBJECT", "New Object", "A copy of the mesh, placed on the one whose shape it has"),
+            ("OBJECT", "New Object", "Create a copy of the mesh at the position of the one with that shape"),
         ),
         default="SHAPE_KEY",
         options=ONCE,
     )
     wrap_reverse: BoolProperty(
         name="Reverse",
-        description="Give the source's topology the shape of the target instead",
+        description="Deform the source to the shape of the target instead",
         default=False,
         options=ONCE,
     )
     wrap_smoothness: FloatProperty(
         name="Smoothness",
         description=(
-            "How evenly edges flow: at 0 vertices stay near where the match sends them, at 1 faces keep their form as "
-            "far as the surface lets them"
+            "How evenly edges flow: at 0 vertices stay close to their matched positions, at 1 faces keep their shape "
+            "as far as possible"
         ),
         default=0.5,
         min=0,
@@ -49,8 +49,8 @@ class WrapOptions:
     wrap_detail: FloatProperty(
         name="Detail",
         description=(
-            "How far the detail of the shape is followed: at 0 its coarse form alone, with the detail that the mesh "
-            "has, at 1 onto its surface"
+            "How closely to follow the detail of the shape: 0 follows only its coarse form and keeps the detail of "
+            "the mesh, 1 follows its surface exactly"
         ),
         default=1,
         min=0,
@@ -60,22 +60,20 @@ class WrapOptions:
     )
     wrap_mask: StringProperty(
         name="Mask",
-        description=(
-            "A vertex group of the mesh that is wrapped; outside of it vertices keep their form and move along smoothly"
-        ),
+        description="Vertex group of the wrapped mesh; vertices outside it keep their shape and follow smoothly",
         options=ONCE,
     )
     wrap_landmarks: BoolProperty(
-        name="Hit Landmarks",
-        description="Landmarks that both meshes have come to lie exactly on each other",
+        name="Fit Landmarks",
+        description="Place landmarks that both meshes have exactly on each other",
         default=True,
         options=ONCE,
     )
     wrap_subdivided: BoolProperty(
-        name="Through Subdivision",
+        name="Fit Subdivision Surface",
         description=(
-            "Where a Subdivision modifier is the last one, the smooth surface that it shows comes to lie on the shape, "
-            "instead of the mesh itself"
+            "If the last modifier is Subdivision Surface, fit its smooth surface to the shape instead of the mesh "
+            "itself"
         ),
         default=True,
         options=ONCE,

@@ -64,7 +64,7 @@ def open_scene(context: Context, path: str | Path) -> None:
     if not path.is_file():
         raise zo.MeshError(f"There is no file {path}: check the path.")
     if ending not in READABLE:
-        raise zo.MeshError(f"{path} is of no format that can be opened: give it as {', '.join(READABLE)}.")
+        raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
     try:
         if ending == BLEND:
             # With its windows, which know the scene and the view layer that were shown.
@@ -75,7 +75,8 @@ def open_scene(context: Context, path: str | Path) -> None:
             IMPORTERS[ending](filepath=str(path.resolve()))
     except RuntimeError as error:
         raise zo.MeshError(
-            f"{path} could not be opened by Blender ({_reason(error)}): is it complete, and is its ending right?"
+            f"Blender could not open {path} ({_reason(error)}): check that the file is complete and has the right "
+            "extension."
         ) from error
     active = context.view_layer.objects.active
     if active is not None and active.mode != "OBJECT":
@@ -133,7 +134,7 @@ class Brought:
         meshes = wanted.objects
         missing = [name for name, obj in zip(names, meshes, strict=True) if obj is None]
         if missing:
-            raise zo.MeshError(f"'{missing[0]}' is linked into its file from another one: make it local there first.")
+            raise zo.MeshError(f"'{missing[0]}' is linked into its file from another file: make it local there first.")
         self.names = [obj.name for obj in meshes]
         self._uids = {each.session_uid for each in _all_data()} - before
         for obj in dict.fromkeys([*meshes, *(each for mesh in meshes for each in _posing(mesh))]):
@@ -184,7 +185,7 @@ def save_scene(path: str | Path) -> None:
 def check_writable_format(path: str | Path) -> None:
     """Raise a MeshError if no file of this ending can be written."""
     if Path(path).suffix.lower() not in WRITABLE:
-        raise zo.MeshError(f"{path} is of no format that can be written: give it the ending {', '.join(WRITABLE)}.")
+        raise zo.MeshError(f"{path} has no supported file extension: use {', '.join(WRITABLE)}.")
 
 
 def _enable(ending: str) -> None:

@@ -62,10 +62,10 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
             on_both.append(number)
     notes = []
     if on_one:
-        notes.append(f"Landmarks that only one of the two objects has were not used: {', '.join(on_one)}.")
+        notes.append(f"Landmarks that are on only one of the two objects were not used: {', '.join(on_one)}.")
     if gone:
         notes.append(
-            f"Landmarks whose place was edited away were not used: {', '.join(gone)}; place them again, or remove them."
+            f"Landmarks on deleted geometry were not used: {', '.join(gone)}; place them again, or remove them."
         )
     of_source, of_target = (
         np.array([places[obj][number] for number in on_both]).reshape(-1, 3) for obj in (source, target)

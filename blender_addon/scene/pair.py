@@ -38,7 +38,9 @@ def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
     if obj is None:
         raise zo.MeshError(f"There is no object '{name}' in the scene: choose another one.")
     if _has_namesake(context, obj):
-        raise zo.MeshError(f"There are several objects '{name}' in the scene, of other files: rename the one of this.")
+        raise zo.MeshError(
+            f"The scene has several objects named '{name}', some linked from other files: rename the local one."
+        )
     if obj.type != "MESH":
         raise zo.MeshError(f"'{name}' is not a mesh: choose a mesh object.")
     if obj.data.is_editmode and not (edited and obj.mode == "EDIT"):  # or another object that shares the mesh
@@ -58,12 +60,10 @@ def check_writable(target: Object) -> None:
     """Raise a MeshError if the mesh of the target belongs to another file."""
     for data in (target, target.data):
         if data.library is not None:
-            raise zo.MeshError(
-                f"'{data.name}' is linked from another file and cannot be written to: make it local first."
-            )
+            raise zo.MeshError(f"'{data.name}' is linked from another file and cannot be edited: make it local first.")
         if data.override_library is not None and data == target.data:
             raise zo.MeshError(
-                f"The mesh '{data.name}' overrides that of another file and cannot be written to: make it local first."
+                f"The mesh '{data.name}' is a library override and cannot be edited: make it local first."
             )
 
 
@@ -148,7 +148,7 @@ def check_same(before: Fingerprint, now: Fingerprint) -> None:
 
 def edited(name: str) -> zo.MeshError:
     """The error for an object that was edited during the work."""
-    return zo.MeshError(f"'{name}' was edited while it was being worked on: start again.")
+    return zo.MeshError(f"'{name}' was edited during the operation: start again.")
 
 
 @contextmanager

@@ -33,12 +33,12 @@ def source_name(context: Context, target: Object, named: str = "") -> str:
     name = named or (chosen.name if chosen else "")
     if not name and len(selected) > 1:
         raise zo.MeshError(
-            f"{len(selected)} meshes are selected besides the active one: "
-            "select the source alone, or choose it in the sidebar."
+            f"{len(selected)} meshes are selected besides the active one: select only the source, or choose it in "
+            "the sidebar."
         )
     name = name or "".join(selected) or matched_with(context, target)
     if not name:
-        raise zo.MeshError("There is no source: choose it in the sidebar, or select it and then, last, the target.")
+        raise zo.MeshError("There is no source: choose it in the sidebar, or select it first and the target last.")
     return name
 
 
@@ -112,7 +112,7 @@ def source_of_worn(context: Context, target: Object, named: str = "") -> str:
     chosen = context.scene.zoomout.source
     name = named or (chosen.name if chosen else "") or matched_with(context, target)
     if not name:
-        raise zo.MeshError("Choose the source in the sidebar: the body that wears what is to be carried.")
+        raise zo.MeshError("The source is missing: in the sidebar, choose the body that wears the objects.")
     return name
 
 

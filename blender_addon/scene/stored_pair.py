@@ -55,5 +55,5 @@ async def read_stored_match(context: Context, target_name: str) -> tuple[ObjectP
     pair = await stored_pair(context, source_name, target_name)
     match = read(find_mesh(context, target_name).data, pair)
     if match is None:
-        raise zo.MeshError(f"'{source_name}' is not what '{target_name}' was matched with: match again.")
+        raise zo.MeshError(f"'{source_name}' is not the source that '{target_name}' was matched with: match again.")
     return pair, match

@@ -61,7 +61,7 @@ async def bend_match_async(context: Context, target_name: str) -> str:
         stored_match.write(target.data, result, pair, match.settings | seen)
     if following is not None:
         preview.show(following)
-    return f"Bent the match of '{target_name}' to {what}, which it missed by up to {most:.1%} of its size"
+    return f"Bent the match of '{target_name}' to {what}, after a miss of up to {most:.1%} of its size"
 
 
 def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tuple[zo.SurfaceMap, float]:
@@ -70,5 +70,5 @@ def _bent(pair: ObjectPair, match: StoredMatch, landmarks: LandmarkPairs) -> tup
     off = missed_points(*given)
     if off.max() > MOST_MISSED:
         number = landmarks.numbers[int(off.argmax())]
-        raise zo.MeshError(f"The match is too far off landmark {number} to be bent there: match again.")
+        raise zo.MeshError(f"The match is too far from landmark {number} to be bent to it: match again.")
     return bent_to_points(*given), float(off.max())

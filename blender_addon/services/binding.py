@@ -83,14 +83,14 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
     source, target = find_mesh(context, source_name), find_mesh(context, target_name)
     _check_rig(source)
     if settings.flip_names:
-        raise zo.MeshError("A target that is bound takes each bone's weights as they are: turn Flip Group Names off.")
+        raise zo.MeshError("Flip Group Names cannot be used with Bind to Rig: turn it off.")
     if target.parent is not None and target.parent_type == "BONE":
         raise zo.MeshError(
-            f"'{target.name}' hangs from a bone, which moves it already: clear its parent to bind it to the armature."
+            f"'{target.name}' is already parented to a bone: clear its parent to bind it to the armature."
         )
     if mesh_data.armatures_of(target) and not binding.replace:
         raise zo.MeshError(
-            f"'{target.name}' is bound to {_named(target)} already: turn on Replace Binding, or remove its Armature "
+            f"'{target.name}' is already bound to {_named(target)}: turn on Replace Binding, or remove its Armature "
             "modifier."
         )
     if (users := users_of_mesh(context, target)) > 1:
@@ -100,11 +100,13 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
     if target.data.shape_keys is not None and not target.data.shape_keys.use_relative:
         raise zo.MeshError(f"The shape keys of '{target.name}' are absolute: turn on Relative in its shape keys.")
     if mesh_data.is_flat(source):
-        raise zo.MeshError(f"'{source.name}' has a scale of zero, so that nothing can be bound to its armature.")
+        raise zo.MeshError(
+            f"'{source.name}' has a scale of zero, so nothing can be bound to its armature: change its scale."
+        )
     if not mesh_data.can_be_put(source, target):
         raise zo.MeshError(
-            f"'{target.name}' is held in place by constraints, drivers or animation: remove these, so that it can "
-            "hang from the armature."
+            f"Constraints, drivers or animation control the transform of '{target.name}': remove them, so that it "
+            "can be parented to the armature."
         )
 
 
@@ -114,8 +116,8 @@ def _check_rig(source: Object) -> None:
         raise zo.MeshError(f"'{source.name}' has no Armature modifier: choose a source that an armature deforms.")
     if not mesh_data.deforming_bones(source) & {group.name for group in source.vertex_groups}:
         raise zo.MeshError(
-            f"No deforming bone of {_named(source)} has the name of a vertex group of '{source.name}': "
-            "give it weights first."
+            f"No deform bone of {_named(source)} is named like a vertex group of '{source.name}': add bone weights "
+            "to the source first."
         )
 
 
@@ -149,11 +151,11 @@ async def prepare_binding(
     with stage("Unposing", TAKING, 1):
         rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
     notes = [
-        f"'{pair.target_name}' stood in another pose, where its bones are turned by {posed.pose.bend:.0f}° on average: "
-        f"it was taken to the rest pose. Its shape key '{POSED_SHAPE}' has it as it stood."
+        f"'{pair.target_name}' was in a different pose, with its bones rotated by {posed.pose.bend:.0f}° on average, "
+        f"and was moved to Rest Position. Its shape key '{POSED_SHAPE}' keeps the original shape."
     ]
     if rest.smoothed:
-        notes.append(f"Unposing: {rest.smoothed} vertices, where bones would tear them, follow their surroundings.")
+        notes.append(f"Unposing: {rest.smoothed} vertices that the bones would tear follow their surroundings.")
     return Bound("rest_pose", pair.target.vertices, rest, tuple(notes))
 
 
@@ -198,8 +200,8 @@ def _check_keys_of_posed(target: Object, seen: Floats) -> None:
         return
     if not mesh_data.stands_as_modelled(target, seen):
         raise zo.MeshError(
-            f"'{target.name}' has shape keys, and {_named(target)} poses it: put that armature into its rest pose "
-            "first, and match again."
+            f"'{target.name}' has shape keys and is posed by {_named(target)}: set that armature to Rest Position, "
+            "and match again."
         )
 
 
@@ -227,7 +229,7 @@ def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
         positions = mesh_data.read_undeformed_positions(source, each)
         if positions is None:
             raise zo.MeshError(
-                f"Modifiers of '{name}' make other faces without its armature, so that its rest pose cannot be read: "
+                f"Modifiers of '{name}' change its faces when the armature is off, so its rest pose cannot be read: "
                 "disable those that add or remove vertices, and match again."
             )
         rest.append(mesh_data.positions_in_world(source, positions))

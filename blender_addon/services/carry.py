@@ -46,7 +46,9 @@ def read_file(context: Context, path: str, role: str) -> dict[str, zo.Surface]:
     open_scene(context, path)
     names = shown_meshes(context)
     if not names:
-        raise zo.MeshError(f"{path} shows no mesh with faces: make one visible, or convert what is there to a mesh.")
+        raise zo.MeshError(
+            f"{path} has no visible mesh with faces: make one visible, or convert its objects to meshes."
+        )
     return {name: ROLES[role](find_mesh(context, name), context.evaluated_depsgraph_get()) for name in names}
 
 

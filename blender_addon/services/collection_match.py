@@ -122,7 +122,7 @@ async def prepare_collections(
     sources = await _read(context, source, fingerprint_source, mesh_data.read_source_surface)
     targets = await _read(context, target, fingerprint_target, mesh_data.read_target_surface)
     if shared := set(sources.names) & set(targets.names):
-        raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two that share no mesh.")
+        raise zo.MeshError(f"'{min(shared)}' is in both collections: choose two collections without common meshes.")
     return await prepare_parts(context, sources, targets, None, detail, **options)
 
 
@@ -268,7 +268,9 @@ def _match_of_target(
     names = ", ".join(f"'{name}'" for name in pair.source_names)
     notes = list(result.notes)
     if len(contributors) > 1:
-        notes.append(f"'{pair.target_name}' lies on several objects, and receives from all of them: {names}.")
+        notes.append(
+            f"'{pair.target_name}' corresponds to several objects and receives data from all of them: {names}."
+        )
     if len(elsewhere):
         images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
         triangle[elsewhere], barycentric[elsewhere] = closest_points(
@@ -276,7 +278,8 @@ def _match_of_target(
         )
         confidence[elsewhere] = 0
         notes.append(
-            f"{len(elsewhere)} vertices lie on other objects than {names}: the nearest point there, with no confidence."
+            f"{len(elsewhere)} vertices correspond to objects other than {names}: mapped to the nearest point there, "
+            "with zero confidence."
         )
     surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
     has_partner = result.has_partner[slice(*targets.first_vertex[number : number + 2])]

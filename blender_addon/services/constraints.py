@@ -121,10 +121,10 @@ async def match_pair(
         raise zo.MeshError(f"Landmark {number} on '{name}', {error.fault}") from error
     if result.candidates[result.chosen].scores.get("regions", 0) > CONTRADICTION:
         notes.append(
-            "The map contradicts most of the names that both objects have: check whether names or sides are swapped."
+            "The map contradicts most names that the two objects share: check whether names or sides are swapped."
         )
     if whole is not None:
-        notes.append(f"'{pair.target_name}' was matched with the other half that its Mirror modifier makes.")
+        notes.append(f"'{pair.target_name}' was matched together with the half created by its Mirror modifier.")
         result = HalfResult.of(result, pair.target)
     return replace(result, notes=(*notes, *result.notes))
 
@@ -164,8 +164,8 @@ def _landmarks(context: Context, pair: ObjectPair, initial: str, wanted: bool) -
     if initial == "landmarks" and not found.numbers:
         reasons = " ".join(("", *found.notes))
         raise zo.MeshError(
-            f"A start from landmarks needs one or more on both '{pair.source_name}' and '{pair.target_name}': "
-            f"place some, or choose another start.{reasons}"
+            f"Matching from landmarks needs at least one landmark on both '{pair.source_name}' and "
+            f"'{pair.target_name}': place some, or choose another method.{reasons}"
         )
     return found
 
@@ -184,7 +184,7 @@ async def _constraints(
             arguments["regions"] = list(regions.values())
             used += _counted(regions)
         if received:
-            notes.append("Names that the target has from an earlier transfer were not used as evidence.")
+            notes.append("Names that the target received by an earlier transfer were not used as hints.")
     if same_up:
         arguments["common_axes"] = (0, 0, 1)  # the surfaces are in world space
         used.append("the same up axis")
@@ -192,7 +192,7 @@ async def _constraints(
         with target_mesh(context, pair) as (_, mesh):
             last = _last_match(mesh, pair)
         if last is None:
-            notes.append("There is no match of these two, as they are now, to start from.")
+            notes.append("There is no current match of these two meshes to start from: turn off Last Match.")
         else:
             arguments["initial_map"] = last
             used.append("the last match")

@@ -30,7 +30,7 @@ from .targets import Write
 
 # Parts of the progress bar that matching takes, where there is no match yet, and giving the source the target's shape.
 MATCHING, SHAPING = 0.6, 0.8
-READING = "Reading what is worn"
+READING = "Reading the objects"
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
     chosen = [name for name in dict.fromkeys(names) if name not in (pair.source_name, pair.target_name)]
     if not chosen:
         raise zo.MeshError(
-            f"There is nothing to dress '{pair.target_name}' with: select clothes, hair or other things besides the "
+            f"There is nothing to dress '{pair.target_name}' with: select clothes, hair or other objects besides the "
             "source and the target, or choose their collection."
         )
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
@@ -218,10 +218,12 @@ async def _read_fitting(context: Context, pair: ObjectPair, names: Sequence[str]
         surface = surface.with_vertices(read_sources_at_rest(context, pair))
         onto = onto.with_vertices(mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data)))
     elif armatures:
-        notes.append(f"'{target.name}' is not bound to the armature of '{source.name}': bind it, and these come along.")
+        notes.append(
+            f"'{target.name}' is not bound to the armature of '{source.name}': bind it, so that these objects follow "
+            "the bones."
+        )
     notes.extend(
-        f"'{each.name}' has particle hair, which stays there: convert it to curves, and dress "
-        f"'{target.name}' with these."
+        f"The particle hair of '{each.name}' was not copied: convert it to curves, and dress '{target.name}' with them."
         for each in (find_mesh(context, name) for name in pair.source_names)
         if any(system.settings.type == "HAIR" for system in each.particle_systems)
     )

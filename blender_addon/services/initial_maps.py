@@ -26,17 +26,17 @@ def same_order(pair: ObjectPair) -> StoredMatch:
     source, target = pair.source, pair.target
     if len(source.vertices) != len(target.vertices):
         raise zo.MeshError(
-            f"'{pair.source_name}' has {len(source.vertices)} vertices and '{pair.target_name}' "
-            f"{len(target.vertices)}, so they are not in the same order: choose another start."
+            f"'{pair.source_name}' has {len(source.vertices)} vertices but '{pair.target_name}' has "
+            f"{len(target.vertices)}, so their vertex order differs: choose another method."
         )
     count = len(target.vertices)
     shared = np.isin(_numbered(target.edges, count), _numbered(source.edges, count)).mean()
     if shared < SHARED_EDGES:
         raise zo.MeshError(
-            f"'{pair.source_name}' and '{pair.target_name}' have as many vertices, but share only {shared:.0%} of "
-            "their edges, so the order is another: choose another start."
+            f"'{pair.source_name}' and '{pair.target_name}' share only {shared:.0%} of their edges, so their vertex "
+            "order differs: choose another method."
         )
-    notes = [] if shared == 1 else [f"{1 - shared:.1%} of the target's edges connect other vertices on the source."]
+    notes = [] if shared == 1 else [f"{1 - shared:.1%} of the target's edges connect different vertices on the source."]
     of_faces = np.zeros(count, dtype=bool)
     of_faces[source.triangles] = True
     loose = np.flatnonzero(~of_faces)
@@ -45,7 +45,9 @@ def same_order(pair: ObjectPair) -> StoredMatch:
     if len(loose):
         places = closest_points(source.vertices[loose], source.vertices, source.triangles)
         surface_map.triangle[loose], surface_map.barycentric[loose] = places
-        notes.append(f"{len(loose)} vertices belong to no face of the source: the nearest point, with no confidence.")
+        notes.append(
+            f"{len(loose)} vertices belong to no face of the source: mapped to the nearest point, with zero confidence."
+        )
     return StoredMatch(surface_map, of_faces.astype(float), tuple(notes))
 
 
@@ -56,15 +58,15 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
         MeshError: there is no such file, or it was made for other meshes.
     """
     if not path:
-        raise zo.MeshError("A start from a file needs one: choose a map.npz that `zoomout match` wrote.")
+        raise zo.MeshError("The map file is missing: choose a map.npz written by `zoomout match`.")
     vertex = read_vertex_map(bpy.path.abspath(path))
     whole = vertex.ndim == 1 and vertex.dtype.kind in "iu"
     least = int(vertex.max(initial=-1)) + 1 if whole else 0
     if not whole or len(vertex) != len(pair.target.vertices) or least > len(pair.source.vertices) or vertex.min() < 0:
         raise zo.MeshError(
-            f"{path} maps {len(vertex)} vertices onto a mesh of {least} or more, but '{pair.target_name}' has "
-            f"{len(pair.target.vertices)} and '{pair.source_name}' {len(pair.source.vertices)}: "
-            "choose the file of these two, in this direction."
+            f"{path} maps {len(vertex)} vertices to a mesh of at least {least}, but '{pair.target_name}' has "
+            f"{len(pair.target.vertices)} and '{pair.source_name}' has {len(pair.source.vertices)}: choose the file "
+            "of these two meshes, in this direction."
         )
     return vertex
 

@@ -47,8 +47,8 @@ def import_landmarks(context: Context, objects: list[Object], what: str) -> int:
     shared = [name for name in found[objects[0]] if any(name in found[target] for target in objects[1:])]
     if not shared:
         raise zo.MeshError(
-            f"'{objects[0].name}' and the target have no {NOUNS[what]} of the same name that mark places: "
-            "name some alike."
+            f"'{objects[0].name}' and the target have no {NOUNS[what]} with matching names: give corresponding ones "
+            "the same name."
         )
     numbers = {landmark.name: landmark.number for landmark in context.scene.zoomout.landmarks}
     for name in shared:

@@ -24,7 +24,7 @@ from .candidates import store_match
 from .constraints import match_pair, settings_to_store
 from .redo_match import kept_match, read_mask, redone_match
 
-NOTHING_KEPT = "There was no match to keep, so all of it was matched, not only what Redo Only says."
+NOTHING_KEPT = "There was no match to keep, so the whole target was matched, not only the Redo Only group."
 
 
 def match_objects(context: Context, source: Object, target: Object, **options: Any) -> stored_match.Match:
@@ -76,7 +76,7 @@ async def prepare_match(
     mask = read_mask(context, pair, redo_group, redo_keeps) if kept is not None else None
     result = await match_pair(context, pair, **options)
     if kept is not None and mask is not None:
-        with stage("Keeping the rest", 1, 1):
+        with stage("Merging with the previous match", 1, 1):
             result = await compute(partial(redone_match, pair, kept, result, mask))
     elif redo_group:
         result = replace(result, notes=(NOTHING_KEPT, *result.notes))

@@ -39,10 +39,8 @@ class Finding(NamedTuple):
     begins: bool = False
 
 
-HOW_TO_BEGIN = Finding(
-    "Select the mesh that has the data, then with Shift the one that is to receive it.", True, begins=True
-)
-NO_TARGET = "Make the mesh active that is to receive the data"
+HOW_TO_BEGIN = Finding("Select the source mesh, then Shift-click the target mesh.", True, begins=True)
+NO_TARGET = "Make the target mesh active"
 
 
 def obstacle(context: Context) -> str:
@@ -51,7 +49,7 @@ def obstacle(context: Context) -> str:
     if target is None or target.type != "MESH":
         return NO_TARGET
     if target.data.is_editmode and target.mode != "EDIT":
-        return "The active mesh is edited through another object: leave its Edit Mode"
+        return "The active mesh is in Edit Mode through another object: leave Edit Mode there"
     if target.library is not None or target.data.library is not None:
         return "The active mesh is linked from another file: Object > Relations > Make Local"
     return ""
@@ -124,9 +122,9 @@ def stale(context: Context, target: Object) -> str:
         if source is None or source.type != "MESH":
             return f"Its source '{then['name']}' is not in the scene: choose the source, then match again."
         if _edited(source, evaluated_data(context, source), then):
-            return f"The source '{source.name}' was edited since: match again."
+            return f"The source '{source.name}' was edited after the match: match again."
     if _edited(target, target.data, recorded["target"]):
-        return f"The target '{target.name}' was edited since: match again."
+        return f"The target '{target.name}' was edited after the match: match again."
     return ""
 
 
@@ -148,10 +146,10 @@ def outdated(context: Context, target: Object) -> list[str]:
     if stored is None or source is None:
         return []
     if source.name != stored["source"]:
-        return [f"The source is now '{source.name}': match again to go by it."]
+        return [f"The source is now '{source.name}': match again to use it."]
     then = stored.get("settings", {}).get(stored_match.LANDMARKS)
     if then is not None and then != landmarks_fingerprint(context.scene, source, target):
-        return ["Landmarks were placed, moved or removed since: match again to go by them."]
+        return ["Landmarks have changed since the match: match again to use them."]
     return []
 
 
@@ -170,7 +168,7 @@ def _left_out(context: Context, source: Object, target: Object) -> Iterator[str]
     """Why other targets than the active one cannot receive data, where nothing is wrong with the source."""
     for other in chosen_targets(context, source):
         if other != target and (reason := _reason(context, source, other)):
-            yield f"{reason} Until then '{other.name}' is left out."
+            yield f"{reason} Until then, '{other.name}' is skipped."
 
 
 def _parts_of_characters(context: Context, source: Object) -> Iterator[str]:
@@ -180,7 +178,10 @@ def _parts_of_characters(context: Context, source: Object) -> Iterator[str]:
     characters = Counter(obj.find_armature() or obj.parent for obj in chosen_targets(context, source))
     for character, number in characters.items():
         if character is not None and number > 1:
-            yield f"{number} targets are pieces of '{character.name}': these match better together, see Collections."
+            yield (
+                f"{number} targets are parts of '{character.name}': match them together for a better result, see "
+                "Collections."
+            )
 
 
 def _reason(context: Context, source: Object, target: Object) -> str:
@@ -197,21 +198,27 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
     for obj in both:
         count, known = len(obj.data.vertices), facts(obj)
         if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
-            yield f"'{obj.name}' has {count} vertices, too few to know it by: subdivide it, or start at Nearest Points."
+            yield (
+                f"'{obj.name}' has only {count} vertices, too few for automatic matching: subdivide it, or use "
+                "Nearest Points."
+            )
         if known is not None and known.non_manifold_edges:
             yield (
-                f"'{obj.name}' has edges with more than two faces ({known.non_manifold_edges}): Select > All by Trait "
-                "> Non Manifold shows them, to be mended if the match goes wrong there."
+                f"'{obj.name}' has edges with more than two faces ({known.non_manifold_edges}): if the match is "
+                "wrong there, find them with Select > All by Trait > Non Manifold and repair them."
             )
     parts = {obj.name: known.parts for obj in both if (known := facts(obj))}
     if max(parts.values(), default=1) > 1:
         counts = ", ".join(f"{number} in '{name}'" for name, number in parts.items())
-        yield f"Loose parts ({counts}) are paired by place and size: look at eyes, teeth and clothes afterwards."
+        yield f"Loose parts ({counts}) are paired by position and size: check eyes, teeth and clothes after the match."
     mirrored = [obj.name for obj in both if mesh_data.is_mirrored(obj)]
     if len(mirrored) == 1:
-        yield f"'{mirrored[0]}' has a negative scale, which swaps its sides: apply the scale if that is not meant."
+        yield f"'{mirrored[0]}' has a negative scale, which swaps its sides: apply the scale unless this is intended."
     if target.data.users > 1 and (users := users_of_mesh(context, target)) > 1:
-        yield f"{users} objects share the mesh of '{target.name}', and all receive the data, or make it single-user."
+        yield (
+            f"{users} objects share the mesh of '{target.name}' and all receive the data: make it single-user to "
+            "prevent this."
+        )
 
 
 def is_reshaped(obj: Object, stored: dict[str, Any]) -> bool:

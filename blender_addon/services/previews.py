@@ -62,7 +62,7 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
         else:
             with evaluated_sources(context, pair) as sources:
                 uv = read_joined_active_uv_map(sources)
-            with stage("Laying the checker", 0.1, 1):
+            with stage("Applying the checker", 0.1, 1):
                 carried = await compute(partial(_along, uv, match, pair))
             on_source, on_target = uv.values, carried.values
     target = find_mesh(context, pair.target_name)

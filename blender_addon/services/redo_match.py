@@ -38,9 +38,9 @@ def read_mask(context: Context, pair: ObjectPair, group: str, keeps: bool) -> Fl
         weights = mesh_data.read_mask(target, group)
     mask = 1 - weights if keeps else weights
     if not mask.any() and keeps:
-        raise zo.MeshError(f"The vertex group '{group}' covers all: take out of it what is to be matched again.")
+        raise zo.MeshError(f"The vertex group '{group}' covers the whole mesh: remove the part to match again from it.")
     if not mask.any():
-        raise zo.MeshError(f"The vertex group '{group}' is empty: paint into it what is to be matched again.")
+        raise zo.MeshError(f"The vertex group '{group}' is empty: paint the part to match again into it.")
     return mask
 
 
@@ -57,7 +57,7 @@ def redone_match(pair: ObjectPair, before: StoredMatch, after: Match, mask: Floa
         has_partner = np.where(shares >= MOSTLY, after.has_partner, has_partner)
         of_source = np.where(_reached_anew(pair, surface_map, shares), new_of_source, of_source)
         without = pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_source)
-    note = f"{pair.target.share_of_area(shares > 0):.0%} of the area was matched again, the rest kept."
+    note = f"{pair.target.share_of_area(shares > 0):.0%} of the area was matched again, and the rest was kept."
     return StoredMatch(
         surface_map,
         (1 - shares) * before.confidence + shares * after.confidence,

@@ -65,8 +65,8 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
         divided.free()
     previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
-    whole = f"; {cut.left} faces that are crossed several times stayed whole" if cut.left else ""
-    return f"Cut '{target_name}' along the seams of '{uv.name}': {vertices} vertices and {faces} faces more{whole}"
+    whole = f"; {cut.left} faces crossed by several seams were not cut" if cut.left else ""
+    return f"Cut '{target_name}' along the seams of '{uv.name}', adding {vertices} vertices and {faces} faces{whole}"
 
 
 def _store_match(context: Context, before: ObjectPair, stored: stored_match.StoredMatch, cut: SeamCut) -> None:

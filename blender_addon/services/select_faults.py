@@ -62,7 +62,7 @@ Select = Callable[[Context], str]
 def _doubtful(pair: ObjectPair, match: StoredMatch) -> Select:
     chosen = match.confidence < LOW_CONFIDENCE
     share = pair.target.share_of_area(chosen)
-    return lambda context: f"In doubt: {_select_vertices(find_mesh(context, pair.target_name), chosen, share)}"
+    return lambda context: f"Doubtful: {_select_vertices(find_mesh(context, pair.target_name), chosen, share)}"
 
 
 def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
@@ -80,14 +80,14 @@ def _flipped(pair: ObjectPair, match: StoredMatch) -> Select:
     def select(context: Context) -> str:
         obj = find_mesh(context, pair.target_name)
         mesh_data.select_only(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, chosen))
-        return f"Turned over: {_counted(chosen, 'face', 'faces', obj, share)}"
+        return f"Flipped: {_counted(chosen, 'face', 'faces', obj, share)}"
 
     return select
 
 
 def _without_partner(pair: ObjectPair, match: StoredMatch) -> Select:
     if match.has_partner is None:
-        raise zo.MeshError(f"The match of '{pair.target_name}' does not tell what has a partner: match again.")
+        raise zo.MeshError(f"The match of '{pair.target_name}' has no information about partners: match again.")
     chosen = ~match.has_partner
     share = pair.target.share_of_area(chosen)
 

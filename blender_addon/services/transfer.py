@@ -171,7 +171,7 @@ async def prepare_transfer(
         await compute(partial(transfer_all, adapters, job))
     if binding is not None:
         if not weights:
-            raise zo.MeshError(f"All vertex groups of '{target_name}' that bones would move are locked: unlock them.")
+            raise zo.MeshError(f"All bone vertex groups of '{target_name}' are locked: unlock them.")
         with portion(done, 1):
             bound = await prepare_binding(context, job, *weights[0], binding)
         remarks.notes.extend(bound.notes)
@@ -204,7 +204,7 @@ def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any])
     if not unused:
         return []
     labels = ", ".join(option_label(name) for name in unused)
-    return [f"The match that was made before was used as it is: to use other settings ({labels}), match again."]
+    return [f"The existing match was used: to apply the changed settings ({labels}), match again."]
 
 
 async def _collect(
@@ -212,7 +212,7 @@ async def _collect(
 ) -> tuple[list[Adapter], Remarks, Blend]:
     """Choose from what the source has, and see that the target has room for it, and how it is blended with its own."""
     if unknown := set(data).difference(DATA):
-        raise ValueError(f"There is no data called {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
+        raise ValueError(f"There is no kind of data named {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     adapters, remarks = list[Adapter](), Remarks()
     with target_mesh(context, pair) as (target, _):
         blend = settings.blend(target)
@@ -222,7 +222,7 @@ async def _collect(
             with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
                 adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
     if not adapters:
-        raise zo.MeshError(f"'{pair.source_name}' has none of the data that is to be transferred: choose other data.")
+        raise zo.MeshError(f"'{pair.source_name}' has none of the data to transfer: choose other data.")
     return adapters, remarks, blend
 
 

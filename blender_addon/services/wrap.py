@@ -161,7 +161,7 @@ async def prepare_wrap(
 def check_one_target(wrapping: Wrapping, targets: Collection[str]) -> None:
     """Raise a MeshError if a source is to be wrapped onto several targets."""
     if wrapping.reverse and len(targets) > 1:
-        raise zo.MeshError("A source has one shape at a time: choose one target to wrap it onto.")
+        raise zo.MeshError("The source can be wrapped onto only one target at a time: select a single target.")
 
 
 def summary(report: dict[str, Any]) -> str:
@@ -187,7 +187,7 @@ def _given(context: Context, pair: ObjectPair, wrapping: Wrapping) -> _Given:
     if wrapping.reverse:
         _check_reverse(context, pair, source)
     if wrapping.result != "object" and mesh_data.is_flat(obj):
-        raise zo.MeshError(f"'{obj.name}' has a scale of zero, so that it cannot take another shape: give it another.")
+        raise zo.MeshError(f"'{obj.name}' has a scale of zero and cannot be reshaped: change its scale.")
     if wrapping.result == "shape_key":
         check_takes_keys(obj, [other.name])
     rest = _without_key(obj, other.name, seen)
@@ -203,14 +203,14 @@ def _check_reverse(context: Context, pair: ObjectPair, source: Object) -> None:
     """Raise a MeshError if a source cannot be wrapped onto its target."""
     if len(pair.sources) > 1:
         raise zo.MeshError(
-            f"'{pair.target_name}' lies on {len(pair.sources)} objects, which cannot be wrapped onto it as one: "
-            "turn Reverse off."
+            f"'{pair.target_name}' corresponds to {len(pair.sources)} objects, which cannot be wrapped onto it "
+            "together: turn Reverse off."
         )
     check_writable(source)
     seen = mesh_data.read_source_faces(source, context.evaluated_depsgraph_get())
     if seen != mesh_data.read_faces(source.data):
         raise zo.MeshError(
-            f"Modifiers of '{source.name}' change its faces, so that it cannot be wrapped: disable or apply those that "
+            f"'{source.name}' cannot be wrapped, because its modifiers change its faces: disable or apply those that "
             "add or remove vertices, and match again."
         )
 
@@ -267,7 +267,7 @@ def _write(
     notes: tuple[str, ...] = ()
     shown = [modifier for modifier in obj.modifiers if modifier.show_viewport]
     if len(shown) > given.is_cage:
-        notes = (f"The modifiers of '{obj.name}' act on its new shape as well.",)
+        notes = (f"The modifiers of '{obj.name}' also deform its new shape.",)
     if wrapping.result == "mesh":
         mesh_data.move_vertices(obj.data, shape - mesh_data.read_rest_positions(obj.data))
         obj.data.update()

@@ -144,7 +144,7 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     exchanged = stored.get("entries") not in (None, _hash_of_entries(mesh))  # which earlier versions do not have
     fault = fault_of_map(triangle, barycentric, len(pair.source.triangles))
     if exchanged or fault or not np.isfinite(confidence).all():
-        raise zo.MeshError(f"The match that is stored on '{pair.target_name}' is damaged: match again.")
+        raise zo.MeshError(f"The match stored on '{pair.target_name}' is damaged: match again.")
     # Stored in single precision: brought back to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(

@@ -177,7 +177,8 @@ def read(obj: Object) -> SelfMap:
     stored, now = _required_description(obj), _surface_now(obj)
     if stored["fingerprint"] != fingerprint_of(now):
         raise zo.MeshError(
-            f"'{obj.name}' was reshaped since its symmetry was detected: mirror what was sculpted, or detect it again."
+            f"'{obj.name}' was reshaped since its symmetry was detected: use Mirror Sculpt, or detect the symmetry "
+            "again."
         )
     return _chosen(obj.data, stored, now)
 
@@ -246,7 +247,7 @@ def _chosen(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
         fault_of_map(values["triangle"], barycentric, len(surface.triangles))
         or not np.isfinite(values["distance"]).all()
     ):
-        raise zo.MeshError(f"The symmetry that is stored on '{mesh.name}' is damaged: detect it again.")
+        raise zo.MeshError(f"The symmetry stored on '{mesh.name}' is damaged: detect it again.")
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     return SelfMap(
         surface=surface,
@@ -267,7 +268,7 @@ def _elements(obj: Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _required_description(obj: Object) -> dict[str, Any]:
     stored = description(obj.data)
     if stored is None:
-        raise zo.MeshError(f"The symmetry of '{obj.name}' was not detected yet: detect it first.")
+        raise zo.MeshError(f"'{obj.name}' has no detected symmetry: detect it first.")
     return stored
 
 

@@ -14,10 +14,10 @@ class ZOOMOUT_AP_preferences(AddonPreferences):
     bl_idname = EXTENSION
 
     def draw(self, context: Context) -> None:
-        self.layout.label(text="In the sidebar of the 3D view, on the tab ZoomOut")
+        self.layout.label(text="In the sidebar of the 3D Viewport, on the ZoomOut tab")
         row = self.layout.row()
         row.operator("wm.url_open", text="Guide", icon="HELP").url = manual.address(manual.GUIDE)
-        row.operator("wm.url_open", text="What Is New", icon="INFO").url = manual.address(manual.NEWS)
+        row.operator("wm.url_open", text="What's New", icon="INFO").url = manual.address(manual.NEWS)
 
 
 CLASSES = (ZOOMOUT_AP_preferences,)

@@ -19,9 +19,9 @@ from .overlay import Overlay
 
 CONFIDENCE, PLACES, CHECKER = "CONFIDENCE", "PLACES", "CHECKER"
 PAIRS, SIDES, ASYMMETRY = "PAIRS", "SIDES", "ASYMMETRY"
-OUTDATED = "Hidden: a mesh was changed since"
-LOST = "Hidden: modifiers leave nothing to color"
-HIDDEN = "Hidden in this mode: it is shown in Object Mode"
+OUTDATED = "Hidden: a mesh was changed"
+LOST = "Hidden: the modifiers leave no faces to color"
+HIDDEN = "Hidden in this mode; shown in Object Mode"
 
 
 class Kind(NamedTuple):
@@ -41,30 +41,28 @@ class Kind(NamedTuple):
 OF_MATCH = {
     CONFIDENCE: Kind(
         "Confidence",
-        "How far to trust the match at each vertex: blue is sure, red is a guess, and violet has no partner",
-        "Blue is sure, red is a guess, violet has no partner",
+        "Confidence of the match at each vertex: blue is high, red is low, and violet has no partner",
+        "Blue is high, red is low, violet has no partner",
     ),
     PLACES: Kind(
         "Matching Colors",
-        "Each place of the source has a color, and the target shows where it found them",
-        "Same color, same place",
+        "Color each point of the source, and show the matched colors on the target",
+        "Same color, same point",
     ),
-    CHECKER: Kind(
-        "UV Checker", "How the source's active UV map will lie on the target", "How the source's UVs will lie"
-    ),
+    CHECKER: Kind("UV Checker", "Preview the source's active UV map on the target", "Preview of the source's UVs"),
 }
 OF_SYMMETRY = {
     PAIRS: Kind(
         "Pairs",
-        "Which places of the mesh correspond: they have the same color, paler on the right side",
-        "Same color, same place; the right side is paler",
+        "Give corresponding points of the mesh the same color, paler on the right side",
+        "Same color, same point; the right side is paler",
     ),
     SIDES: Kind(
         "Sides",
-        "What is left, what is right, and what Name Sides takes for the middle",
+        "Show the left and the right side, and the middle as used by Name Sides",
         "Blue is left, orange is right, pale yellow the middle",
     ),
-    ASYMMETRY: Kind("Asymmetry", "How far both sides differ", "Blue is alike, red differs"),
+    ASYMMETRY: Kind("Asymmetry", "How much the two sides differ", "Blue is symmetric, red differs"),
 }
 
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 @mesh_filter(
     SOURCE,
     TARGET,
-    Parameter("name", TEXT, "correspondence", "The name to store it under; other filters find it by this name."),
+    Parameter("name", TEXT, "correspondence", "Name to store the correspondence under, for use by other filters."),
     *MATCHING,
 )
 def compute_correspondence_by_zoomout(
@@ -112,10 +112,14 @@ def compute_color_by_correspondence(
     TARGET,
     STORED,
     Parameter(
-        "truth", TEXT, "", "A custom scalar of the target: the source vertex that truly corresponds. Empty: none."
+        "truth",
+        TEXT,
+        "",
+        "Custom scalar of the target with the ground-truth source vertex of each vertex; if empty, no errors are "
+        "computed.",
     ),
-    Parameter("selectabove", LENGTH, 0, "Select the target's vertices whose error is larger; 0 leaves the selection."),
-    Parameter("name", TEXT, "correspondence_error", "The custom attribute to store it in."),
+    Parameter("selectabove", LENGTH, 0, "Select target vertices with a larger error; 0 keeps the current selection."),
+    Parameter("name", TEXT, "correspondence_error", "Custom attribute to store the result in."),
     *ACCURACY,
 )
 def compute_scalar_by_correspondence_error(
@@ -148,7 +152,7 @@ def compute_scalar_by_correspondence_error(
     if truth:
         true = vertex_numbers(attribute_values(mesh, truth), len(source.vertices), f"The attribute '{truth}'")
         places, notes = source.surface.vertices, list[str]()
-        with stage("Comparing with the truth"):
+        with stage("Comparing with the ground truth"):
             error = np.linalg.norm(found.surface_map.interpolate(places) - places[true], axis=1)
     else:
         error, notes = _there_and_back(source, target, found, **accuracy)

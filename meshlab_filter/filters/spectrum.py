@@ -16,10 +16,15 @@ if TYPE_CHECKING:
 
 
 @mesh_filter(
-    Parameter("functions", COUNT, 20, "How many, the constant one included."),
-    Parameter("show", COUNT, 1, "The number of the one that becomes the quality."),
-    Parameter("name", TEXT, "eigenfunction", "They are stored as custom attributes NAME_0, NAME_1, ..."),
-    Parameter("seed", COUNT, 0, "Of the eigensolver."),
+    Parameter("functions", COUNT, 20, "Number of eigenfunctions, including the constant one."),
+    Parameter("show", COUNT, 1, "Number of the eigenfunction to show as vertex quality."),
+    Parameter(
+        "name",
+        TEXT,
+        "eigenfunction",
+        "Prefix of the custom attributes NAME_0, NAME_1, ... that store the eigenfunctions.",
+    ),
+    Parameter("seed", COUNT, 0, "Random seed of the eigensolver."),
 )
 def compute_laplacian_eigenfunctions(ms: MeshSet, *, functions: int, show: int, name: str, seed: int) -> dict[str, Any]:
     """Compute the first eigenfunctions of the current mesh's Laplacian, smooth functions that pose hardly changes.
@@ -40,7 +45,9 @@ def compute_laplacian_eigenfunctions(ms: MeshSet, *, functions: int, show: int, 
             f"'functions' is {functions}: give a whole number below that of the {mesh.vertex_number()} vertices."
         )
     if show >= functions:
-        raise ValueError(f"'show' is {show}: give a number from 0 to {functions - 1}, of the functions asked for.")
+        raise ValueError(
+            f"'show' is {show}: give a number from 0 to {functions - 1}, since only that many functions are computed."
+        )
     names = [f"{name}_{number}" for number in range(functions)]
     check_names(mesh, names)
     with stage("Computing eigenfunctions"):

@@ -28,10 +28,12 @@ DIM, BRIGHT = 70, 235
 
 
 @mesh_filter(
-    Parameter("left", CHOICE, "x", "The direction to the mesh's own left.", tuple(DIRECTIONS)),
-    Parameter("candidate", COUNT, 0, "Which of the symmetries found to use."),
+    Parameter("left", CHOICE, "x", "Axis that points to the character's own left.", tuple(DIRECTIONS)),
+    Parameter("candidate", COUNT, 0, "Number of the detected symmetry to use."),
     Parameter("colorsides", SWITCH, False, "Colour the vertices by side: left red, right blue."),
-    Parameter("name", TEXT, "symmetry", "The name to store it under, as of a correspondence of the mesh with itself."),
+    Parameter(
+        "name", TEXT, "symmetry", "Name to store the symmetry under, as a correspondence of the mesh with itself."
+    ),
     *ACCURACY,
 )
 def compute_symmetry_by_zoomout(
@@ -55,7 +57,7 @@ def compute_symmetry_by_zoomout(
     check_names(mesh, [*attribute_names(name), f"{name}_side"])
     found = zo.detect_symmetry(layer.shape, left=DIRECTIONS[left], **resolve_detail(**accuracy))
     if not found:
-        raise zo.MeshError(f"No symmetry was found of layer '{layer.label}': it may have none.")
+        raise zo.MeshError(f"No symmetry of layer '{layer.label}' was found: it may have none.")
     if candidate >= len(found):
         raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(found) - 1}.")
     symmetry = found[candidate]

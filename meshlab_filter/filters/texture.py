@@ -28,9 +28,9 @@ MOST_TEXELS = 1 << 14
 @mesh_filter(
     SOURCE,
     TARGET,
-    Parameter("textname", TEXT, "baked.png", "The name of the image that is made, a PNG file."),
-    Parameter("textw", COUNT, 1024, "Its width, in texels."),
-    Parameter("texth", COUNT, 1024, "Its height, in texels."),
+    Parameter("textname", TEXT, "baked.png", "File name of the baked PNG image."),
+    Parameter("textw", COUNT, 1024, "Width of the image, in texels."),
+    Parameter("texth", COUNT, 1024, "Height of the image, in texels."),
     STORED_OR_NEW,
     *MATCHING,
 )
@@ -82,7 +82,7 @@ def transfer_texture_by_zoomout(
     outside = int(baked.outside.sum())
     notes = [*report["notes"]]
     if outside:
-        notes.append(f"{outside} faces of layer '{target.label}' lie outside of the unit square, and were not baked.")
+        notes.append(f"{outside} faces of layer '{target.label}' are outside the unit square, and were not baked.")
     return {**report, "mesh_id": add_layer(ms, new), "notes": notes}
 
 
@@ -96,11 +96,13 @@ def _picture(source: Layer) -> tuple[Any, Picture]:
     absent = [name for name in used if name not in textures.images]
     if absent:
         raise zo.MeshError(
-            f"The MeshSet has no image of {' and '.join(absent)}: load the mesh from its file, "
-            "for pymeshlab does not copy images from one MeshSet to another."
+            f"The MeshSet has no image for {' and '.join(absent)}: load the mesh from its file, because pymeshlab "
+            "does not copy images between MeshSets."
         )
     if len(used) < len(textures.numbers):
-        raise zo.MeshError(f"Layer '{source.label}' has faces without a texture: give these one, or remove them.")
+        raise zo.MeshError(
+            f"Layer '{source.label}' has faces without a texture: assign a texture to them, or remove them."
+        )
     return uv, Picture(pixels([textures.images[name] for name in used]), np.searchsorted(textures.numbers, number))
 
 
@@ -108,12 +110,12 @@ def _atlas(target: Layer) -> Any:
     """The texture coordinates (3 m, 2) that a target has of its own."""
     if target.textures is None:
         raise zo.MeshError(
-            f"Layer '{target.label}' has no texture coordinates to bake for: make some, for example with the filter "
+            f"Layer '{target.label}' has no texture coordinates to bake to: create some, for example with the filter "
             "compute_texcoord_parametrization_triangle_trivial_per_wedge."
         )
     if len(target.textures.numbers) > 1:
         raise zo.MeshError(
-            f"Layer '{target.label}' has {len(target.textures.numbers)} textures, and one image is baked: lay its "
-            "texture coordinates out in one."
+            f"Layer '{target.label}' has {len(target.textures.numbers)} textures, but only one image can be baked: "
+            "combine its texture coordinates into one layout."
         )
     return target.textures.by_texture(target.components[TEXCOORD].values)[0]

@@ -38,13 +38,13 @@ ALL = "*"
 @mesh_filter(
     SOURCE,
     TARGET,
-    Parameter("texcoordtransfer", SWITCH, True, "Texture coordinates of wedges, or else of vertices, and textures."),
+    Parameter("texcoordtransfer", SWITCH, True, "Texture coordinates of wedges (otherwise of vertices), and textures."),
     Parameter("colortransfer", SWITCH, True, "Colours of vertices and faces."),
     Parameter("qualitytransfer", SWITCH, True, 'Scalars ("quality") of vertices and faces.'),
-    Parameter("normaltransfer", SWITCH, False, "Normals of vertices, turned as the surface turns."),
+    Parameter("normaltransfer", SWITCH, False, "Normals of vertices, rotated with the surface."),
     Parameter("selectiontransfer", SWITCH, False, "Selections of vertices and faces."),
     Parameter(
-        "customattributes", NAMES, (), "Names of custom attributes, in a script with commas between; '*' for all."
+        "customattributes", NAMES, (), "Names of custom attributes, separated by commas in a script; '*' for all."
     ),
     STORED_OR_NEW,
     *MATCHING,
@@ -99,8 +99,8 @@ def transfer_attributes_by_zoomout(
         source = replace(source, components={**source.components, NORMAL: _normals(source)})
     if not source.components and not source.custom:
         raise zo.MeshError(
-            f"Layer '{source.label}' has none of the attributes to transfer: "
-            "check which mesh is the source, or ask for others."
+            f"Layer '{source.label}' has none of the attributes to transfer: check which mesh is the source, or "
+            "choose others."
         )
     check_target(target)
     source, homeless = _held_by(target, source)
@@ -112,7 +112,7 @@ def transfer_attributes_by_zoomout(
     new = _merged(target, source, received)
     notes = [note for attribute in received for note in attribute.notes]
     notes += [f"Layer '{source.label}' has no {name}." for name in missing]
-    notes += [f"Layer '{target.label}' has no faces, and so takes no {name}." for name in homeless]
+    notes += [f"Layer '{target.label}' has no faces, so {name} cannot be transferred to it." for name in homeless]
     return {
         **report,
         "mesh_id": add_layer(ms, new),
@@ -132,8 +132,8 @@ def _held_by(target: Layer, source: Layer) -> tuple[Layer, list[str]]:
     homeless = [a.name for a in (*source.components.values(), *source.custom) if not target.can_hold(a)]
     if not components and not custom:
         raise zo.MeshError(
-            f"Layer '{target.label}' has no faces to take {' and '.join(homeless)} of '{source.label}': "
-            "give a target with faces, or ask for what vertices have."
+            f"Layer '{target.label}' has no faces to receive {' and '.join(homeless)} of '{source.label}': choose a "
+            "target with faces, or transfer vertex attributes."
         )
     return replace(source, components=components, custom=custom), homeless
 
@@ -201,13 +201,13 @@ def _notes(target: Layer, new: Layer) -> list[str]:
     unread = new.textures.names.count(DUMMY)
     if unread:
         notes.append(
-            f"MeshLab could not read {unread} of the texture images and shows a checkerboard: "
-            "put them beside the mesh, as PNG, for its wheels may lack JPEG."
+            f"MeshLab could not read {unread} of the texture images and shows a checkerboard: put PNG images next to "
+            "the mesh, because its wheels may not support JPEG."
         )
     absent = [name for name in new.textures.names if name not in new.textures.images]
     if absent:
         notes.append(
-            f"The MeshSet has no image of {' and '.join(absent)}: load the mesh from its file, "
-            "for pymeshlab does not copy images from one MeshSet to another."
+            f"The MeshSet has no image for {' and '.join(absent)}: load the mesh from its file, because pymeshlab "
+            "does not copy images between MeshSets."
         )
     return notes

@@ -17,21 +17,24 @@ SOURCE = creature(300).surface
 OPTIONS: dict[str, Any] = {"k_final": 20, "samples": 60, "initial": "landmarks"}
 POINT = SOURCE.vertices
 CONTRADICTORY = {
-    "a source vertex twice": (([3, 90, 3], [4, 91, 120]), "Landmarks 0 and 2 are the same place on the source"),
-    "a target vertex twice": (([3, 90, 150], [4, 91, 91]), "Landmarks 1 and 2 are the same place on the target"),
-    "a source point twice": ((POINT[[3, 90, 3]], POINT[[4, 91, 120]]), "Landmarks 0 and 2 are the same place on the"),
+    "a source vertex twice": (([3, 90, 3], [4, 91, 120]), "Landmarks 0 and 2 are at the same point on the source"),
+    "a target vertex twice": (([3, 90, 150], [4, 91, 91]), "Landmarks 1 and 2 are at the same point on the target"),
+    "a source point twice": (
+        (POINT[[3, 90, 3]], POINT[[4, 91, 120]]),
+        "Landmarks 0 and 2 are at the same point on the",
+    ),
     "points against a vertex": (
         (POINT[[3, 90, 150]], [4, 4, 91]),
-        "Landmarks 0 and 1 are the same place on the",
+        "Landmarks 0 and 1 are at the same point on the",
     ),
-    "beside one that stands twice": (([3, 3, 3], [4, 4, 5]), "Landmarks 0 and 2 are the same place on the source"),
+    "beside one that stands twice": (([3, 3, 3], [4, 4, 5]), "Landmarks 0 and 2 are at the same point on the source"),
 }
 WRONG = {
-    "more of the source": (([3, 90, 150], [4, 91]), "come in pairs"),
+    "more of the source": (([3, 90, 150], [4, 91]), "give one on each side for every pair"),
     "of words": ((["a", "b"], [1, 2]), "andmarks"),
     "not finite": ((POINT[[3, 90]] * np.nan, [4, 91]), "finite"),
     "negative": (([-3, 90], [4, 91]), "-3"),
-    "beyond all": (([3, 3000], [4, 91]), "3000"),
+    "far too large": (([3, 3000], [4, 91]), "3000"),
     "none": (([], []), "no landmarks"),
 }
 

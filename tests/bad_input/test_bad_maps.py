@@ -106,7 +106,7 @@ def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
         for _ in range(64):
             member.write(bytes(1 << 24))
     tracemalloc.start()
-    with pytest.raises(MeshError, match="not as large as it says"):
+    with pytest.raises(MeshError, match="does not have the size that it declares"):
         zo.SurfaceMap.load(path, SURFACE)
     assert tracemalloc.get_traced_memory()[1] < 1 << 22
     tracemalloc.stop()
@@ -119,7 +119,7 @@ def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     for name in ("petabytes stated of both", "bits flipped everywhere", "negative triangles"):
         path.write_bytes((HOSTILE | WRONG)[name]())
         for option in ("--initial", "--earlier-map"):
-            refused(run(main, "match", *meshes, "-o", tmp_path / "out.npz", option, path), "bad.npz holds no map")
+            refused(run(main, "match", *meshes, "-o", tmp_path / "out.npz", option, path), "bad.npz contains no map")
         refused(run(main, "evaluate", path, *meshes), "bad.npz")
     assert not (tmp_path / "out.npz").exists()
 

@@ -25,7 +25,7 @@ def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path:
         part.write_text("half")
         raise RuntimeError
     assert contents(tmp_path) == {"a.txt": b"before"}
-    kept = r"a\.txt could not be written \(.*\), and what was there before was kept"
+    kept = r"a\.txt could not be written \(.*\), and the existing file was kept"
     with pytest.raises(OutputError, match=kept), written_whole(path):
         pass  # as a library does that says nothing where it fails
     assert contents(tmp_path) == {"a.txt": b"before"}
@@ -91,7 +91,7 @@ def test_an_input_is_recognised_by_any_name(tmp_path: Path) -> None:
     hard.hardlink_to(path)
     soft.symlink_to(path)
     for other in (path, hard, soft, tmp_path / "." / "a.ply"):
-        with pytest.raises(OutputError, match="is itself an input, which would be lost"):
+        with pytest.raises(OutputError, match="is an input, and would be overwritten"):
             check_output(other, [tmp_path / "missing", path])
         check_output(other, [path], in_place=True)
 
@@ -101,7 +101,9 @@ def test_zoomout_does_not_write_its_map_over_the_one_that_it_reads(meshes: tuple
     assert run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest").exit_code == 0
     before = contents(tmp_path)
     for option in ("--initial", "--earlier-map"):
-        refused(run(zoomout, "match", *meshes, "-o", path, option, path), "map.npz is itself an input")
+        refused(
+            run(zoomout, "match", *meshes, "-o", path, option, path), "map.npz is an input, and would be overwritten"
+        )
     assert contents(tmp_path) == before
     again = run(zoomout, "match", *meshes, "-o", path, "--detail", "fast", "--initial", path, "--in-place")
     assert again.exit_code == 0, again.output

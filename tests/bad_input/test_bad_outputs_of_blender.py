@@ -35,7 +35,7 @@ def match(*more: object) -> int:
 def test_the_open_file_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str) -> None:
     before = contents(tmp_path)
     assert match(option, tmp_path / "open.blend") == 1
-    assert "open.blend is itself an input, which would be lost" in capsys.readouterr().err
+    assert "open.blend is an input, and would be overwritten" in capsys.readouterr().err
     assert contents(tmp_path) == before
 
 

@@ -48,12 +48,12 @@ def test_an_output_that_is_an_input_is_refused(coloured: tuple[Path, Path], scri
         ("run", script, target, "-o", target),
         ("run", script, source, target, "-o", source),
     ):
-        refused(run(*command), "is itself an input, which would be lost")
+        refused(run(*command), "is an input, and would be overwritten")
         assert contents(tmp_path) == before
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / target.name).symlink_to(target)
-    refused(run("transfer", source, target, "-o", folder), "is itself an input")
+    refused(run("transfer", source, target, "-o", folder), "is an input, and would be overwritten")
     assert contents(tmp_path)[target.name] == before[target.name]
 
 
@@ -119,7 +119,7 @@ def test_a_texture_that_was_read_is_neither_written_again_nor_replaced_by_anothe
     assert set(inputs) == {path.parent / "skin.png" for path in (red, blue)}
     save_beside(ms, red.with_name("new.ply"), inputs, {})  # beside its own picture
     assert contents(tmp_path).items() >= before.items()
-    with pytest.raises(ValueError, match=r"A texture skin\.png would take the place of another picture"):
+    with pytest.raises(ValueError, match=r"The texture skin\.png would overwrite the input image"):
         save_beside(ms, blue.with_name("new.ply"), inputs, {})
     assert contents(tmp_path / "blue") == contents(tmp_path / "blue") | {
         name.removeprefix("blue/"): content for name, content in before.items() if name.startswith("blue/")

@@ -93,7 +93,7 @@ def test_entries_of_another_match_are_noticed(pair: tuple[bpy.types.Object, bpy.
     source, target = pair
     values = stored_match.read_layer(target.data, name).attribute.values
     set_values(target.data, name, values[::-1].copy())
-    with pytest.raises(MeshError, match="The match that is stored on 'Target' is damaged: match again"):
+    with pytest.raises(MeshError, match="The match stored on 'Target' is damaged: match again"):
         transfer(source, target)
 
 

@@ -1,4 +1,4 @@
-"""Coordinates and attributes that are no numbers, infinite or beyond all measure: a sentence, or filled in and said."""
+"""Coordinates and attributes that are no numbers, infinite or far too large: a sentence, or filled in and said."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_so_are_rows_of_which_one_number_is_not(kind: zo.Kind, columns: int) -> 
 
 def test_of_values_none_of_which_is_finite_nothing_is_made() -> None:
     nothing = zo.Attribute("heat", zo.Domain.POINT, zo.Kind.SCALAR, np.full(COUNT, np.nan))
-    with pytest.raises(zo.MeshError, match="'heat' has no values that are finite"):
+    with pytest.raises(zo.MeshError, match="'heat' has no finite values"):
         zo.transfer(nothing, IDENTITY, SOURCE, SOURCE)
 
 

@@ -73,4 +73,4 @@ def test_the_extra_that_a_format_needs_is_named(
     path = tmp_path / name
     path.write_bytes(b"something")
     ran = run(main, "info", path)
-    refused(ran, "needs a package that is missing to be read: pip install 'zoomout-core[formats]'")
+    refused(ran, "requires a package that is not installed: pip install 'zoomout-core[formats]'")

@@ -52,7 +52,7 @@ def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source,
     assert outdated(bpy.context, marked)
     said = bend_match(bpy.context, marked)
     bend_match(bpy.context, marked)
-    assert said.startswith("Bent the match of 'Target' to 1 landmark, which it missed by up to ")
+    assert said.startswith("Bent the match of 'Target' to 1 landmark, after a miss of up to ")
     assert outdated(bpy.context, marked) == []
     bent = stored_match.read(marked.data, pair)
     assert zo.evaluation.flipped_share(bent.surface_map, pair.source, pair.target) < 0.01
@@ -76,7 +76,7 @@ def test_without_a_landmark_on_both_or_far_from_one_nothing_is_changed(source, t
     with pytest.raises(zo.MeshError, match="have no landmark in common: place one on both"):
         bend_match(bpy.context, target)
     add(source, 1, 0, -0.7, 0)
-    with pytest.raises(zo.MeshError, match="too far off landmark 1 to be bent there: match again"):
+    with pytest.raises(zo.MeshError, match="too far from landmark 1 to be bent to it: match again"):
         bend_match(bpy.context, target)
     np.testing.assert_array_equal(values(target.data, "zoomout_triangle"), before)
     activate(source)

@@ -318,7 +318,7 @@ def test_a_bound_target_is_bound_anew_on_demand():
     target, at_rest = posed_target(source, armature)
     target.parent = other
     target.modifiers.new("Old", "ARMATURE").object = other
-    with pytest.raises(zo.MeshError, match="'Target' is bound to 'Other' already"):
+    with pytest.raises(zo.MeshError, match="'Target' is already bound to 'Other'"):
         bind(source, target)
     assert [each.name for each in target.modifiers] == ["Old"]
     bind(source, target, replace=True)
@@ -340,7 +340,7 @@ def test_a_target_that_another_armature_has_posed_is_taken_as_it_is_seen():
     assert np.median(off(target, armature, at_rest)) < 2e-3
     target.modifiers["Skeleton"].object = target.parent = old
     match_anew(target, at_rest)
-    with pytest.raises(zo.MeshError, match=r"'Target' has shape keys, and 'Rig[.]001' poses it"):
+    with pytest.raises(zo.MeshError, match=r"'Target' has shape keys and is posed by 'Rig[.]001'"):
         bind(source, target, replace=True)
 
 
@@ -375,10 +375,10 @@ def _flat(source, target, armature):
     ("change", "sentence"),
     [
         (lambda source, *_: source.modifiers.clear(), "'Source' has no Armature modifier"),
-        (lambda source, *_: source.vertex_groups.clear(), "No deforming bone of 'Rig' has the name"),
-        (_constrained, "'Target' is held in place by constraints"),
+        (lambda source, *_: source.vertex_groups.clear(), "No deform bone of 'Rig' is named like"),
+        (_constrained, "Constraints, drivers or animation control the transform of 'Target'"),
         (_shared, "The mesh of 'Target' is shared by 2 objects"),
-        (_hanging, "'Target' hangs from a bone"),
+        (_hanging, "'Target' is already parented to a bone"),
         (_absolute, "The shape keys of 'Target' are absolute"),
         (_flat, "'Source' has a scale of zero"),
     ],
@@ -398,7 +398,7 @@ def test_what_cannot_be_bound_is_refused_in_a_sentence_and_stays_as_it_is(change
 def test_weights_must_arrive_under_their_own_names():
     source, armature = source_and_rig()
     target, _ = posed_target(source, armature)
-    with pytest.raises(zo.MeshError, match="turn Flip Group Names off"):
+    with pytest.raises(zo.MeshError, match="Flip Group Names cannot be used"):
         api.bind_to_rig(bpy.context, source, target, settings=api.Settings(flip_names=True))
     for bone in BONES:
         target.vertex_groups.new(name=bone).lock_weight = True

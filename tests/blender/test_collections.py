@@ -101,7 +101,7 @@ def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
     set_weights(body, "spine", np.ones(len(body.data.vertices)))
     ((source, match),) = match_collections(bpy.context, hero, scan).values()
     assert (source, match.others) == ("Body", ("Eye.L",))
-    assert any("'Whole' lies on several objects" in note and "'Body', 'Eye.L'" in note for note in match.notes)
+    assert any("'Whole' corresponds to several objects" in note and "'Body', 'Eye.L'" in note for note in match.notes)
     report = transfer_objects(bpy.context, body, whole, ["vertex_groups"])
     eye = np.linalg.norm(positions(whole.data) - EYES["Eye.L"], axis=1) < 1.01 * SIZE
     assert report["others"] == ["Eye.L"]

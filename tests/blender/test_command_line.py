@@ -94,7 +94,7 @@ def test_a_folder_is_not_taken_for_a_file(pair, tmp_path, capsys, option):
     kept = tmp_path / "kept"
     kept.mkdir()
     assert run("match", "--source", "Source", "--target", "Target", option, kept) == 1
-    assert f"{kept} is a folder: name a file in it." in capsys.readouterr().err
+    assert f"{kept} is a folder: give the name of a file in it." in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]  # Blender would have moved it
     assert snapshot_file() == before
 
@@ -113,9 +113,9 @@ def test_a_report_that_cannot_be_written_in_the_end_is_a_sentence(pair, tmp_path
     ("more", "sentence"),
     [
         (("--save", "/no/such/folder/out.blend"), "There is no folder /no/such/folder"),
-        (("--group-names", "nonsense"), "'nonsense' is no pair"),
+        (("--group-names", "nonsense"), "'nonsense' is not such a pair"),
         (("--initial", "file"), "choose a map.npz"),
-        (("--initial", "landmarks"), "A start from landmarks needs one or more"),
+        (("--initial", "landmarks"), "Matching from landmarks needs at least one"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence_and_exit_status_1(pair, capsys, more, sentence):
@@ -260,9 +260,9 @@ def test_a_symmetry_is_found_anew_where_that_is_asked_for_or_the_mesh_was_edited
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (("--use", 99), "'Body' has one symmetry, not the one that is asked for"),
+        (("--use", 99), "'Body' has only one symmetry: choose a lower number"),
         (("--mirror-shape-keys", "Smile"), "'Body' has no shape key 'Smile'"),
-        (("--mirror-attributes", "uv_maps"), "none of the data that is to be mirrored"),
+        (("--mirror-attributes", "uv_maps"), "none of the data to mirror"),
         (("--object", "Nobody"), "There is no object 'Nobody' in the scene"),
     ],
 )
@@ -279,7 +279,7 @@ def test_what_was_found_is_reported_to_whoever_has_to_choose_another(body, tmp_p
     path = tmp_path / "report.json"
     assert run("symmetry", "--object", "Body", "--use", 99, "--report", path) == 1
     entry = json.loads(path.read_text())["objects"]["Body"]
-    assert "not the one that is asked for" in entry["error"]
+    assert "choose a lower number" in entry["error"]
     assert entry["candidates"][entry["used"] - 1]["name"] == "Reflection"
 
 

@@ -88,7 +88,7 @@ def test_an_edit_between_two_turns_is_noticed_and_nothing_is_written(pair, work,
         edit(pair[edited])
         bpy.context.view_layer.update()
         before = snapshot_file()
-        with pytest.raises(zo.MeshError, match=f"'{edited}' was edited while it was being worked on: start again"):
+        with pytest.raises(zo.MeshError, match=f"'{edited}' was edited during the operation: start again"):
             finish(job)
         assert snapshot_file() == before
         keep_true_match(pair["Target"])

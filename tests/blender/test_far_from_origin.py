@@ -123,4 +123,4 @@ def test_vertices_that_are_far_from_their_own_origin_are_said_to_be_rounded(sour
     target.location.x, target.scale = 5, (0.1, 0.1, 0.1)
     bpy.context.view_layer.update()
     (note,) = (note for note in match_objects(bpy.context, source, target).notes if "rounded" in note)
-    assert note.startswith("The target lies so far from its origin that its coordinates are rounded by ")
+    assert note.startswith("The target is so far from its origin that its coordinates are rounded by ")

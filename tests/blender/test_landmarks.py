@@ -111,7 +111,7 @@ def test_a_landmark_whose_surface_is_gone_is_said_to_be(source, target):
     found = landmark_pairs(bpy.context, source, target)
     assert found.numbers == (2,)
     assert found.notes == (
-        "Landmarks whose place was edited away were not used: 1 (on 'Source'); place them again, or remove them.",
+        "Landmarks on deleted geometry were not used: 1 (on 'Source'); place them again, or remove them.",
     )
 
 
@@ -229,7 +229,7 @@ def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_nex
         np.testing.assert_allclose([found[n][2] for n in (1, 2)], 0.05, atol=1e-5)
         assert all(found[n][1] < 0 for n in (1, 2))  # on the side that is seen
     assert placing.event("LEFTMOUSE", 0.0, 1.5) == {"RUNNING_MODAL"}
-    assert placing.reports == ["Nothing was hit there: click on one of these: 'Source', 'Target'"]
+    assert placing.reports == ["There is no surface here: click on 'Source', 'Target'"]
     assert placing.event("ESC") == {"FINISHED"}
     assert (screen.cursor, screen.status) == (None, None)
 
@@ -239,7 +239,7 @@ def test_none_are_placed_where_blender_keeps_the_place_of_an_operator_that_is_go
     handlers = placing.screen.handlers
     assert placing.invoke(placing.screen, None) == {"CANCELLED"}
     assert placing.screen.handlers == handlers
-    assert "move it over a 3D view, and try again" in placing.reports[-1]
+    assert "move it over a 3D viewport, and try again" in placing.reports[-1]
 
 
 def test_a_dot_can_be_dragged_and_the_last_one_taken_back(source, target, placing):
@@ -376,7 +376,7 @@ def test_empties_that_are_children_or_lie_near_are_imported(source, target):
     assert {landmark.name for landmark in bpy.context.scene.zoomout.landmarks} == {"Nose", "Top"}
     found = landmark_pairs(bpy.context, source, target)
     np.testing.assert_allclose(found.target - found.source, [[5, 0, 0]] * 2, atol=0.1)
-    with pytest.raises(RuntimeError, match="no small vertex groups of the same name"):
+    with pytest.raises(RuntimeError, match="no small vertex groups with matching names"):
         bpy.ops.zoomout.import_landmarks(what="GROUPS")
 
 
@@ -440,11 +440,12 @@ def test_a_start_from_landmarks_without_a_pair_is_one_sentence(source, target):
     with pytest.raises(zo.MeshError) as error:
         match_objects(bpy.context, source, target, initial="landmarks")
     assert str(error.value) == (
-        "A start from landmarks needs one or more on both 'Source' and 'Target': place some, or choose another start. "
-        "Landmarks that only one of the two objects has were not used: 1 (missing on 'Target')."
+        "Matching from landmarks needs at least one landmark on both 'Source' and 'Target': place some, or choose "
+        "another method. "
+        "Landmarks that are on only one of the two objects were not used: 1 (missing on 'Target')."
     )
     result = match_objects(bpy.context, source, target)
-    assert "Landmarks that only one of the two objects has were not used: 1 (missing on 'Target')." in result.notes
+    assert "Landmarks that are on only one of the two objects were not used: 1 (missing on 'Target')." in result.notes
     assert "initial" not in stored_match.description(target.data)["settings"]
 
 
@@ -458,7 +459,9 @@ def test_a_landmark_off_the_main_part_is_named_by_the_number_that_the_user_sees(
     add(target, 4, 1, 0, 0)
     add(source, 7, 0, 0, 2.1)
     add(target, 7, 0, 0, 1)
-    with pytest.raises(zo.MeshError, match=r"^Landmark 7 on 'Source', at vertex \d+, is off its main part: move it\.$"):
+    with pytest.raises(
+        zo.MeshError, match=r"^Landmark 7 on 'Source', at vertex \d+, is not on its main part: move it\.$"
+    ):
         match_objects(bpy.context, source, target, initial="landmarks")
 
 

@@ -299,7 +299,7 @@ def test_what_is_not_blended_says_so(source, target):
         source.shape_key_add(name=name).data[7].co.z += 0.1
     for settings, expected in ((Settings(), 0), (Settings(factor=0.5), 2)):
         notes = transfer_objects(bpy.context, source, target, ["custom_normals", "shape_keys"], settings)["notes"]
-        assert sum("not blended" in note for note in notes) == expected
+        assert sum("instead of blending" in note for note in notes) == expected
 
 
 def test_without_custom_normals_the_target_keeps_its_own(source, target):
@@ -415,7 +415,7 @@ def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, targe
     settings = Settings(turning=("flow", "frame", "spin", "height"))
     report = transfer_objects(bpy.context, source, target, ["attributes"], settings)
     assert len(solved) == 1  # how the mesh turns is worked out once for all of them
-    assert [note.split(":")[0] for note in report["notes"] if "does not turn" in note] == [*missing, "height"]
+    assert [note.split(":")[0] for note in report["notes"] if "not rotated" in note] == [*missing, "height"]
     assert np.median(degrees(values(target.data, "plain"), bulging(still))) < 1
     assert np.median(degrees(values(target.data, "flow"), bulging(still) @ turn.T)) < 1
     quarter = np.tile([np.sqrt(0.5), 0, 0, np.sqrt(0.5)], (len(still), 1))

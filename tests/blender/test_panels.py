@@ -146,20 +146,20 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
         "100%",
     ):
         assert shown[name], name
-    assert "Matched with 'Source', 0% in doubt" in texts()
+    assert "Matched with 'Source', 0% doubtful" in texts()
     assert "Without a partner" not in texts()
     kept = stored_match.description(target.data)
     target.data[stored_match.PROPERTY] = json.dumps(kept | {"without_partner": [0.0, 0.58]})
     assert "Without a partner: 0% of the target, 58% of the source" in texts()
     bpy.ops.zoomout.preview(kind="PLACES")
-    assert "Same color, same place" in texts()
+    assert "Same color, same point" in texts()
     target.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     drawn()
     mesh_facts.inspect_now()
-    assert "The target 'Target' was edited since: match again." in texts()
+    assert "The target 'Target' was edited after the match: match again." in texts()
     assert preview.OUTDATED in texts()
-    assert "Same color, same place" not in texts()
+    assert "Same color, same point" not in texts()
     shown = buttons()
     assert shown["Match Again"]
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
@@ -170,13 +170,13 @@ def test_a_match_that_is_in_doubt_in_large_part_bears_no_check_mark(source, targ
     assert ("mark", "CHECKMARK", True) in drawn()
     kept = stored_match.description(target.data)
     target.data[stored_match.PROPERTY] = json.dumps(kept | {"low_confidence": kept["vertices"] // 2})
-    assert "50% in doubt" in texts()
+    assert "50% doubtful" in texts()
     assert ("mark", "CHECKMARK", True) not in drawn()
 
 
 def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target):
     def changed():
-        return "Landmarks were placed, moved or removed since" in texts()
+        return "Landmarks have changed since the match" in texts()
 
     for obj in (source, target):
         set_landmark(bpy.context, obj, number=1, vertex=12)
@@ -197,7 +197,7 @@ def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, ta
     bpy.context.scene.zoomout.source = ellipsoid("Other", 3)
     activate(target)
     bpy.context.view_layer.update()
-    assert "The source is now 'Other': match again to go by it." in texts()
+    assert "The source is now 'Other': match again to use it." in texts()
     assert buttons()["Match and Transfer"]
 
 
@@ -217,7 +217,7 @@ def test_buttons_say_how_many_targets_there_are(source, target):
     third.data.clear_geometry()
     bpy.context.view_layer.update()
     assert "'Third' has no faces: choose a mesh with a surface." in texts()
-    assert "Until then 'Third' is left out." in texts()
+    assert "Until then, 'Third' is skipped." in texts()
     assert buttons()["Match 3 Targets"]
     bpy.context.scene.zoomout.source = None
     assert buttons()["Match"] is False
@@ -231,14 +231,14 @@ def test_colours_can_be_taken_away_from_what_is_out_of_date(source, target):
 
 
 def test_a_mesh_of_few_vertices_is_warned_of_before_its_symmetry_is_sought(target):
-    assert "Few vertices: " not in texts()
+    assert "The mesh has few vertices: " not in texts()
     activate(ellipsoid("Ball", 1))
-    assert "Few vertices: " in texts()
+    assert "The mesh has few vertices: " in texts()
 
 
 def test_half_a_mesh_is_warned_of_before_its_symmetry_is_sought(target):
     modifier = target.modifiers.new("Mirror", "MIRROR")
-    assert "'Mirror' makes the mesh's other half: apply it first" in texts()
+    assert "The modifier 'Mirror' creates the other half of the mesh: apply it first" in texts()
     modifier.show_viewport = False
     assert "other half" not in texts()
 
@@ -255,11 +255,11 @@ def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
     bpy.context.view_layer.update()
     drawn()
     mesh_facts.inspect_now()
-    assert "Reshaped since: Mirror Sculpt carries it over" in texts()
+    assert "The mesh was reshaped after detection: use Mirror Sculpt" in texts()
     assert preview.OUTDATED in texts()
     assert "Blue is left" not in texts()
     body.data.vertices.add(1)
-    assert "The mesh was edited since: detect its symmetry again" in texts()
+    assert "The mesh was edited after detection: detect its symmetry again" in texts()
     assert "Pairs" not in buttons()
 
 

@@ -207,7 +207,7 @@ def test_every_kind_of_data_is_filled_in_or_left_as_it_is(source, target, how, e
     for name, found in received(target).items():
         np.testing.assert_allclose(found[lone], expected, atol=0.02, err_msg=name)
         np.testing.assert_allclose(found[rest], 0.8, atol=0.02, err_msg=name)
-    kept = f"{alone(target).sum()} vertices without a partner keep what they have."
+    kept = f"{alone(target).sum()} vertices without a partner keep their data."
     assert (kept in report["notes"]) is (how == "keep")
 
 

@@ -40,15 +40,19 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
 @pytest.mark.parametrize(
     ("defect", "sentence"),
     [
-        ("no target", "Select the mesh that has the data, then with Shift the one that is to receive it."),
-        ("no target of a source", "Make the mesh active that is to receive the data."),
-        ("edited elsewhere", "The active mesh is edited through another object: leave its Edit Mode."),
-        ("no source", "Select the mesh that has the data, then with Shift the one that is to receive it."),
-        ("many", "2 meshes are selected besides the active one: select the source alone, or choose it in the sidebar."),
+        ("no target", "Select the source mesh, then Shift-click the target mesh."),
+        ("no target of a source", "Make the target mesh active."),
+        ("edited elsewhere", "The active mesh is in Edit Mode through another object: leave Edit Mode there."),
+        ("no source", "Select the source mesh, then Shift-click the target mesh."),
+        ("many", "2 meshes are selected besides the active one: select only the source, or choose it in the sidebar."),
         ("itself", "'Target' cannot be its own source: choose another source, or make another mesh active."),
         ("one mesh", "'Source' and 'Target' share one mesh: make the target single-user, or choose another source."),
         ("no faces", "'Source' has no faces: choose a mesh with a surface."),
-        ("screw", "Apply 'Screw' on 'Target': data is written to the mesh itself, which has no faces without it."),
+        (
+            "screw",
+            "The mesh of 'Target' has no faces before its modifiers: apply 'Screw', because data is written to the "
+            "mesh itself.",
+        ),
     ],
 )
 def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
@@ -106,7 +110,7 @@ def test_pieces_of_one_character_are_better_matched_together(source, target):
     assert found() == ([], [])
     for obj in (target, other):
         obj.parent = rig
-    assert found() == ([], ["2 targets are pieces of 'Rig': these match better together, see Collections."])
+    assert found() == ([], ["2 targets are parts of 'Rig': match them together for a better result, see Collections."])
     bpy.context.scene.zoomout.initial = "NEAREST"
     assert found() == ([], [])
 
@@ -132,7 +136,7 @@ def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect
         expected = "'Source' has a negative scale, which swaps its sides"
     elif defect == "few":
         source.data = ellipsoid("Coarse", 1).data
-        expected = "'Source' has 12 vertices, too few to know it by"
+        expected = "'Source' has only 12 vertices, too few for automatic matching"
     else:
         ellipsoid("Twin", 2).data = target.data
         expected = "2 objects share the mesh of 'Target'"
@@ -201,7 +205,7 @@ def test_a_match_that_is_out_of_date_says_so_in_passing(source, target, edit):
         assert preflight.stale(bpy.context, target) == ""  # not yet known
         mesh_facts.inspect_now()
     role = edit.split()[0]
-    expected = f"The {role} '{role.title()}' was edited since: match again."
+    expected = f"The {role} '{role.title()}' was edited after the match: match again."
     if edit == "gone":
         expected = "Its source 'Source' is not in the scene: choose the source, then match again."
     assert preflight.stale(bpy.context, target) == expected

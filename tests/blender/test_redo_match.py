@@ -45,7 +45,7 @@ def test_the_match_is_replaced_in_the_group_alone_or_everywhere_else(source, wro
     assert np.linalg.norm(images(wrong) - positions(wrong.data), axis=1)[deep].max() < 0.1
     assert np.linalg.norm(before - positions(wrong.data), axis=1)[deep].mean() > 0.3
     assert confidence[deep].min() > 0.3
-    assert "of the area was matched again, the rest kept." in stored_match.description(wrong.data)["notes"][0]
+    assert "of the area was matched again, and the rest was kept." in stored_match.description(wrong.data)["notes"][0]
     assert stored_candidates.read(wrong.data) is None  # these are of whole maps
 
 
@@ -76,7 +76,11 @@ def test_without_a_match_to_keep_all_is_matched(source, target):
 
 @pytest.mark.parametrize(
     ("group", "keeps", "sentence"),
-    [("Gone", False, "has no vertex group 'Gone'"), ("Empty", False, "is empty"), ("All", True, "covers all")],
+    [
+        ("Gone", False, "has no vertex group 'Gone'"),
+        ("Empty", False, "is empty"),
+        ("All", True, "covers the whole mesh"),
+    ],
 )
 def test_a_group_that_says_nothing_is_one_sentence(source, wrong, group, keeps, sentence):
     wrong.vertex_groups.new(name="Empty")

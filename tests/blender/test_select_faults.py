@@ -58,8 +58,8 @@ def test_the_sentence_says_how_many_and_of_what_share(source, target):
         np.arange(len(target.data.vertices)) < 40
     )
     said = select_faults(bpy.context, target, DOUBTFUL)
-    assert said == f"In doubt: 40 vertices of 'Target', {area:.1%} of its area"
-    assert select_faults(bpy.context, target, FLIPPED) == "Turned over: no faces of 'Target', 0.0% of its area"
+    assert said == f"Doubtful: 40 vertices of 'Target', {area:.1%} of its area"
+    assert select_faults(bpy.context, target, FLIPPED) == "Flipped: no faces of 'Target', 0.0% of its area"
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -86,7 +86,7 @@ def test_faces_that_face_against_most_are_selected(source, target, mirrored):
     assert faces[at_both].all()
     assert not faces[~near].any()
     said = select_faults(bpy.context, target, FLIPPED)
-    assert said == f"Turned over: {faces.sum()} faces of 'Target', {share_of_faces(target, faces):.1%} of its area"
+    assert said == f"Flipped: {faces.sum()} faces of 'Target', {share_of_faces(target, faces):.1%} of its area"
     keep(target, has_partner=np.arange(len(points)) != tip)
     assert bpy.ops.zoomout.select_flipped() == {"FINISHED"}
     assert not selected(target)[1][at_both].any()  # what has no partner is not expected to lie well
@@ -94,7 +94,7 @@ def test_faces_that_face_against_most_are_selected(source, target, mirrored):
 
 def test_what_has_no_partner_is_selected_on_both(source, target):
     keep_true_match(target)
-    with pytest.raises(RuntimeError, match="does not tell what has a partner: match again"):
+    with pytest.raises(RuntimeError, match="has no information about partners: match again"):
         bpy.ops.zoomout.select_without_partner()
     low, high = (positions(obj.data)[:, 2] * sign > 0.3 for obj, sign in ((target, -1), (source, 1)))
     keep(target, has_partner=~low, source_has_partner=~high)

@@ -199,7 +199,7 @@ COMPOSED = {
     "Without a partner: 3 faces of 'A', 1.0% of its area; no vertices of 'B', 0.0% of its area": (
         "Ohne Gegenstück: 3 Flächen von 'A', 1.0% der Oberfläche; keine Vertices von 'B', 0.0% der Oberfläche"
     ),
-    "In doubt: 3 vertices of 'A', 1.0% of its area": "Im Zweifel: 3 Vertices von 'A', 1.0% der Oberfläche",
+    "Doubtful: 3 vertices of 'A', 1.0% of its area": "Zweifelhaft: 3 Vertices von 'A', 1.0% der Oberfläche",
     "Cleared 1 mesh and 3 landmarks": "Zuordnungsdaten entfernt: 1 Mesh und 3 Landmarken",
     "Transferred 1 shape from 'A' to 'B'; 0 of 9 vertices are of low confidence; Transferred 1 shape from 'A' to 'C'; "
     "2 skipped; 0 of 9 vertices are of low confidence": (
@@ -211,12 +211,12 @@ COMPOSED = {
         "'X' zugeordnet, Quelle 'Y' und andere; 3 von 9 Vertices sind unsicher; 5% des Ziels und 0% der Quelle haben "
         "kein Gegenstück"
     ),
-    "The match that was made before was used as it is: to use other settings (Detail, Method), match again.": (
-        "Die frühere Zuordnung wurde benutzt, wie sie ist: für andere Einstellungen (Feinheit, Verfahren) erneut "
-        "zuordnen."
+    "The existing match was used: to apply the changed settings (Detail, Method), match again.": (
+        "Die vorhandene Zuordnung wurde benutzt: um die geänderten Einstellungen (Feinheit, Verfahren) anzuwenden, "
+        "erneut zuordnen."
     ),
-    "The largest part of the target has 7 vertices, too few to know it by: subdivide it to 50 or more.": (
-        "Der größte Teil des Ziels hat 7 Vertices, zu wenige, um ihn zu erkennen: auf 50 oder mehr unterteilen."
+    "The largest part of the target has only 7 vertices, too few for matching: subdivide it to at least 50.": (
+        "Der größte Teil des Ziels hat nur 7 Vertices, zu wenige zum Zuordnen: auf mindestens 50 unterteilen."
     ),
     "'Body' was left out: 'Body' is not a mesh: choose a mesh object.": (
         "'Body' wurde ausgelassen: 'Body' ist kein Mesh: ein Mesh-Objekt wählen."
@@ -230,7 +230,10 @@ def test_what_is_composed_is_translated_with_its_parts(english: str) -> None:
 
 
 def test_sentences_side_by_side_are_translated_each() -> None:
-    source, target = "The source 'A' was edited since: match again.", "The target 'B' was edited since: match again."
+    source, target = (
+        "The source 'A' was edited after the match: match again.",
+        "The target 'B' was edited after the match: match again.",
+    )
     german = " ".join(in_language(text, "de") for text in (source, target))
     assert in_language(f"{source} {target}", "de") == german
     assert in_language(f"{source} Unknown words follow.", "de") == f"{in_language(source, 'de')} Unknown words follow."
@@ -296,10 +299,10 @@ def labels(text: str, width: int) -> list[str]:
 
 
 def test_sentences_are_wrapped_in_the_language_that_is_read(in_german: None) -> None:
-    lines = labels("The source 'Body' was edited since: match again.", 300)
+    lines = labels("The source 'Body' was edited after the match: match again.", 300)
     assert len(lines) > 1
     assert max(map(len, lines)) <= (300 - sidebar.BORDER) / sidebar.LETTER
-    assert " ".join(lines) == "Die Quelle 'Body' wurde seitdem bearbeitet: erneut zuordnen."
+    assert " ".join(lines) == "Die Quelle 'Body' wurde nach der Zuordnung bearbeitet: erneut zuordnen."
 
 
 def test_progress_is_shown_in_the_language_that_is_read(in_german: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -334,7 +337,7 @@ def test_what_is_stored_is_english(target: bpy.types.Object, in_german: None) ->
 
 def test_panels_are_drawn_as_fast(in_german: None) -> None:
     """What is shown again and again is looked up once: less than a millisecond for more than panels ever show."""
-    texts = [f"The source 'Body {number}' was edited since: match again." for number in range(50)]
+    texts = [f"The source 'Body {number}' was edited after the match: match again." for number in range(50)]
     for text in texts:
         translations.translated(text)
     begin = time.perf_counter()

@@ -132,7 +132,9 @@ def test_what_lies_on_an_object_without_a_layer_keeps_what_it_has(front, whole):
     np.testing.assert_allclose(values(whole.data, "Paint")[behind], [[0, 0, 1, 1]] * behind.sum(), atol=1e-5)
     np.testing.assert_allclose(weight_array(whole, "chest")[before], 1, atol=1e-5)
     np.testing.assert_allclose(weight_array(whole, "chest")[behind], 0.5, atol=1e-5)
-    assert sum("lie on objects without it ('Back'), and keep what they have" in note for note in report["notes"]) == 2
+    assert (
+        sum("are on objects without this data ('Back'), and keep their data" in note for note in report["notes"]) == 2
+    )
 
 
 def test_layers_of_one_name_and_several_types_are_not_mixed(front, back, whole):

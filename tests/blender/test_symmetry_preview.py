@@ -141,7 +141,7 @@ def test_a_reshaped_mesh_says_so_in_passing(body):
 
 def test_without_vertex_groups_there_are_no_weights_to_look_at(body):
     for work in (lambda: check_symmetry(bpy.context, body, "weights"), lambda: symmetrise_weights(bpy.context, body)):
-        with pytest.raises(zo.MeshError, match="'Creature' has no vertex groups: give it some"):
+        with pytest.raises(zo.MeshError, match="'Creature' has no vertex groups: add some"):
             work()
 
 
@@ -169,5 +169,5 @@ def test_asymmetry_is_shown_and_told(body):
     assert mean_of[0] < 0.1 * mean_of[1]
     with pytest.raises(zo.MeshError, match="No shape key of 'Creature' is active"):
         check_symmetry(bpy.context, body, "key")
-    with pytest.raises(zo.MeshError, match="no shape key 'Basis' beside the first one"):
+    with pytest.raises(zo.MeshError, match="no shape key 'Basis' besides the Basis"):
         check_symmetry(bpy.context, body, "key", "Basis")

@@ -146,7 +146,7 @@ def test_locked_groups_are_left_alone_and_the_others_share_what_they_leave(sourc
     np.testing.assert_allclose(total, 1, atol=1e-6)
     assert "locked" in report["skipped"]["Held"]
     assert report["written"]["vertex_groups"] == ["Left", "Right"]
-    assert any("taken for skin weights" in note for note in report["notes"])
+    assert any("treated as bone weights" in note for note in report["notes"])
 
 
 def test_without_an_armature_groups_are_masks_unless_they_sum_to_one(source, target):
@@ -157,7 +157,7 @@ def test_without_an_armature_groups_are_masks_unless_they_sum_to_one(source, tar
     report = transfer(source, target, "vertex_groups")
     np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
     np.testing.assert_allclose(weight_array(target, "Other"), 0.7, atol=1e-6)
-    assert any("taken for masks" in note for note in report["notes"])
+    assert any("treated as masks" in note for note in report["notes"])
 
 
 def test_vertices_that_locked_groups_take_up_are_counted_in_the_report(source, target):
@@ -168,7 +168,7 @@ def test_vertices_that_locked_groups_take_up_are_counted_in_the_report(source, t
     report = transfer(source, target, "vertex_groups")
     assert (weight_array(target, "Left")[full] == 0).all()
     np.testing.assert_allclose(weight_array(target, "Left")[~full & (ramp(target) < 0.9)], 1, atol=1e-6)
-    (note,) = [note for note in report["notes"] if "leave no room" in note]
+    (note,) = [note for note in report["notes"] if "leave no weight for other groups" in note]
     without = full & (ramp(target) < 0.999)
     assert int(note.split(" on ")[1].split()[0]) == pytest.approx(without.sum(), abs=5)
 
@@ -393,7 +393,7 @@ def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without
 
     def unused(**options):
         assert bpy.ops.zoomout.transfer(attributes=True, **options) == {"FINISHED"}
-        return [note for note in transfer_report(target)["notes"] if "made before" in note]
+        return [note for note in transfer_report(target)["notes"] if "existing match" in note]
 
     assert bpy.ops.zoomout.match(initial="PROXIMITY", k_final=30) == {"FINISHED"}
     assert unused(initial="PROXIMITY", k_final=30) == []

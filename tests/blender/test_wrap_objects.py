@@ -197,7 +197,7 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
 
     def missed(**wrapping):
         report = api.wrap(bpy.context, source, target, api.Wrapping(result, **wrapping))
-        told.append(any("act on its new shape" in note for note in report["notes"]))
+        told.append(any("also deform its new shape" in note for note in report["notes"]))
         return off(moved_to(bpy.data.objects[report["object"]], source), source)
 
     cage = missed(subdivided=False)

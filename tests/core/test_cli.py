@@ -34,9 +34,9 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
     outcome = run("match", files / "source.ply", files / "target.ply", "-o", files / "map.npz")
     assert outcome.exit_code == 0, outcome.output
     for fact in (
-        "Right with a probability of",
+        "Correct with a probability of",
         "Mean confidence",
-        "Turned over: ",
+        "Flipped: ",
         "Without a partner: ",
         "candidates.",
     ):
@@ -66,7 +66,7 @@ def test_nearest_points_are_a_map_without_anything_else(files: Path) -> None:
         assert note in outcome.output
     refused = run("match", *meshes, *asked, "--common-axis", "z")
     assert refused.exit_code == 1
-    assert "--common-axis has no effect on --initial nearest" in refused.output
+    assert "--common-axis has no effect with --initial nearest" in refused.output
 
 
 def test_a_file_without_faces_is_a_cloud(files: Path, resting: Creature) -> None:
@@ -78,7 +78,7 @@ def test_a_file_without_faces_is_a_cloud(files: Path, resting: Creature) -> None
         assert (file["vertex"] == np.arange(len(resting.directions))).mean() > 0.99
     outcome = run("evaluate", files / "cloud.npz", *meshes)
     assert outcome.exit_code == 0, outcome.output
-    assert "Turned over: " in outcome.output
+    assert "Flipped: " in outcome.output
 
 
 def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Creature, bent: Creature) -> None:
@@ -129,7 +129,7 @@ def test_what_is_known_of_the_map_reaches_the_match(
         (("nothing.ply", "target.ply"), "nothing.ply"),
         (("source.ply", "target.ply", "--initial", "magic"), "magic"),
         (("source.ply", "broken.ply"), "broken.ply"),
-        (("source.ply", "target.ply", "--initial", "broken.ply"), "holds no map"),
+        (("source.ply", "target.ply", "--initial", "broken.ply"), "contains no map"),
         (("source.ply", "target.ply", "--landmarks", "broken.ply"), "vertex numbers"),
         (("source.ply", "target.ply", "--landmarks", "empty.ply"), "vertex numbers"),
         (("source.ply", "target.ply", "--landmarks", "fractions.ply"), "vertex numbers"),
@@ -137,7 +137,7 @@ def test_what_is_known_of_the_map_reaches_the_match(
         (("source.ply", "target.ply", "--landmarks", "mixed.ply"), "vertex numbers"),
         (("source.ply", "target.ply", "--initial", "landmarks"), "--landmarks FILE"),
         (("source.ply", "target.ply", "--exact-landmarks"), "--landmarks FILE"),
-        (("source.ply", "target.ply", "--earlier-map", "broken.ply"), "holds no map"),
+        (("source.ply", "target.ply", "--earlier-map", "broken.ply"), "contains no map"),
         (("source.ply", "target.ply", "--earlier-map", "broken.ply", "--initial", "proximity"), "--initial auto"),
         (("source.ply", "target.ply", "--common-axis", "z", "--initial", "proximity"), "--initial auto"),
         (("source.ply", "target.ply", "--common-axis", "up"), "--common-axis is 'up'"),

@@ -148,21 +148,21 @@ def test_errors_of_offsets_are_relative_and_weighted_by_area() -> None:
 def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
     alone = evaluate(files, "map.npz")
     assert alone.exit_code == 0, alone.output
-    assert [line.split(":")[0] for line in alone.output.splitlines()] == ["Turned over", "Covered", "Edge distortion"]
+    assert [line.split(":")[0] for line in alone.output.splitlines()] == ["Flipped", "Covered", "Edge distortion"]
     beside = evaluate(files, "map.npz", "--truth", "truth.txt", "--reverse", "back.npz")
     assert beside.exit_code == 0, beside.output
-    assert beside.output.startswith("Error at 700 true places: mean 0.0, median 0.0, 95th percentile 0.0.")
-    assert "going there and back" in beside.output
+    assert beside.output.startswith("Error at 700 ground-truth points: mean 0.0, median 0.0, 95th percentile 0.0.")
+    assert "Round-trip error" in beside.output
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("none.npz",), "holds no map"),
-        (("truth.txt",), "holds no map"),
+        (("none.npz",), "contains no map"),
+        (("truth.txt",), "contains no map"),
         (("back.npz",), "maps 800 vertices"),
         (("map.npz", "--reverse", "map.npz"), "map.npz"),
-        (("map.npz", "--truth", "beyond.txt"), "and 800 is none"),
+        (("map.npz", "--truth", "beyond.txt"), "but 800 is not"),
         (("map.npz", "--truth", "source.off"), "vertex numbers"),
     ],
 )

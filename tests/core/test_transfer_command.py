@@ -73,9 +73,9 @@ def test_a_folder_of_targets_is_written_and_one_that_fails_leaves_the_others_alo
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("-o", "{folder}/out.fbx"), "no format that can be written"),
-        (("-o", "{target}"), "is itself an input"),
-        (("-o", "{folder}/out.glb", "--kinds", "bones"), "--kinds is 'bones': give some of uv, color"),
+        (("-o", "{folder}/out.fbx"), "has no supported file extension"),
+        (("-o", "{target}"), "is an input, and would be overwritten"),
+        (("-o", "{folder}/out.glb", "--kinds", "bones"), "--kinds is 'bones': choose from uv, color"),
         (("-o", "{folder}/out.glb", "--kinds", "weights"), "The source has no weights"),
     ],
 )
@@ -94,4 +94,4 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
 def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path, Path], tmp_path: Path) -> None:
     code, said = run(tmp_path / "hero.blend", files[1], "-o", tmp_path / "out.glb")
     assert code == 1
-    assert "take `zoomout collection`" in said
+    assert "use `zoomout collection`" in said

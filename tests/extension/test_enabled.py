@@ -220,7 +220,8 @@ def test_after_an_edit_a_match_is_out_of_date_and_says_so(source, matched):
     part("services.preflight").stale(bpy.context, matched)
     part("scene.mesh_facts").inspect_now()
     assert (
-        part("services.preflight").stale(bpy.context, matched) == "The target 'Target' was edited since: match again."
+        part("services.preflight").stale(bpy.context, matched)
+        == "The target 'Target' was edited after the match: match again."
     )
     with pytest.raises(RuntimeError, match="'Target' was edited since it was matched: match again"):
         zoomout.transfer()

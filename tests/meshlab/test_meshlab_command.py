@@ -61,7 +61,7 @@ def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files
     assert sorted(ms.current_mesh().textures()) == ["back.png", "front.png"]
     assert (tmp_path / "back.png").is_file()
     assert (tmp_path / "front.png").is_file()
-    assert ("OBJ cannot hold vertex_scalar" in ran.output) == name.endswith("obj")
+    assert ("OBJ files cannot store vertex_scalar" in ran.output) == name.endswith("obj")
     assert "Mean confidence" in ran.output
     assert "Without a partner: " in ran.output
 
@@ -86,11 +86,11 @@ def test_the_options_of_the_match_are_understood(files, tmp_path):
     [
         ("creature.obj", "target.ply", "a.stl", "choose .ply or .obj"),
         ("creature.obj", "target.ply", "nowhere/a.ply", "no folder"),
-        ("nothing.obj", "target.ply", "a.ply", "nothing.obj could not be read"),
+        ("nothing.obj", "target.ply", "a.ply", "nothing.obj: check the path"),
         ("creature.obj", "creature.mtl", "a.ply", "creature.mtl could not be read"),
         ("target.ply", "creature.obj", "a.ply", "none of the attributes"),
         ("creature.obj", "target.ply", "nowhere/out", "no folder"),
-        ("nothing.obj", "target.ply", "out", "nothing.obj could not be read"),
+        ("nothing.obj", "target.ply", "out", "nothing.obj: check the path"),
     ],
 )
 def test_an_error_is_one_sentence_and_nothing_is_written(files, tmp_path, source, target, output, sentence):
@@ -192,9 +192,9 @@ def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
     ("targets", "output", "sentence"),
     [
         (["scans"], "a.ply", "one file for 3 targets"),
-        (["scans/first.ply", "again/first.obj"], "out", "would both become"),
-        (["scans/first.ply"], "scans", "might take its place"),
-        (["again"], "out", "holds no other meshes"),
+        (["scans/first.ply", "again/first.obj"], "out", "would both be written to"),
+        (["scans/first.ply"], "scans", "could overwrite it"),
+        (["again"], "out", "contains no other meshes"),
     ],
 )
 def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, targets, output, sentence):
@@ -215,7 +215,7 @@ def test_filters_are_listed_searched_and_described():
     assert found.output == "meshing_close_holes\n"
     none = CliRunner().invoke(main, ["search", "nothing-like-it"])
     assert none.exit_code == 1
-    assert none.output == "Error: No filter has nothing-like-it in its name: try other words, or fewer.\n"
+    assert none.output == "Error: No filter name contains nothing-like-it: try other words, or fewer.\n"
     described = CliRunner().invoke(main, ["describe", "compute_laplacian_eigenfunctions"])
     assert described.output.startswith(CATALOGUE["compute_laplacian_eigenfunctions"].meaning)
     assert "functions : int = 20" in described.output

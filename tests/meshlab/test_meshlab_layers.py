@@ -192,7 +192,7 @@ def test_a_target_that_meshlab_would_thin_out_is_refused_beforehand(broken):
         vertices[4] = np.nan
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(vertices, faces))
-    with pytest.raises(MeshError, match=r"1 (faces that name a vertex twice|vertices that are not finite)") as refusal:
+    with pytest.raises(MeshError, match=r"1 (faces that use a vertex twice|vertices that are not finite)") as refusal:
         check_target(read_layer(ms, 0))
     (remedy,) = [word.strip(".") for word in str(refusal.value).split() if word.startswith("meshing_")]
     ms.apply_filter(remedy)
@@ -200,7 +200,7 @@ def test_a_target_that_meshlab_would_thin_out_is_refused_beforehand(broken):
 
 
 def test_a_missing_mesh_and_a_missing_attribute_are_named(rich):
-    with pytest.raises(MeshError, match="no mesh 7 among the 1"):
+    with pytest.raises(MeshError, match="no mesh with id 7 among the 1"):
         read_layer(rich, 7)
     with pytest.raises(MeshError, match=r"'creature.obj' has no custom attribute 'mine'"):
         read_layer(rich, 0, ["heat", "mine"])

@@ -52,7 +52,7 @@ def test_points_and_faces_mix(clouds):
     assert np.abs(ms.mesh(made).vertex_scalar_array() - TARGET.rest[:, 0]).mean() / SIZE < 0.03
     taken = meshlab_filter.transfer_attributes_by_zoomout(ms, sourcemesh=made, targetmesh=1, initial="proximity")
     assert taken["transferred"] == ["vertex_scalar"]
-    assert "Layer 'target' has no faces, and so takes no face_scalar." in taken["notes"]
+    assert "Layer 'target' has no faces, so face_scalar cannot be transferred to it." in taken["notes"]
     np.testing.assert_allclose(
         ms.mesh(taken["mesh_id"]).vertex_scalar_array(), ms.mesh(made).vertex_scalar_array(), atol=1e-6
     )

@@ -71,9 +71,9 @@ def check_refusal(ms, sentence, name, /, **parameters):
     ("name", "parameters", "sentence"),
     [
         ("nothing", {}, "no filter 'nothing'"),
-        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh 9 among the 2"),
+        ("transfer_attributes_per_vertex", {"sourcemesh": 9}, "no mesh with id 9 among the 2"),
         ("create_sphere", {"radios": 1}, "radios"),
-        ("create_sphere", {"radius": "wide"}, "create_sphere does not take"),
+        ("create_sphere", {"radius": "wide"}, "create_sphere does not accept"),
         ("transfer_attributes_by_zoomout", {"colours": True}, "no parameter 'colours'"),
         ("transfer_attributes_by_zoomout", {"colortransfer": 1}, "'colortransfer' is 1: give true or false"),
         ("transfer_attributes_by_zoomout", {"sourcemesh": 0.5}, "'sourcemesh' is 0.5: give the id"),
@@ -103,8 +103,8 @@ def test_a_value_of_another_type_is_refused_and_the_parameter_named(pair, name, 
 @pytest.mark.parametrize(
     ("mesh_id", "sentence"),
     [
-        (7, "no mesh 7 among the 5"),
-        (-1, "no mesh -1"),
+        (7, "no mesh with id 7 among the 5"),
+        (-1, "no mesh with id -1"),
         (2, "'points': .*3 points is too small"),
         (3, "'empty': It is empty"),
     ],
@@ -115,7 +115,7 @@ def test_wrong_ids_three_points_and_empty_meshes_are_refused(odd, name, side, me
 
 @pytest.mark.parametrize("name", OF_CURRENT)
 def test_filters_of_the_current_mesh_want_one_that_is_large_enough(odd, name):
-    check_refusal(pymeshlab.MeshSet(), "no mesh in the MeshSet: load one", name)
+    check_refusal(pymeshlab.MeshSet(), "The MeshSet is empty: load a mesh", name)
     for mesh_id, sentence in ((2, "'points'"), (3, "'empty'"), (4, "vertices")):
         odd.set_current_mesh(mesh_id)
         check_refusal(odd, sentence, name)
@@ -132,7 +132,7 @@ def test_what_only_faces_have_finds_no_place_on_points(pair, shapes):
     source, target = shapes
     pair.add_mesh(source.mesh(f_scalar_array=np.arange(len(source.faces), dtype=float)), "by face")
     pair.add_mesh(pymeshlab.Mesh(target.vertices), "points")
-    sentence = "'points' has no faces to take face_scalar of 'by face'"
+    sentence = "'points' has no faces to receive face_scalar of 'by face'"
     check_refusal(pair, sentence, "transfer_attributes_by_zoomout", sourcemesh=2, targetmesh=3)
 
 
@@ -184,9 +184,9 @@ def test_what_cannot_be_baked_is_said_before_the_work(shapes, tmp_path):
     ms.load_new_mesh(str(tmp_path / "creature.obj"))
     name = "transfer_texture_by_zoomout"
     check_refusal(ms, "'bare' has no texture to bake", name, sourcemesh=2)
-    check_refusal(ms, "'bare' has no texture coordinates to bake for", name, targetmesh=2)
-    check_refusal(ms, "no image of front.bmp and back.png", name, sourcemesh=3)
-    check_refusal(ms, "has 2 textures, and one image is baked", name, targetmesh=4)
+    check_refusal(ms, "'bare' has no texture coordinates to bake to", name, targetmesh=2)
+    check_refusal(ms, "no image for front.bmp and back.png", name, sourcemesh=3)
+    check_refusal(ms, "has 2 textures, but only one image can be baked", name, targetmesh=4)
     check_refusal(ms, "'textw' is 0: give a whole number from 1", name, textw=0)
     check_refusal(ms, "'texth' is 1000000000: give", name, texth=10**9)
 

@@ -148,22 +148,22 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
 @pytest.mark.parametrize(
     ("body", "sentence"),
     [
-        ('<filter name="Sphere">', "Line 4 of .* is no XML"),
-        ('<xmlfilter name="Sphere"/>', "Line 3 of .*there is a xmlfilter where a filter should be"),
+        ('<filter name="Sphere">', "Line 4 of .* is not valid XML"),
+        ('<xmlfilter name="Sphere"/>', "Line 3 of .*expected a filter, but found a xmlfilter"),
         ("<filter/>", "Line 3 of .*the filter has no name"),
-        ('<filter name="Nothing"/>', "Line 3 of .*neither MeshLab nor this project has a filter 'Nothing'"),
+        ('<filter name="Nothing"/>', "Line 3 of .*there is no filter 'Nothing' in MeshLab or this project"),
         (
             '<filter name="Sphere">\n' + param("subdiv", "RichInt", "many") + "</filter>",
             "Line 4 of .*'subdiv' is 'many': give a whole number",
         ),
         (
             '<filter name="Sphere">\n' + param("radius", "RichLong", 1) + "</filter>",
-            "Line 4 of .*RichLong, which is none",
+            "Line 4 of .*unknown type RichLong",
         ),
         ('<filter name="Sphere">\n <Param name="radius" type="RichFloat"/></filter>', "Line 4 of .*has no value"),
         (
             '<filter name="Vertex Attribute Transfer">\n' + param("SourceMesh", "RichMesh", 5) + "</filter>",
-            "Line 3 of .*no mesh 5 among the 2",
+            "Line 3 of .*no mesh with id 5 among the 2",
         ),
         (
             '<filter name="Delete ALL Faces"/>\n<filter name="Simplification: Quadric Edge Collapse Decimation"/>',
@@ -183,13 +183,13 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
         ),
         (
             '<filter name="transfer_attributes_by_zoomout">\n' + param("targetmesh", "RichMesh", 9) + "</filter>",
-            "Line 3 of .*no mesh 9 among the 2",
+            "Line 3 of .*no mesh with id 9 among the 2",
         ),
         ('<filter name="transfer_attribute_by_zoomout"/>', "is 'transfer_attributes_by_zoomout' meant"),
         ('<filter name="something_entirely_different"/>', "Line 3 of .*no filter 'something_entirely_different'"),
         (
             '<filter name="transfer_attributes_by_zoomout">\n' + param("seed", "RichFloat", 7) + "</filter>",
-            "Line 4 of .*'seed' is of the type RichFloat: give it as RichInt",
+            "Line 4 of .*'seed' has the type RichFloat: give it as RichInt",
         ),
         (
             '<filter name="compute_scalar_by_correspondence_error">\n'
@@ -229,7 +229,7 @@ def test_a_script_that_leaves_no_mesh_says_so(meshes, tmp_path):
     path = script(tmp_path, '<filter name="delete_current_mesh"/>\n' * 2)
     ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(tmp_path / "a.ply")])
     assert ran.exit_code == 1
-    assert "Error: No mesh is left to write" in ran.output
+    assert "Error: The script leaves no mesh to write" in ran.output
 
 
 def test_a_folder_that_is_not_there_is_named_first(meshes, tmp_path):

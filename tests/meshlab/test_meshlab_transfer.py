@@ -363,7 +363,9 @@ def test_images_that_are_missing_are_reported(tmp_path, coarse_source, coarse_ta
     copied = pymeshlab.MeshSet()
     copied.add_mesh(ms.mesh(0))  # pymeshlab does not copy images
     copied.add_mesh(coarse_target.mesh())
-    assert any("no image of front.bmp and back.png" in note for note in transfer_attributes_by_zoomout(copied)["notes"])
+    assert any(
+        "no image for front.bmp and back.png" in note for note in transfer_attributes_by_zoomout(copied)["notes"]
+    )
     (tmp_path / "back.png").unlink()
     unread = pymeshlab.MeshSet()
     unread.load_new_mesh(str(tmp_path / "creature.obj"))

@@ -103,7 +103,7 @@ def test_a_script_runs_on_the_meshes_of_a_project_as_they_are_placed(folder):
     before = (folder / "retopology.ply").read_bytes()
     ran = run("run", folder / "merge.mlx", folder / "desktop.mlp", "-o", folder / "retopology.ply")
     assert ran.exit_code == 1
-    assert "is itself an input" in ran.output
+    assert "is an input, and would be overwritten" in ran.output
     assert (folder / "retopology.ply").read_bytes() == before
 
 
@@ -113,15 +113,15 @@ ENTITIES = "".join(f'<!ENTITY e{i + 1} "{f"&e{i};" * 10}">' for i in range(9))
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("no XML", "Line 1 of .* is no XML: "),
-        ("", "Line 1 of .* is no XML: no element found"),
-        ("<FilterScript/>", "Line 1 of .* begins a FilterScript, where a MeshLabProject should: give a .mlp file"),
-        ("<MeshLabProject><MeshGroup/></MeshLabProject>", "has no mesh: save one that has"),
-        ("<MeshLabProject><MeshGroup>\n<MLMesh label='new'/></MeshGroup></MeshLabProject>", "Line 2 .* 'new' is in no"),
+        ("not valid XML", "Line 1 of .* is not valid XML: "),
+        ("", "Line 1 of .* is not valid XML: no element found"),
+        ("<FilterScript/>", "Line 1 of .* has a FilterScript instead of a MeshLabProject: give a .mlp file"),
+        ("<MeshLabProject><MeshGroup/></MeshLabProject>", "has no mesh: add one and save it again"),
+        ("<MeshLabProject><MeshGroup>\n<MLMesh label='new'/></MeshGroup></MeshLabProject>", "Line 2 .* 'new' has no"),
         (
             "<MeshLabProject><MeshGroup><MLMesh filename='a.ply'><MLMatrix44>1 2</MLMatrix44></MLMesh></MeshGroup>"
             "</MeshLabProject>",
-            "'a.ply' has a matrix that places nothing",
+            "'a.ply' has an invalid matrix",
         ),
         (f'<!DOCTYPE a [<!ENTITY e0 "ha">{ENTITIES}]><MeshLabProject>&e9;</MeshLabProject>', "declares the entity e0"),
         ('<!DOCTYPE a [<!ENTITY f SYSTEM "file:///etc/passwd">]><MeshLabProject/>', "declares the entity f: remove it"),
@@ -269,7 +269,7 @@ def test_a_project_of_one_mesh_has_nothing_to_transfer_to(folder):
     write_project(folder / "desktop.mlp", read_project(folder / "desktop.mlp")[:1])
     ran = run("watch", folder, "--once", "--interval", 0.1)
     assert ran.exit_code == 1
-    assert "desktop.mlp: failed. The project desktop.mlp has one mesh" in ran.stderr
+    assert "desktop.mlp: failed. The project desktop.mlp has only one mesh" in ran.stderr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
@@ -280,7 +280,7 @@ def test_ctrl_c_ends_it_with_a_line(tmp_path):
     with subprocess.Popen(command, **pipes, text=True, preexec_fn=heard) as process:
         try:
             assert process.stdout is not None
-            assert process.stdout.readline() == f"Watching {tmp_path}; Ctrl-C ends it.\n"
+            assert process.stdout.readline() == f"Watching {tmp_path}; press Ctrl-C to stop.\n"
             process.send_signal(signal.SIGINT)
             _, said = process.communicate(timeout=60)
         finally:

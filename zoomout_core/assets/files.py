@@ -45,13 +45,15 @@ def read_asset(path: str | PathLike[str]) -> Asset:
         raise
     except Exception as error:  # what a broken file leads to depends on where it is broken
         reason = " ".join(str(error).split())
-        raise MeshError(f"{path} could not be read ({reason}): is it complete, and is its ending right?") from error
+        raise MeshError(
+            f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
+        ) from error
 
 
 def check_format(path: str | PathLike[str]) -> None:
     """Raise a MeshError if no file of this ending can be written."""
     if Path(path).suffix.lower() not in WRITERS:
-        raise MeshError(f"{path} is of no format that can be written: give it the ending {', '.join(WRITERS)}.")
+        raise MeshError(f"{path} has no supported file extension: use {', '.join(WRITERS)}.")
 
 
 def write_asset(asset: Asset, path: str | PathLike[str]) -> tuple[str, ...]:

@@ -55,7 +55,9 @@ class Document:
             self._buffers = [self._buffer(number) for number in range(len(self.gltf.buffers))]
         except Exception as error:  # what pygltflib raises on a broken file depends on where it stumbles
             reason = " ".join(str(error).split())
-            raise MeshError(f"{path} could not be read ({reason}): is it complete, and is its ending right?") from error
+            raise MeshError(
+                f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
+            ) from error
         for extension in self.gltf.extensionsRequired:
             if extension in COMPRESSED:
                 raise MeshError(f"{path} is compressed by {COMPRESSED[extension]}: export it without compression.")
@@ -102,7 +104,7 @@ class Document:
             stride = self.gltf.bufferViews[accessor.bufferView].byteStride or dtype.itemsize * width
             content, start = self.view(accessor.bufferView), accessor.byteOffset or 0
             if len(content) < start + stride * (accessor.count - 1) + dtype.itemsize * width:
-                raise MeshError("A buffer of the file ends too early: is it complete?")
+                raise MeshError("A buffer of the file ends too early: check that the file is complete.")
             values = np.ndarray((accessor.count, width), dtype, content, start, (stride, dtype.itemsize)).copy()
         if accessor.sparse is not None:
             indices, changed = accessor.sparse.indices, accessor.sparse.values

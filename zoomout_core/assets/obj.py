@@ -138,4 +138,6 @@ def _notes(asset: Asset) -> tuple[str, ...]:
         *(["skin weights"] if asset.skin is not None else []),
         *([SHAPE_KEYS] if asset.find(SHAPE_KEYS) else []),
     ]
-    return (f"OBJ holds no {' and no '.join(left)}: left out; write a .glb to keep them.",) if left else ()
+    if not left:
+        return ()
+    return (f"OBJ files cannot store {' or '.join(left)}, which were left out: write a .glb file to keep them.",)

@@ -70,7 +70,9 @@ def write_ply(asset: Asset, path: Path) -> tuple[str, ...]:
     held = (f"{UV} 0", f"{COLOR} 0", NORMALS)
     left = [each.name for each in asset.attributes if each.name not in held]
     left += ["skin weights"] if asset.skin is not None else []
-    return (f"PLY holds no {' and no '.join(left)}: left out; write a .glb to keep them.",) if left else ()
+    if not left:
+        return ()
+    return (f"PLY files cannot store {' or '.join(left)}, which were left out: write a .glb file to keep them.",)
 
 
 def _faces(surface: Surface, uv: Floats | None) -> Integers:

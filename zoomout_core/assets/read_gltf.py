@@ -75,7 +75,7 @@ def read_gltf(path: Path) -> Asset:
     nodes = [number for number in document.in_order(parent) if document.gltf.nodes[number].mesh is not None]
     meshes = [mesh for mesh in (_mesh(document, number) for number in nodes) if len(mesh.triangles)]
     if not meshes:
-        raise MeshError(f"{path} holds no triangles: give a file with a surface.")
+        raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
     skeleton = _Skeleton(document, worlds, parent, meshes)
     meshes = [_wound_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
@@ -88,7 +88,7 @@ def read_gltf(path: Path) -> Asset:
         *_shape_keys(meshes, matrices),
         material_numbers(np.concatenate([mesh.material for mesh in meshes])),
     ]
-    notes = tuple(f"{path.name} holds {what}, which are left out." for what in _left_out(document, nodes))
+    notes = tuple(f"{path.name} contains {what}, which are left out." for what in _left_out(document, nodes))
     return Asset(surface, tuple(attributes), materials_of(document), skeleton.skin(meshes, vertices), document, notes)
 
 
@@ -192,7 +192,7 @@ def _triangles(document: Document, primitive: Primitive, count: int) -> Integers
     """(m, 3) vertex numbers of a primitive."""
     numbers = np.arange(count) if primitive.indices is None else document.array(primitive.indices).ravel().astype(int)
     if len(numbers) and numbers.max() >= count:
-        raise MeshError(f"A face names vertex {numbers.max()}, but there are {count}: export the file again.")
+        raise MeshError(f"A face refers to vertex {numbers.max()}, but there are only {count}: export the file again.")
     if primitive.mode == STRIP:
         at = np.arange(max(len(numbers) - 2, 0))[:, None]
         return numbers[np.where(at % 2, at + ODD, at + EVEN)]

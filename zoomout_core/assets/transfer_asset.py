@@ -97,7 +97,9 @@ def transfer_asset(
     chosen = [each for each in source.attributes if kind_of(each) in kinds]
     skin = source.skin if WEIGHTS in kinds else None
     if not chosen and skin is None:
-        raise MeshError(f"The source has no {' or '.join(kinds)}: check which file is the source, or ask for others.")
+        raise MeshError(
+            f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
+        )
     mapped = map_target(match, source.surface, target.surface, fill_below)
     # What the target has of a kind gives place together.
     replaced = {kind_of(each) for each in chosen}
@@ -138,8 +140,8 @@ def _bound(source: Asset, skin: Skin, mapped: MappedTarget, shape: str) -> tuple
             matrices = skinning_matrices(pose.transforms, weights)
             rest = unposed(target, matrices, pose.scale, posed.mapped.confidence)
             notes.append(
-                f"The target stood in another pose, where its joints are turned by {pose.bend:.0f}° on average: it was "
-                "taken to the rest pose."
+                f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
+                "was moved to the rest pose."
             )
     return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), notes
 

@@ -51,51 +51,61 @@ MATCHED, DRAWN = 0.9, 0.95
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
 @click.option("--template", type=click.Path(path_type=Path), help="A file: the source of all other shapes.")
 @click.option("--all-pairs", is_flag=True, help="Match every two shapes.")
-@click.option("--pairs", type=click.Path(path_type=Path), help="A text file of pairs: a source and a target a line.")
+@click.option(
+    "--pairs", type=click.Path(path_type=Path), help="A text file of pairs, with a source and a target per line."
+)
 @click.option(
     "--neighbours",
     type=click.IntRange(min=1),
-    help=f"Match each shape with so many that are most alike, so that all are joined (the default, {NEIGHBOURS}).",
+    help=(
+        "Match each shape with this many of the most similar ones, and add pairs until all shapes are connected (the "
+        f"default, {NEIGHBOURS})."
+    ),
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine (default: one a core).")
-@click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster that runs, such as tcp://10.0.0.1:8786.")
+@click.option("--scheduler", metavar="ADDRESS", help="Use a running Dask cluster, such as tcp://10.0.0.1:8786.")
 @click.option(
     "--retries",
     type=click.IntRange(min=0),
     default=2,
     show_default=True,
-    help="How often to try again what failed by something that may pass, such as a worker that was killed.",
+    help="How often to retry a pair after a temporary failure, such as a killed worker.",
 )
 @click.option(
-    "--resume/--restart", default=True, show_default=True, help="Go on from what is there, or make all of it anew."
+    "--resume/--restart", default=True, show_default=True, help="Resume from existing results, or recompute everything."
 )
-@click.option("--agree/--no-agree", default=True, show_default=True, help="Choose candidates that agree along cycles.")
+@click.option(
+    "--agree/--no-agree",
+    default=True,
+    show_default=True,
+    help="Choose candidates that are consistent around cycles of maps.",
+)
 @click.option("--pictures/--no-pictures", default=True, show_default=True, help="Draw the shapes for the report.")
 @click.option(
     "--transfer",
     "transfers",
     is_flag=True,
-    help="With --template: carry what it has onto every mesh, into OUTPUT/meshes.",
+    help="With --template: transfer its data to every mesh, into OUTPUT/meshes.",
 )
 @click.option(
     "--kinds",
     default=",".join(kind.replace(" ", "-") for kind in KINDS[:-1]),
     show_default=True,
     metavar="KIND,KIND",
-    help="With --transfer: what to carry.",
+    help="With --transfer: the data to transfer.",
 )
 @click.option(
     "--format",
     "ending",
     type=click.Choice([each[1:] for each in (*WRITERS, *OF_BLENDER)]),
-    help="With --transfer: of the meshes (default: that of a template in .blend or .fbx, else glb).",
+    help="With --transfer: file format of the meshes (default: that of a .blend or .fbx template, else glb).",
 )
 @click.option("--blender", metavar="PROGRAM", help=f"Blender's, for .blend and .fbx (default: {PROGRAM}, or blender).")
 @table_option(OPTIONS["partial"])
 @click.option(
     "--cache",
     type=click.Path(path_type=Path),
-    help="Folder in which prepared shapes are kept, for all workers (default: OUTPUT/cache, removed in the end).",
+    help="Folder in which all workers cache preprocessed shapes (default: OUTPUT/cache, deleted at the end).",
 )
 @json_option
 @detail_options
@@ -133,9 +143,9 @@ def collection(
     """
     try:
         if sum((template is not None, all_pairs, pairs is not None, neighbours is not None)) > 1:
-            raise MeshError("Of --template, --all-pairs, --pairs and --neighbours give one.")
+            raise MeshError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
         if transfers and template is None:
-            raise MeshError("--transfer carries the data of one shape: name it with --template.")
+            raise MeshError("--transfer copies the data of one shape: choose it with --template.")
         if output.is_file():
             raise MeshError(f"{output} is a file: name a folder for the results.")
         check_output(output / REPORT if output.is_dir() else output)
@@ -219,7 +229,7 @@ def _engine(scheduler: str | None, workers: int | None, retries: int, count: int
     """Where the work is done: a cluster that runs, or as many processes as there are cores, and shapes."""
     if scheduler is not None:
         if workers is not None:
-            raise MeshError("A cluster has workers of its own: leave out --workers, or --scheduler.")
+            raise MeshError("A cluster brings its own workers: omit --workers or --scheduler.")
         return remote_engine(scheduler, retries)
     if workers is None:
         workers = min(usable_cores(), count) if find_spec("distributed") else 1

@@ -25,12 +25,12 @@ from zoomout_core.text_arguments import read_landmarks
 @click.option(
     "--truth",
     type=click.Path(exists=True, dir_okay=False),
-    help="Text file of pairs that truly correspond: a source vertex and a target vertex a line, numbered from 0.",
+    help="Text file of ground-truth pairs: a source vertex and a target vertex per line, numbered from 0.",
 )
 @click.option(
     "--reverse",
     type=click.Path(exists=True, dir_okay=False),
-    help="A map from SOURCE to TARGET, as of `zoomout match TARGET SOURCE`: does going there and back lead home?",
+    help="A map from SOURCE to TARGET, written by `zoomout match TARGET SOURCE`, to measure the round-trip error.",
 )
 @json_option
 def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse: str | None, as_json: bool) -> None:
@@ -47,7 +47,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
         distortion = edge_distortion(surface_map, *surfaces)
         figures |= {"turned_over": over, "covered": covered, "edge_distortion": distortion}
         lines += [
-            f"Turned over: {over:.1%} of the target's area.",
+            f"Flipped: {over:.1%} of the target's area.",
             f"Covered: {covered:.1%} of the source's area.",
             f"Edge distortion: {distortion:.3f} (0 for an isometry).",
         ]
@@ -55,9 +55,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
             back = read_surface_map(reverse, *surfaces[::-1])
             missed = 1000 * cycle_error(surface_map, back, surfaces[1].vertices) / np.sqrt(surfaces[1].area)
             figures["cycle_error"] = spread = spread_of(missed[np.isfinite(missed)])  # unused vertices are nowhere
-            lines.append(
-                f"Distance from a target vertex to where going there and back leads: {spread_in_words(spread)}."
-            )
+            lines.append(f"Round-trip error at target vertices: {spread_in_words(spread)}.")
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     say(lines, figures, as_json)
@@ -67,8 +65,8 @@ def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: st
     """How far images are off their true places."""
     source_vertex, target_vertex = read_landmarks(truth)
     known = (
-        vertex_numbers(target_vertex, len(target.vertices), f"What {truth} names of the target"),
-        vertex_numbers(source_vertex, len(source.vertices), f"What {truth} names of the source"),
+        vertex_numbers(target_vertex, len(target.vertices), f"The target vertices of {truth}"),
+        vertex_numbers(source_vertex, len(source.vertices), f"The source vertices of {truth}"),
     )
     error = 1000 * geodesic_error(surface_map, source, *known)
     reached = error[np.isfinite(error)]  # an image on a loose part has no distance to the body
@@ -77,7 +75,7 @@ def _errors(surface_map: SurfaceMap, source: Surface, target: Surface, truth: st
     figures: dict[str, Any] = {"places": len(reached), "places_on_another_part": missed}
     if len(reached):
         figures["error"] = spread = spread_of(reached)
-        lines.append(f"Error at {len(reached)} true places: {spread_in_words(spread)}.")
+        lines.append(f"Error at {len(reached)} ground-truth points: {spread_in_words(spread)}.")
     if missed:
-        lines.append(f"{missed} images lie on another part of the source than their true places.")
+        lines.append(f"{missed} images are on a different part of the source than the ground truth.")
     return lines, figures

@@ -19,7 +19,7 @@ def check_map_output(path: str, inputs: Iterable[str], in_place: bool = False) -
     """
     check_output(path, inputs, in_place)
     if Path(path).suffix != ".npz":
-        raise MeshError(f"{path} does not end in .npz: a map is written to such a file only.")
+        raise MeshError(f"{path} does not end in .npz: maps are written to .npz files only.")
 
 
 def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
@@ -31,7 +31,7 @@ def read_surface_map(path: str, source: Surface, target: Surface) -> SurfaceMap:
     surface_map = SurfaceMap.load(path, source)
     if len(surface_map.triangle) != len(target.vertices):
         raise MeshError(
-            f"{path} maps {len(surface_map.triangle)} vertices, but the surface that it should start from has "
-            f"{len(target.vertices)}: give the two meshes of the map, in its order."
+            f"{path} maps {len(surface_map.triangle)} vertices, but the target has {len(target.vertices)}: give the "
+            "two meshes of the map, in the same order."
         )
     return surface_map

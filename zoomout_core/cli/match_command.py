@@ -85,7 +85,7 @@ def _check_nothing_else(options: dict[str, Any]) -> None:
     for name in ("landmarks", "exact_landmarks", "earlier_map", "common_axes"):
         if options[name]:
             flag = OPTIONS[name].name_at(Door.COMMAND_LINE)
-            raise MeshError(f"{flag} has no effect on --initial {NEAREST}: leave one of them out.")
+            raise MeshError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
 
 
 def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:
@@ -102,7 +102,7 @@ def _summary(result: MatchResult) -> tuple[list[str], dict[str, Any]]:
     origin = result.candidates[result.chosen].origin
     lines = [
         *match_lines(result),
-        f"Turned over: {over:.1%} of the target's area.",
+        f"Flipped: {over:.1%} of the target's area.",
         f"Found by {origin}, the best of {len(result.candidates)} candidates.",
         *result.notes,
     ]

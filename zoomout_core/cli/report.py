@@ -18,7 +18,7 @@ LOW = 0.5
 
 def json_option(command: Any) -> Any:
     """Let a command say how it went as JSON."""
-    return click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON.")(command)
+    return click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")(command)
 
 
 def say(lines: Iterable[str], figures: Mapping[str, Any], as_json: bool) -> None:
@@ -46,7 +46,7 @@ def match_lines(result: MatchResult) -> list[str]:
     """The same in sentences."""
     low = (result.confidence < LOW).mean()
     return [
-        f"Right with a probability of {result.certainty:.0%}, by its lead over the other candidates.",
+        f"Correct with a probability of {result.certainty:.0%}, judged by its lead over the other candidates.",
         f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are below {LOW}.",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",

@@ -24,14 +24,14 @@ from zoomout_core.text_arguments import read_axis
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Which of the symmetries that are listed to write.",
+    help="Number of the listed symmetry to write.",
 )
 @click.option(
     "--left",
     default="x",
     show_default=True,
     metavar="X,Y,Z",
-    help="Where the left of what the mesh shows is, or x, -x, y, -y, z, -z for short: it tells the sides apart.",
+    help="Direction to the character's own left, such as x, -x, y, -y, z or -z, to tell the sides apart.",
 )
 @json_option
 @mesh_options
@@ -47,7 +47,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         with progress_bar():
             found = detect_symmetry(shape, left=direction, **resolve_detail(**accuracy))
         if candidate > len(found):
-            raise MeshError(f"There is no candidate {candidate}: {len(found)} were found.")
+            raise MeshError(f"There is no candidate {candidate}: only {len(found)} were found.")
         chosen = found[candidate - 1]
         chosen.surface_map.save(
             output,
@@ -76,8 +76,8 @@ def described(symmetry: Symmetry) -> str:
         kind = "half turn"
     return (
         f"A {kind}{order}, with a probability of {symmetry.certainty:.0%}; mean confidence "
-        f"{symmetry.confidence.mean():.2f}; going round misses by {1000 * symmetry.return_error:.1f} thousandths of "
-        "the root of the area."
+        f"{symmetry.confidence.mean():.2f}; round-trip error of {1000 * symmetry.return_error:.1f} thousandths of "
+        "the square root of the area."
     )
 
 

@@ -40,14 +40,14 @@ MATCHED = 0.8
     default=",".join(kind.replace(" ", "-") for kind in KINDS[:-1]),
     show_default=True,
     metavar="KIND,KIND",
-    help=f"What to transfer, of {', '.join(kind.replace(' ', '-') for kind in KINDS)}.",
+    help=f"Data to transfer: {', '.join(kind.replace(' ', '-') for kind in KINDS)}.",
 )
 @click.option(
     "--shape",
     type=click.Choice([each.replace(" ", "-") for each in SHAPES]),
     default=SHAPES[0],
     show_default=True,
-    help="With skin weights: whether TARGET is taken to the rest pose, if it stands in another, or always, or never.",
+    help="With skin weights: whether to move TARGET to the rest pose if it is in another pose, always, or never.",
 )
 @json_option
 @match_options
@@ -78,7 +78,7 @@ def transfer(
         wanted = checked_kinds(kinds)
         if Path(source).suffix.lower() in OF_BLENDER:
             raise MeshError(
-                f"Of {source} this command reads nothing but the shape: take `zoomout collection` with --template and "
+                f"This command reads only the shape of {source}: use `zoomout collection` with --template and "
                 "--transfer, or `blender --command zoomout carry`."
             )
         jobs = planned(source, targets, output, f".{ending}", MESHES, check_format, in_place)
@@ -106,7 +106,7 @@ def checked_kinds(kinds: str) -> list[str]:
     unknown = [kind for kind in chosen if kind not in KINDS]
     if unknown or not chosen:
         known = ", ".join(kind.replace(" ", "-") for kind in KINDS)
-        raise MeshError(f"--kinds is {kinds!r}: give some of {known}, with commas between.")
+        raise MeshError(f"--kinds is {kinds!r}: choose from {known}, separated by commas.")
     return chosen
 
 
@@ -129,7 +129,7 @@ def _run_job(
     lines = [
         f"Transferred: {', '.join(received)}.",
         *match_lines(result),
-        f"{len(result.candidates)} maps were found; where sides are swapped, try --candidate 1.",
+        f"{len(result.candidates)} maps were found; if sides are swapped, try --candidate 1.",
         *notes,
     ]
     return {"transferred": received, **match_figures(result), "notes": notes}, lines

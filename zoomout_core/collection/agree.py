@@ -17,9 +17,13 @@ from zoomout_core.runtime.progress import advance, portion, stage
 
 # The source, beside the names of targets, which are not empty.
 SOURCE = ""
-STAGE = "Asking other targets"
-AGREED = "Another candidate than the likeliest was taken, since it agrees with the maps of other targets."
-THROUGH = "No candidate agreed with the maps of other targets, so the map was begun from the one through '{}'."
+STAGE = "Comparing with other targets"
+AGREED = (
+    "A candidate other than the most likely one was chosen, because it is consistent with the maps of other targets."
+)
+THROUGH = (
+    "No candidate was consistent with the maps of other targets, so the match was started from the map through '{}'."
+)
 
 
 def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str, MatchResult]:

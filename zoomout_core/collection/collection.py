@@ -153,10 +153,12 @@ def match_collection(
         1
     """
     if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
-        raise MeshError("Give one of a template, pairs and a number of neighbours: it says which shapes are matched.")
+        raise MeshError(
+            "Give only one of a template, pairs and a number of neighbours to choose which shapes are matched."
+        )
     options = MatchOptions() if options is None else options
     if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
-        raise ValueError("Landmarks, regions and initial maps are of one pair: match it by itself.")
+        raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
     temporary = tempfile.TemporaryDirectory(prefix="zoomout-") if folder is None else None
     place = Path(temporary.name if temporary is not None else folder or "")
     paths = _as_files(shapes, place / "given")
@@ -164,13 +166,13 @@ def match_collection(
         paths.insert(0, Path(template))
     items = {item.name: item for item in items_of(paths)}
     if len(items) < 2:
-        raise MeshError("A collection has two shapes or more: give more.")
+        raise MeshError("A collection needs at least two shapes: add more.")
     wanted: list[PairName] | None = None
     of_template = None
     if template is not None:
         of_template = next((name for name, item in items.items() if _is_at(item.path, template)), str(template))
         if of_template not in items:
-            raise MeshError(f"No shape of the collection is called {template}: name one of them, or its file.")
+            raise MeshError(f"The collection has no shape named {template}: give the name of one, or its file.")
         wanted = pairs_with_template(of_template, list(items))
     elif pairs == "all":
         wanted = all_pairs(list(items))
@@ -197,7 +199,7 @@ def match_collection(
         agreement = run.agreement() if agree else None
         if agreement is not None:
             with portion(COMPARED, 1.0):
-                run.match(run.beginnings(agreement), "Bringing maps to agree")
+                run.match(run.beginnings(agreement), "Making maps consistent")
     return CollectionResult(
         run.folder,
         items | read.items,
@@ -231,7 +233,7 @@ def _is_at(path: Path, other: str | PathLike[str]) -> bool:
 def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
     for name in pair:
         if name not in items:
-            raise MeshError(f"No shape of the collection is called {name}: give the name of its file, without ending.")
+            raise MeshError(f"The collection has no shape named {name}: give its file name without the extension.")
     return PairName(*pair)
 
 

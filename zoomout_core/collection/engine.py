@@ -23,7 +23,7 @@ CONNECTING = 20
 ARRIVING = 60
 # Tasks that a cluster knows of at a time: more than its workers, and few enough that its scheduler keeps up.
 MOST_UNDER_WAY = 2000
-LOST = "The scheduler was lost: what is done is kept, run the same again to go on from there."
+LOST = "The connection to the scheduler was lost: finished pairs are kept, so run the same command again to resume."
 
 
 @dataclass(frozen=True)
@@ -273,9 +273,9 @@ def sentence_of(error: BaseException | None) -> str:
     if isinstance(error, MemoryError):
         return NO_MEMORY
     if kind == "KilledWorker":
-        return "The process that worked on it was killed each time: it may need more memory than there is."
+        return "Its worker process was killed every time: it may need more memory than is available."
     if error is None:
-        return "It was given up when its worker was lost."
+        return "It was abandoned when its worker was lost."
     if isinstance(error, OSError | NotEnoughMemoryError):
         return str(error)
     return f"It failed unexpectedly ({kind}: {' '.join(str(error).split())})."
@@ -326,7 +326,7 @@ def remote_engine(address: str, retries: int) -> Iterator[Engine]:
     try:
         client = distributed.Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise ConnectionError(f"No scheduler answers at {address} ({error}): check the address.") from error
+        raise ConnectionError(f"There is no scheduler at {address} ({error}): check the address.") from error
     with client:
         try:
             client.wait_for_workers(1, timeout=CONNECTING)
@@ -342,7 +342,7 @@ def _distributed(retries: int) -> Any:
         import distributed
     except ImportError as error:
         raise ImportError(
-            "Several processes need Dask: pip install 'zoomout-core[collections]', or work with --workers 1."
+            "Using several processes requires Dask: pip install 'zoomout-core[collections]', or use --workers 1."
         ) from error
     dask.config.set({"distributed.scheduler.allowed-failures": retries})
     # What it says is about its own parts; what failed is in the report.

@@ -84,7 +84,7 @@ def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise MeshError(f"{path} could not be read as a list of pairs ({reason}): give a text file.") from error
     known = {name: name for name in names} | {Path(name).stem: name for name in names}
     pairs = []
@@ -93,14 +93,14 @@ def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
         if not words:
             continue
         if len(words) != 2:
-            raise MeshError(f"{path}, line {number}: give two names, a source and a target, not {len(words)}.")
+            raise MeshError(f"{path}, line {number}: give two names, a source and a target, instead of {len(words)}.")
         for word in words:
             if word not in known and Path(word).stem not in known:
-                raise MeshError(f"{path}, line {number}: no shape of the collection is called {word}.")
+                raise MeshError(f"{path}, line {number}: the collection has no shape named {word}.")
         source, target = (known.get(word) or known[Path(word).stem] for word in words)
         if source == target:
             raise MeshError(f"{path}, line {number}: {source} is paired with itself.")
         pairs.append(PairName(source, target))
     if not pairs:
-        raise MeshError(f"{path} holds no pairs: give a source and a target a line.")
+        raise MeshError(f"{path} contains no pairs: write a source and a target on each line.")
     return list(dict.fromkeys(pairs))

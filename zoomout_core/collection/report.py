@@ -74,16 +74,16 @@ def lines_of_collection(result: CollectionResult) -> list[str]:
     records, agreement = result.records, result.agreement
     unsure = sum(trust(result, pair) < SURE for pair in records)
     lines = [
-        f"{len(records)} pairs of {len(result.items)} shapes are matched, {result.matched} of them now; "
+        f"{len(records)} pairs of {len(result.items)} shapes are matched, {result.matched} of them in this run; "
         f"{len(result.failures)} failed.",
-        *([f"Of {unsure} the trust is below {SURE:.0%}: look at these first."] if unsure else []),
+        *([f"Trust is below {SURE:.0%} for {unsure}: check these first."] if unsure else []),
     ]
     if agreement is not None:
         before, after = (float(np.mean(list(each.values()))) for each in (agreement.before, agreement.after))
         changed = ", ".join(map(str, agreement.changed)) or "none"
         lines.append(
-            f"Around cycles maps miss by {before:.3f}, {after:.3f} after they were brought to agree (at unit area); "
-            f"changed: {changed}."
+            f"Maps miss by {before:.3f} around cycles, and by {after:.3f} after they were made consistent (at unit "
+            f"area); changed: {changed}."
         )
     return [*lines, *(f"{name}: failed. {message}" for name, message in result.failures.items())]
 

@@ -105,7 +105,7 @@ class ShapeSummary:
         try:
             return cls.from_arrays(read_arrays(path))
         except (KeyError, TypeError) as error:
-            raise ArrayFileError("it is not of a prepared shape") from error
+            raise ArrayFileError("it is not a preprocessed shape") from error
 
 
 def items_of(paths: Sequence[str | PathLike[str]]) -> list[Item]:
@@ -121,7 +121,7 @@ def items_of(paths: Sequence[str | PathLike[str]]) -> list[Item]:
     for item in items:
         other = first.setdefault(item.name.casefold(), item.path)
         if other is not item.path:
-            raise MeshError(f"{other} and {item.path} would both be called {item.name}: rename one of them.")
+            raise MeshError(f"{other} and {item.path} would both be named {item.name}: rename one of them.")
     return items
 
 

@@ -130,7 +130,7 @@ def carry_pair(
     if len(errors) == len(report):
         raise MeshError(" ".join(dict.fromkeys(errors.values())))
     notes = [note for entry in report.values() for note in entry.get("notes", ())]
-    notes += [f"'{name}' has received nothing: {error}" for name, error in errors.items()]
+    notes += [f"'{name}' received no data: {error}" for name, error in errors.items()]
     found = tuple(dict.fromkeys(notes))
     write_whole(record, json.dumps({"key": key, "notes": found}, indent=1).encode())
     return found

@@ -191,4 +191,6 @@ def check_joined(count: int, pairs: Sequence[PairOfShapes]) -> None:
         group[root(source)] = root(target)
     groups = len({root(shape) for shape in range(count)})
     if groups > 1:
-        raise ValueError(f"The pairs leave the {count} shapes in {groups} groups with no map between: join these.")
+        raise ValueError(
+            f"The pairs split the {count} shapes into {groups} unconnected groups: add pairs that connect them."
+        )

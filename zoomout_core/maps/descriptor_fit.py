@@ -94,7 +94,8 @@ def fit_functional_map(
     G = checked_descriptors(basis_target, descriptors_target, "The target's descriptors")
     if F.shape[1] != G.shape[1]:
         raise ValueError(
-            f"The source has {F.shape[1]} descriptors, and the target {G.shape[1]}: give as many, in the same order."
+            f"The source has {F.shape[1]} descriptors, but the target has {G.shape[1]}: give the same descriptors in "
+            "the same order."
         )
     _check_weights(descriptor_weight, multiplication_weight, laplacian_weight, orientation_weight)
     if orientation not in ("keep", "reverse"):
@@ -258,7 +259,7 @@ def _constant_first(basis: SpectralBasis, k: int) -> tuple[Floats, float]:
     check_size(basis, k)
     if k <= basis.components:
         raise ValueError(
-            f"k is {k}, and as many functions are constant on each of {basis.components} components: give more."
+            f"k is {k}, but the {basis.components} components already have that many constant functions: increase k."
         )
     constant = basis.areas @ basis.eigenvectors[:, : basis.components]
     norm = float(np.linalg.norm(constant))
@@ -319,6 +320,7 @@ def _checked_operators(operators: tuple[ArrayLike, ArrayLike], k_source: int, k_
             raise ValueError(f"The {name}'s orientation operators must be finite numbers: correct them.")
     if len(source) != len(target):
         raise ValueError(
-            f"The source has {len(source)} orientation operators, and the target {len(target)}: give as many."
+            f"The source has {len(source)} orientation operators, but the target has {len(target)}: give the same "
+            "number."
         )
     return source[:, :k_source, :k_source], target[:, :k_target, :k_target]

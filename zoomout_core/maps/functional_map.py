@@ -51,8 +51,8 @@ def functional_map_of(
     if isinstance(pointwise, SurfaceMap):
         if len(pointwise.triangle) != n_target or pointwise.source_triangles.max() >= n_source:
             raise ValueError(
-                f"The map of {len(pointwise.triangle)} vertices is not between these shapes of {n_source} source and "
-                f"{n_target} target vertices: give their own."
+                f"The map has {len(pointwise.triangle)} vertices, which does not fit {n_source} source and "
+                f"{n_target} target vertices: give the map of these shapes."
             )
         images = pointwise.interpolate(basis_source.eigenvectors[:, :k_source])
     else:
@@ -100,8 +100,8 @@ def precise_map_of(
     surface = as_surface(source)
     if len(surface.vertices) != len(basis_source.areas):
         raise ValueError(
-            f"The source has {len(surface.vertices)} vertices, but its basis is of a shape with "
-            f"{len(basis_source.areas)}: give the shape that it was computed of."
+            f"The source has {len(surface.vertices)} vertices, but its basis was computed for "
+            f"{len(basis_source.areas)}: give the basis of this source."
         )
     queries, embedded = _embeddings(functional_map, basis_source, basis_target)
     # Across borders that coincide the triangles of the welded mesh are neighbours.
@@ -133,8 +133,8 @@ def checked_vertices(vertex: ArrayLike, n_source: int, n_target: int) -> Integer
     """
     if np.ndim(vertex) == 1 and np.size(vertex) != n_target:
         raise ValueError(
-            f"A vertex map must name one of {n_source} source vertices for each of {n_target} target vertices, "
-            f"not for {np.size(vertex)}."
+            f"A vertex map must give one of {n_source} source vertices for each of {n_target} target vertices, not "
+            f"for {np.size(vertex)}."
         )
     return vertex_numbers(vertex, n_source, "Images on the source")
 
@@ -159,8 +159,8 @@ def check_fits_bases(size: tuple[int, ...], basis_source: SpectralBasis, basis_t
     available = len(basis_target.eigenvalues), len(basis_source.eigenvalues)
     if size[0] > available[0] or size[1] > available[1]:
         raise ValueError(
-            f"A functional map of {size[0]} target and {size[1]} source functions is larger than the bases, which hold "
-            f"{available[0]} and {available[1]}: compute more of them."
+            f"A functional map of {size[0]} target and {size[1]} source functions is larger than the bases of "
+            f"{available[0]} and {available[1]}: compute more eigenfunctions."
         )
 
 

@@ -50,8 +50,8 @@ class KnownMatch:
         fits = len(vertex) == len(target.vertices) and np.array_equal(vertex, surface_map.vertex)
         if not fits or any(values[name].shape != (count,) for name, count in sizes.items()):
             raise MeshError(
-                f"{path} is a map of {len(vertex)} vertices between other surfaces than these, of which the target has "
-                f"{len(target.vertices)}: match these two once more."
+                f"{path} is a map of {len(vertex)} vertices between other surfaces, but this target has "
+                f"{len(target.vertices)}: match these two again."
             )
         return cls(
             surface_map,

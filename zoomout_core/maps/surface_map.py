@@ -56,7 +56,8 @@ class SurfaceMap:
         corner = corner_at[vertex]
         if (corner < 0).any():
             raise MeshError(
-                f"The map leads to vertex {vertex[corner < 0][0]} of the source, which belongs to no face: correct it."
+                f"The map points to vertex {vertex[corner < 0][0]} of the source, which belongs to no face: correct "
+                "the map."
             )
         barycentric = np.zeros((len(vertex), 3))
         barycentric[np.arange(len(vertex)), corner % 3] = 1
@@ -130,10 +131,12 @@ class SurfaceMap:
         arrays = _arrays_of_map(path, ("triangle", "barycentric"))
         missing = {"triangle", "barycentric"}.difference(arrays)
         if missing:
-            raise MeshError(f"{path} holds no map: it lacks {' and '.join(sorted(missing))}; give another file.")
+            raise MeshError(
+                f"{path} contains no map, because it lacks {' and '.join(sorted(missing))}: choose another file."
+            )
         fault = fault_of_map(arrays["triangle"], arrays["barycentric"], len(source.triangles))
         if fault:
-            raise MeshError(f"{path} cannot be used as a map onto this source: {fault}.")
+            raise MeshError(f"{path} is not a map onto this source ({fault}): choose another file.")
         triangle, barycentric = arrays["triangle"].astype(np.int64), arrays["barycentric"].astype(np.float64)
         return cls(triangle, barycentric, source.triangles)
 
@@ -148,7 +151,9 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
     """
     vertex = _arrays_of_map(path, ("vertex",)).get("vertex")
     if vertex is None or vertex.ndim != 1 or vertex.dtype.kind not in "iu" or (vertex < 0).any():
-        raise MeshError(f"{path} holds no map: it names no vertices; give a file that `zoomout match` wrote.")
+        raise MeshError(
+            f"{path} contains no map, because it lists no vertices: choose a file written by `zoomout match`."
+        )
     return vertex
 
 
@@ -159,7 +164,7 @@ def _arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str,
     except FileNotFoundError:
         raise MeshError(f"There is no file {path}: check the path.") from None
     except (ArrayFileError, MemoryError) as error:
-        raise MeshError(f"{path} holds no map: {error or 'it is too large'}; give another.") from error
+        raise MeshError(f"{path} contains no map ({error or 'it is too large'}): choose another file.") from error
 
 
 def _npz(path: str | PathLike[str]) -> str:
@@ -176,7 +181,7 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
         return f"its triangles {triangle.shape} and barycentric coordinates {barycentric.shape} do not fit together"
     wrong = triangle[(triangle < 0) | (triangle >= count)]
     if len(wrong):
-        return f"it names triangle {wrong[0]} of {count}, so it was made for another source"
+        return f"it refers to triangle {wrong[0]} of {count}, so it was computed for another source"
     off = np.maximum(np.abs(barycentric.sum(axis=1) - 1), -barycentric.min(axis=1, initial=0))
     if not (off <= BARYCENTRIC_TOLERANCE).all():
         return "its barycentric coordinates are not all numbers from 0 to 1 that sum to one"

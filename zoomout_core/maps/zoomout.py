@@ -132,7 +132,7 @@ def zoomout(
         (40, 40)
     """
     if not (isinstance(basis_source, SpectralBasis) and isinstance(basis_target, SpectralBasis)):
-        raise TypeError("Two bases are needed: give what `eigenbasis` returns for the source and for the target.")
+        raise TypeError("Two bases are needed: compute them with `eigenbasis` for the source and the target.")
     functional_map, ahead = _begun(basis_source, basis_target, initial, k_final, step, sizes)
     if samples is not None:
         source, target = _sampled(basis_source, basis_target, samples, (functional_map.shape, *ahead))
@@ -229,8 +229,8 @@ def slanted_sizes(
     r = int((part <= whole[min(k_final, len(whole)) - 1]).sum())
     if len(whole) < k_final or r == len(part) < k_final:
         raise ValueError(
-            f"{len(whole)} eigenfunctions of the whole and {len(part)} of the part are too few for "
-            f"k_final = {k_final}: compute more of them."
+            f"{len(whole)} eigenfunctions of the whole and {len(part)} of the part are too few for k_final = "
+            f"{k_final}: compute more eigenfunctions."
         )
     r = min(r, k_final)
     grown = np.append(np.arange(min(k_initial, k_final), k_final, step), k_final)
@@ -414,8 +414,8 @@ def _checked_samples(samples: ArrayLike, basis: SpectralBasis, k: int, side: str
     sampled = SampledBasis.of(basis, vertex_numbers(samples, len(basis.areas), f"Samples of the {side}"))
     if sampled.rows.shape[1] < k:
         raise ValueError(
-            f"The {len(sampled.samples)} samples of the {side} do not tell its {k} functions apart: give at least as "
-            "many samples as functions, spread over the shape."
+            f"The {len(sampled.samples)} samples of the {side} cannot distinguish its {k} functions: give at least "
+            "as many samples as functions, spread over the shape."
         )
     return sampled
 

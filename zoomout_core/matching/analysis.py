@@ -212,8 +212,8 @@ def analyse(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: 
             )
     except MemoryError:
         raise MeshError(
-            f"There is not enough memory to analyse a mesh of {len(areas)} vertices: match it by a smaller stand-in, "
-            "as proxy_vertices or a coarser detail says."
+            f"There is not enough memory to analyse a mesh of {len(areas)} vertices: match a smaller proxy, by a "
+            "coarser detail or a lower proxy_vertices."
         ) from None
     basis = SpectralBasis(*pairs, areas, mesh.vertices)
     return ShapeAnalysis(proxy, stiffness, basis, SampledBasis.of(basis, chosen), distances)

@@ -58,7 +58,7 @@ class ShapeFolder:
         except FileNotFoundError:
             return None
         except Exception as error:  # where arrays do not fit together, what fails depends on the fault
-            _log.warning("A stored shape cannot be read and is prepared anew: %s (%s)", path, error)
+            _log.warning("A cached shape cannot be read and is computed again: %s (%s)", path, error)
             with suppress(OSError):  # another process may have removed it, or read it just now
                 path.unlink()
             return None
@@ -72,7 +72,7 @@ class ShapeFolder:
                 np.savez(part, key=np.frombuffer(key, np.uint8), **_arrays(shape))
             self._make_room()
         except OSError as error:
-            _log.warning("A prepared shape cannot be stored in %s: %s", self._folder, error)
+            _log.warning("A shape cannot be cached in %s: %s", self._folder, error)
 
     def _path(self, key: bytes) -> Path:
         return self._folder / f"{key.hex()}.npz"

@@ -46,14 +46,14 @@ def check_memory(vertices: Sequence[int], k_final: int, proxy_vertices: ProxyVer
         coarser = MatchOptions(**numbers)  # type: ignore[arg-type]
         coarser_need = memory_need(vertices, coarser.k_final, coarser.proxy_vertices)
         if coarser_need < need and coarser_need <= free:
-            ways.append(f"match at the detail '{name}' (in Python proxy_vertices={coarser.proxy_vertices!r})")
+            ways.append(f"use detail '{name}' (in Python proxy_vertices={coarser.proxy_vertices!r})")
             break
     parts = np.linspace(0.99, 0.01, 99)
     sizes = ([int(part * n) for n in vertices] for part in parts)
     fitting = next((size for size in sizes if memory_need(size, k_final, proxy_vertices) <= free), None)
     if fitting is not None:
-        ways.append(f"simplify to {' and '.join(map(str, fitting))} vertices")
+        ways.append(f"simplify them to {' and '.join(map(str, fitting))} vertices")
     raise NotEnoughMemoryError(
-        f"Meshes of {' and '.join(map(str, vertices))} vertices take about {need / GIB:.1f} GiB of memory, and "
+        f"Meshes of {' and '.join(map(str, vertices))} vertices need about {need / GIB:.1f} GiB of memory, but only "
         f"{free / GIB:.1f} GiB are free: {', or '.join([*ways, 'close other programs'])}."
     )

@@ -13,23 +13,21 @@ from zoomout_core.matching.rotational_symmetry import certainty_but_for_turns, l
 from zoomout_core.mesh.surface import PointCloud, Surface
 
 UNSURE = (
-    "This map is right with a probability of {:.0%} only: check that no sides are swapped, and try another candidate "
-    "or add landmarks if they are."
+    "This map is correct with a probability of only {:.0%}: check whether sides are swapped, and if so, try another "
+    "candidate or add landmarks."
 )
 NOT_RECOGNISED = (
-    "The shapes were not recognised (a probability of {:.0%}): add a few landmarks, or place one over the other in the "
-    "same pose and start from proximity."
+    "No reliable match was found (a probability of {:.0%}): add a few landmarks, or align the two meshes in the same "
+    "pose and start from nearest points."
 )
 TURNED = (
-    "The shape looks the same when it is turned: at least {} maps are as good as this one, which is right with a "
-    "probability of {:.0%} only; try another candidate, or add landmarks that tell them apart."
+    "The shape looks the same when rotated: at least {} maps fit as well as this one, which is correct with a "
+    "probability of only {:.0%}; try another candidate, or add landmarks that tell them apart."
 )
-FOLDED = (
-    "The map turns over {:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
-)
-OTHER_UNITS = "The two are of very different size: if one is a part of the other, bring both to one unit."
-RESCALED = "The two seem to be in different units: matched as if the target were {:.3g} times as large as it is."
-TOO_COARSE = "One of the two has too few vertices to be tried as a part of the other, or to have one: subdivide it."
+FOLDED = "The map flips {:.0%} of the target's surface, where the two shapes differ too much: confidence is low there."
+OTHER_UNITS = "The two meshes differ greatly in size: if one is a part of the other, scale both to the same unit."
+RESCALED = "The two meshes seem to use different units: the target was scaled by {:.3g} for the match."
+TOO_COARSE = "One of the two meshes is too coarse for partial matching: subdivide it."
 
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
 SURE_CERTAINTY = 0.9
@@ -55,13 +53,13 @@ def notes_on_cloud(role: str, shape: Surface | PointCloud, surface: Surface) -> 
     notes = (
         (
             shape.normals is None and not surface.working.sides_are_known,
-            f"Nothing tells the outer side of the {role}, an open point cloud without normals: this map may be the "
-            "mirror image of the right one; compare the other candidates.",
+            f"The {role} is an open point cloud without normals, so its outside is unknown and this map may be "
+            "mirrored: compare the other candidates.",
         ),
         (
             left_out > MAX_UNMATCHED_SHARE * len(shape.points),
-            f"{left_out} of the {role}'s points are on no part of the surface that runs through the others: noise, or "
-            "another density.",
+            f"{left_out} of the {role}'s points are noise or differ in density, and were left out of the "
+            "reconstructed surface.",
         ),
     )
     return tuple(text for true, text in notes if true)
@@ -73,8 +71,8 @@ def _notes_on_rounding(role: str, surface: Surface) -> tuple[str, ...]:
     if coarse < MAX_ROUNDING:
         return ()
     return (
-        f"The {role} lies so far from its origin that its coordinates are rounded by {coarse:.0%} of an edge: move it "
-        "to the origin in the program that made it.",
+        f"The {role} is so far from its origin that its coordinates are rounded by {coarse:.0%} of an edge length: "
+        "move it to the origin in the program that created it.",
     )
 
 
@@ -100,8 +98,8 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fo
 def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
     """Parts that only one of the two surfaces has."""
     notes = (
-        (pair.target, partners.target, "target seems to have no partner on the source: confidence is low there."),
-        (pair.source, partners.source, "source seems to have no partner on the target: nothing was matched to it."),
+        (pair.target, partners.target, "target has no counterpart on the source: confidence is low there."),
+        (pair.source, partners.source, "source has no counterpart on the target: nothing was matched to it."),
     )
     shares = ((surface.share_of_area(~has_partner), text) for surface, has_partner, text in notes)
     return tuple(f"About {share:.0%} of the {text}" for share, text in shares if share > MAX_UNMATCHED_SHARE)

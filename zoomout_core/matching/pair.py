@@ -115,8 +115,8 @@ def distinct_landmarks(
         first, second = (np.argwhere(np.triu(here & ~there, 1)).tolist() or [(0, 0)])[0]
         if first < second:
             raise MeshError(
-                f"Landmarks {first} and {second} are the same place on the {role}, but different ones on the {other}: "
-                "remove one of them."
+                f"Landmarks {first} and {second} are at the same point on the {role}, but at different points on the "
+                f"{other}: remove one of them."
             )
     original = np.argmax(same[0], axis=1)
     again = np.flatnonzero(original < np.arange(len(original)))
@@ -140,12 +140,14 @@ def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tu
     """
     if len(landmarks) != 2 or (isinstance(landmarks, np.ndarray) and landmarks.shape[1:] == (2,)):
         raise ValueError(
-            "Landmarks are given as two lists, those of the source and those of the target, not as a list of pairs."
+            "Give landmarks as two lists, one of the source and one of the target, instead of a list of pairs."
         )
     source = _on_part("source", pair.source, pair.source_shape, landmarks[0])
     target = _on_part("target", pair.target, pair.target_shape, landmarks[1])
     if len(source) != len(target):
-        raise ValueError(f"{len(source)} source and {len(target)} target landmarks were given: they come in pairs.")
+        raise ValueError(
+            f"There are {len(source)} source and {len(target)} target landmarks: give one on each side for every pair."
+        )
     return source, target
 
 
@@ -162,7 +164,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
     on_part = shape.proxy.full.vertex_of[corners]
     astray = np.flatnonzero((on_part < 0).any(axis=1))
     if len(astray):
-        fault = f"at vertex {corners[astray[0], 0]}, is off its main part: move it."
+        fault = f"at vertex {corners[astray[0], 0]}, is not on its main part: move it."
         raise LandmarkError(role, int(astray[0]), fault)
     places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
     return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
@@ -172,8 +174,8 @@ def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, 
     """The vertices (m, 3) of the triangles closest to points (m, 3), and where the closest points lie in these."""
     if points.shape[1] != 3 or points.dtype.kind not in "iuf" or not np.isfinite(points).all():
         raise ValueError(
-            f"Landmarks on the {role} must be vertices (m,) or finite points (m, 3), not {points.dtype} of shape "
-            f"{points.shape}."
+            f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3), not {points.dtype} of "
+            f"shape {points.shape}."
         )
     triangle, barycentric = closest_points(points, surface.vertices, surface.triangles)
     corners = surface.triangles[triangle]
@@ -181,8 +183,8 @@ def _on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, 
     off = np.flatnonzero(distance > MAX_LANDMARK_DISTANCE * np.sqrt(surface.area))
     if len(off):
         fault = (
-            f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: "
-            "give points in the mesh's own frame and unit."
+            f"at {points[off[0]].tolist()}, is {distance[off[0]]:.3g} away from its surface: give points in the "
+            "mesh's own coordinates and units."
         )
         raise LandmarkError(role, int(off[0]), fault)
     return corners, barycentric

@@ -99,14 +99,13 @@ def _matched(
     near = placed & (distance <= most_distance * np.sqrt(source.area))
     if not near.any():
         raise MeshError(
-            "Nothing of the target is near the source: place one over the other, in the same pose, or allow a larger "
-            "distance."
+            "No part of the target is near the source: align the two in the same pose, or allow a larger distance."
         )
     cosine = _cosines(surface_map, source, target, near)
     facing = (np.abs(cosine) if either_side else cosine) >= least_cosine
     notes = tuple(
-        f"{count} of {len(near)} vertices have no partner on the source: what is nearest {why}."
-        for count, why in ((int((~near).sum()), "is too far off"), (int((near & ~facing).sum()), "faces another way"))
+        f"{count} of {len(near)} vertices have no partner on the source: the nearest point {why}."
+        for count, why in ((int((~near).sum()), "is too far away"), (int((near & ~facing).sum()), "faces another way"))
         if count
     )
     return ProximityMatch(surface_map, (near & facing).astype(float), notes)

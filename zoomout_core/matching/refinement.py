@@ -26,7 +26,6 @@ from zoomout_core.matching.ranking import RANKING
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
-
 # Rounds on samples at the final size: a smaller step adds sizes below that, not rounds at it.
 MAX_ROUNDS_AT_FINAL_SIZE = 5
 

@@ -154,9 +154,9 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
     try:
         result = load_object(path, STORED)
     except ArrayFileError as error:
-        raise MeshError(f"{path} is no saved result: {error}. Save one with `result.save(path)`.") from error
+        raise MeshError(f"{path} is not a saved result ({error}): save one with `result.save(path)`.") from error
     if not isinstance(result, MatchResult):
-        raise MeshError(f"{path} is no saved result: save one with `result.save(path)`.")
+        raise MeshError(f"{path} is not a saved result: save one with `result.save(path)`.")
     return result
 
 
@@ -186,7 +186,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     """Refine a candidate, by its number, and carry its map over to the whole surfaces."""
     with stage("Refining", 0.0, 0.8):
         dense = dense_map(pair, candidates[chosen])
-    with stage("Carrying over to all vertices", 0.8, 1.0):
+    with stage("Extending to all vertices", 0.8, 1.0):
         whole = lift(pair, dense.fit, dense.confidence, dense.partners)
     doubts = notes_on_map(candidates, chosen, whole.placed, dense.folded)
     return MatchResult(

@@ -109,7 +109,7 @@ def _with_more_guesses(attempt: Attempt, known: Constraints, options: MatchOptio
     earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
     evidence = gather_evidence(pair, known, earlier)
     disagreement = evidence.disagreement(pair)
-    with stage("Guessing again", 0.0, 0.3):
+    with stage("Searching again", 0.0, 0.3):
         hypotheses = guess_more(pair, evidence, disagreement)
     with stage("Comparing candidates", 0.3, 1.0):
         found = rank(hypotheses, *shapes, disagreement)

@@ -32,9 +32,8 @@ MOST_SECONDS, PATIENCE = 3600.0, 0.05
 EXTENSION = "blender_addon"
 SAID = "zoomout: "
 NO_BLENDER = (
-    "Blender is needed to read and write .blend and .fbx, and is not there: install Blender 4.2 or newer with the "
-    f"extension ZoomOut Transfer, and have the program on the path, or name it by {PROGRAM} in the environment; or "
-    "convert the file to glTF."
+    "Reading and writing .blend and .fbx files requires Blender: install Blender 4.2 or newer with the extension "
+    f"ZoomOut Transfer, and put it on the PATH or set {PROGRAM} to it; or convert the file to glTF."
 )
 
 
@@ -51,7 +50,7 @@ def blender_command(program: str | None = None) -> list[str]:
     named = program or os.environ.get(PROGRAM)
     found = shutil.which(named or "blender")
     if named and found is None:
-        raise MeshError(f"There is no program {named}: name that of Blender 4.2 or newer.")
+        raise MeshError(f"There is no program {named}: give the path of Blender 4.2 or newer.")
     if not named and find_spec("bpy") and find_spec(EXTENSION):
         return [sys.executable, "-m", EXTENSION]
     if found is None:
@@ -73,7 +72,7 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
     command, began = blender_command(program), monotonic()
     with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
         report, output = Path(folder) / "report.json", Path(folder) / "output.txt"
-        with output.open("wb") as said, stage("Working in Blender"):
+        with output.open("wb") as said, stage("Running Blender"):
             process = subprocess.Popen(
                 [*command, *arguments, "--report", str(report)],
                 stdin=subprocess.DEVNULL,
@@ -95,7 +94,7 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
                 process.wait()
         if process.returncode < 0:  # another time it may go better
             raise ChildProcessError(
-                f"Blender was ended by signal {-process.returncode}: it may need more memory than there is."
+                f"Blender was terminated by signal {-process.returncode}: it may need more memory than is available."
             )
         found = json.loads(report.read_text(encoding="utf-8")) if report.is_file() else {}
         if "error" in found or not found:
@@ -131,8 +130,8 @@ def _last_words(output: Path, program: str, status: int) -> str:
     own = [line.removeprefix(SAID) for line in lines if line.startswith(SAID)]
     if own:
         return own[-1]
-    last = f", saying: {lines[-1]}" if lines else ""
+    last = f", saying: {lines[-1].rstrip('.')}" if lines else ""
     return (
-        f"{program} ended with status {status} and did nothing{last}. Is it Blender 4.2 or newer, with the extension "
-        "ZoomOut Transfer installed and enabled?"
+        f"{program} exited with status {status} and no result{last}: check that it is Blender 4.2 or newer, with the "
+        "extension ZoomOut Transfer installed and enabled."
     )

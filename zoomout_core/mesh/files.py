@@ -87,8 +87,8 @@ def _shape(polygons: Polygons, vertex_columns: PlyColumns, path: str | PathLike[
 def _with_faces(shape: Surface | PointCloud, path: str | PathLike[str]) -> Surface:
     if isinstance(shape, PointCloud):
         raise MeshError(
-            f"{path} holds no faces, only {len(shape.points)} points: give a file with a surface, "
-            "or read it as a point cloud."
+            f"{path} contains no faces, only {len(shape.points)} points: give a file with a surface, or read it as a "
+            "point cloud."
         )
     return shape
 
@@ -116,7 +116,7 @@ def read_point_cloud(path: str | PathLike[str]) -> PointCloud:
 def existing(path: str | PathLike[str]) -> Path:
     """The path of a file that is there, else a MeshError."""
     if not isinstance(path, str | PathLike):
-        raise TypeError(f"A file is named by a string or a path, not by a {type(path).__name__}.")
+        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
     path = Path(path)
     if not path.is_file():
         raise MeshError(f"There is no file {path}: check the path.")
@@ -128,7 +128,7 @@ def file_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise MeshError(f"{path} could not be opened ({error.strerror}): check who may read it.") from error
+        raise MeshError(f"{path} could not be opened ({error.strerror}): check its permissions.") from error
 
 
 def read_polygons(path: str | PathLike[str]) -> Polygons:
@@ -159,7 +159,9 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         raise
     except Exception as error:  # what a reader raises on a broken file depends on where it stumbles
         reason = " ".join(str(error).split())
-        raise MeshError(f"{path} could not be read ({reason}): is it complete, and is its ending right?") from error
+        raise MeshError(
+            f"{path} could not be read ({reason}): check that the file is complete and has the right extension."
+        ) from error
 
 
 # --- OFF ----------------------------------------------------------------------------------------------------
@@ -183,7 +185,7 @@ def _read_off(path: Path) -> Polygons:
     wrong = np.flatnonzero((sizes < 0) | (sizes >= words))
     if len(wrong):
         face = wrong[0]
-        raise ValueError(f"face {face} states {sizes[face]} vertices, and its line has {words[face] - 1} numbers")
+        raise ValueError(f"face {face} should have {sizes[face]} vertices, but its line has {words[face] - 1} numbers")
     if len(np.unique(sizes)) == 1:
         corners = number_table(face_lines, range(1, sizes[0] + 1), np.int64)
         return number_table(vertex_lines, [0, 1, 2]), *flatten(corners)
@@ -240,8 +242,8 @@ def _read_with_extra(path: Path) -> Polygons:
         vertices, corner_vertex, sizes = MORE_READERS[path.suffix.lower()](path)
     except ImportError as error:
         raise ImportError(
-            f"{path} needs the package {error.name}, which is missing: pip install 'zoomout-core[formats]', or convert "
-            "it to OFF, PLY, OBJ, STL, glTF or GLB."
+            f"{path} requires the package {error.name}, which is not installed: pip install 'zoomout-core[formats]', "
+            "or convert the file to OFF, PLY, OBJ, STL, glTF or GLB."
         ) from error
     return vertices, corner_vertex, np.cumsum([0, *sizes.tolist()])
 
@@ -255,12 +257,14 @@ def _read_with_trimesh(path: Path) -> Polygons:
     try:
         scene = trimesh.load_scene(str(path), process=False)
     except NotImplementedError as error:
-        raise MeshError(f"{path} is of no known format: convert it to OFF, PLY, OBJ, STL, glTF or GLB.") from error
+        raise MeshError(
+            f"The format of {path} is not supported: convert it to OFF, PLY, OBJ, STL, glTF or GLB."
+        ) from error
     except ImportError as error:
         how = "convert it to OFF, PLY, OBJ, STL, glTF or GLB"
         if path.suffix.lower() in WITH_EXTRA:
             how = f"pip install 'zoomout-core[formats]', or {how}"
-        raise ImportError(f"{path} needs a package that is missing to be read: {how}.") from error
+        raise ImportError(f"Reading {path} requires a package that is not installed: {how}.") from error
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for points, faces in _parts(scene):
         vertices.append(points)

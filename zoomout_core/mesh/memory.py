@@ -8,10 +8,7 @@ from typing import Any, TypeVar, cast
 
 from zoomout_core.mesh.surface import MeshError
 
-NO_MEMORY = (
-    "There is not enough memory for it: close other programs, match by a coarser detail, or give meshes with fewer "
-    "vertices."
-)
+NO_MEMORY = "There is not enough memory: close other programs, use a coarser detail, or use meshes with fewer vertices."
 
 
 class NotEnoughMemoryError(MeshError):

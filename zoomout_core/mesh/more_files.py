@@ -30,7 +30,7 @@ def read_usd(path: Path) -> Faces:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise MeshError(f"{path} could not be opened as USD: is it complete?") from error
+        raise MeshError(f"{path} could not be opened as USD: check that the file is complete.") from error
     time = Usd.TimeCode(stage.GetStartTimeCode()) if stage.HasAuthoredTimeCodeRange() else Usd.TimeCode.Default()
     placed = UsdGeom.XformCache(time)
 
@@ -64,7 +64,7 @@ def read_with_meshio(path: Path) -> Faces:
     try:
         mesh = meshio.read(path)
     except (meshio.ReadError, SystemExit) as error:  # which it takes for the end of its own command
-        raise MeshError(f"{path} could not be read ({error}): is it complete?") from error
+        raise MeshError(f"{path} could not be read ({error}): check that the file is complete.") from error
     points = np.asarray(mesh.points, dtype=np.float64)
     positions = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
     faces = [block.data[:, : CELLS[block.type]] for block in mesh.cells if block.type in CELLS]

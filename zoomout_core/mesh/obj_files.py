@@ -95,7 +95,7 @@ def _vertex(corner: str, known: int) -> int:
     """The vertex of a face corner `v/vt/vn`: counted from 1, or backwards from the last one so far."""
     number = int(corner.partition("/")[0])
     if number == 0:
-        raise ValueError("a face names vertex 0, and vertices are counted from 1")
+        raise ValueError("a face refers to vertex 0, but vertices are numbered from 1")
     return number - 1 if number > 0 else known + number
 
 

@@ -143,7 +143,7 @@ class Surface(Summary):
         )
         self._edges = None if edges is None else _checked_edges(edges, len(self.vertices))
         if not self.area > 0:
-            raise MeshError("The mesh has no area: all of its faces are degenerate; give it faces with an extent.")
+            raise MeshError("The mesh has no area because all of its faces are degenerate: repair them.")
 
     @cached_property
     def triangles(self) -> Integers:
@@ -243,7 +243,9 @@ class PointCloud:
         if not np.isfinite(self.points).all():
             raise MeshError("Some points have coordinates that are not finite: remove them.")
         if self.normals is not None and not (len(self.normals) == len(self.points) and np.isfinite(self.normals).all()):
-            raise MeshError(f"{len(self.points)} points need as many finite normals: correct them, or leave them out.")
+            raise MeshError(
+                f"Each of the {len(self.points)} points needs a finite normal: correct the normals, or omit them."
+            )
         if len(self.points) < 12:
             raise MeshError(f"A point cloud of {len(self.points)} points is too small: at least 12 are needed.")
 
@@ -256,7 +258,9 @@ class PointCloud:
         """
         triangles = triangulated_points(self.points, None if self.normals is None else unit_vectors(self.normals))
         if not len(triangles):
-            raise MeshError("No surface passes through the points: do they lie on a line, or in one place?")
+            raise MeshError(
+                "No surface passes through the points: check that they are not all on a line or at one point."
+            )
         return Surface(self.points, triangles)
 
 
@@ -294,7 +298,7 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
         )
     wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # a NaN among them
     if len(wrong):
-        raise ValueError(f"{what} must be numbers of its {count} vertices, counted from 0, and {wrong[0]} is none.")
+        raise ValueError(f"{what} must be vertex numbers from 0 to below {count}, but {wrong[0]} is not.")
     return array.astype(np.int64)
 
 
@@ -328,7 +332,7 @@ def _whole_numbers(numbers: ArrayLike) -> Integers:
         array.dtype.kind == "f" and bool((np.abs(array) < 2**53).all() and (array == np.trunc(array)).all())
     )
     if array.size and not whole:
-        raise MeshError("Faces and edges must name their vertices by whole numbers, counted from 0.")
+        raise MeshError("Faces and edges must refer to vertices by whole numbers, counted from 0.")
     return array.astype(np.int64)
 
 
@@ -345,7 +349,7 @@ def _checked_edges(edges: ArrayLike, vertex_count: int) -> Integers:
         raise MeshError(f"Edges must be an array of shape (e, 2), not {array.shape}.")
     if array.size and not (array.min() >= 0 and array.max() < vertex_count):
         wrong = array[(array < 0) | (array >= vertex_count)][0]
-        raise MeshError(f"An edge names vertex {wrong}, but the mesh has {vertex_count} vertices, numbered from 0.")
+        raise MeshError(f"An edge refers to vertex {wrong}, but the mesh has {vertex_count} vertices, numbered from 0.")
     return array
 
 
@@ -366,19 +370,20 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
         raise MeshError(f"Face {face} has {sizes[face]} corners: remove faces with fewer than three.")
     if face_start[0] != 0 or face_start[-1] != len(corner_vertex):
         raise MeshError(
-            f"Faces that take up the corners {face_start[0]} to {face_start[-1]} were given {len(corner_vertex)} "
-            "corners: the first face must start at 0, and the last entry be their number."
+            f"face_start goes from {face_start[0]} to {face_start[-1]} for {len(corner_vertex)} corners: the first "
+            "entry must be 0, and the last the number of corners."
         )
     if corner_vertex.min() < 0 or corner_vertex.max() >= len(vertices):
         wrong = int(np.flatnonzero((corner_vertex < 0) | (corner_vertex >= len(vertices)))[0])
         raise MeshError(
-            f"A face names vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered from 0."
+            f"A face refers to vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered "
+            "from 0."
         )
     broken = np.unique(corner_vertex[~measurable(vertices)[corner_vertex]])
     if len(broken):
         raise MeshError(
-            f"{len(broken)} vertices have coordinates that are not finite or beyond all measure "
-            f"(the first is vertex {broken[0]}): remove or repair them."
+            f"{len(broken)} vertices have coordinates that are not finite or far too large (the first is vertex "
+            f"{broken[0]}): remove or repair them."
         )
     _check_distances(vertices[corner_vertex], corner_vertex, face_start)
 
@@ -396,8 +401,8 @@ def _check_distances(corners: Floats, corner_vertex: Integers, face_start: Integ
     astray = np.unique(corner_vertex[far & np.repeat(partly, sizes)])
     if len(astray):
         raise MeshError(
-            f"Vertex {astray[0]} is more than {FARTHEST:,.0f} times as far away as the others, and faces reach there: "
-            "move it back, or remove it."
+            f"Vertex {astray[0]} is used by faces but more than {FARTHEST:,.0f} times as far away as the other "
+            "vertices: move it back, or remove it."
         )
 
 

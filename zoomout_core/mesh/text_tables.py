@@ -24,7 +24,7 @@ def number_table(lines: list[str], columns: Sequence[int], dtype: DTypeLike = np
     table = np.loadtxt(lines, usecols=columns, ndmin=2)
     found = table.astype(dtype)
     if (found != table).any() and np.issubdtype(dtype, np.integer):
-        raise ValueError(f"{table[found != table][0]} stands where a whole number should")
+        raise ValueError(f"{table[found != table][0]} is not a whole number")
     return found
 
 

@@ -39,7 +39,7 @@ def read_arrays(
     if not Path(path).exists():
         raise FileNotFoundError(f"There is no file {path}: check the path.")
     if not Path(path).is_file():
-        raise ArrayFileError("it is no file")
+        raise ArrayFileError("it is not a file")
     try:
         with ZipFile(path) as archive:
             held = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -55,7 +55,7 @@ def read_arrays(
     except ArrayFileError:
         raise
     except Exception as error:  # what zipfile, zlib and numpy raise on a broken file depends on where they stumble
-        raise ArrayFileError("it is no .npz file, or a broken one") from error
+        raise ArrayFileError("it is not an .npz file, or it is damaged") from error
 
 
 def _array(file: IO[bytes], size: int, name: str) -> np.ndarray[Any, Any]:
@@ -63,8 +63,8 @@ def _array(file: IO[bytes], size: int, name: str) -> np.ndarray[Any, Any]:
     header = HEADERS[np.lib.format.read_magic(file)]
     shape, fortran_order, dtype = header(file)  # of a bounded length
     if dtype.hasobject or min(shape, default=0) < 0:
-        raise ArrayFileError(f"its array '{name}' is not of numbers")
+        raise ArrayFileError(f"its array '{name}' does not contain numbers")
     if prod(shape) * dtype.itemsize != size - file.tell():
-        raise ArrayFileError(f"its array '{name}' is not as large as it says")
+        raise ArrayFileError(f"its array '{name}' does not have the size that it declares")
     values = np.frombuffer(bytearray(file.read()), dtype)
     return values.reshape(shape, order="F" if fortran_order else "C")

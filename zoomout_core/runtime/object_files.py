@@ -65,7 +65,7 @@ def load_object(path: str | PathLike[str], classes: Classes) -> Any:
     except ArrayFileError:
         raise
     except Exception as error:  # where parts do not fit together, what fails depends on the fault
-        raise ArrayFileError("it is not what was saved, or from another version") from error
+        raise ArrayFileError("it is damaged, or was saved by another version") from error
 
 
 class _Writer:

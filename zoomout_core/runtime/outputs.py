@@ -42,16 +42,14 @@ def check_output(
     path = Path(output)
     folder = path.parent
     if not folder.is_dir():
-        raise OutputError(f"There is no folder {folder}: create it, or write elsewhere.")
+        raise OutputError(f"There is no folder {folder}: create it, or choose another one.")
     if path.is_dir():
-        raise OutputError(f"{path} is a folder: name a file in it.")
+        raise OutputError(f"{path} is a folder: give the name of a file in it.")
     for place in (folder, path):
         if place.exists() and not os.access(place, os.W_OK):
-            raise OutputError(f"{place} cannot be written to: change its permissions, or write elsewhere.")
+            raise OutputError(f"{place} is not writable: change its permissions, or choose another place.")
     if not in_place and any(is_same_file(path, one) for one in inputs):
-        raise OutputError(
-            f"{path} is itself an input, which would be lost: write elsewhere, or give --in-place to replace it."
-        )
+        raise OutputError(f"{path} is an input, and would be overwritten: choose another output, or pass --in-place.")
 
 
 def is_same_file(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
@@ -119,8 +117,8 @@ def _saying_why(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise OutputError(
-            f"{path} could not be written ({error.strerror or error}), and what was there before was kept: make room, "
-            "check who may write there, or write elsewhere."
+            f"{path} could not be written ({error.strerror or error}), and the existing file was kept: check disk "
+            "space and permissions, or choose another place."
         ) from error
 
 

@@ -126,7 +126,7 @@ def check_size(basis: SpectralBasis, k: int) -> None:
     check_counts(k=k)
     if k > len(basis.eigenvalues):
         raise ValueError(
-            f"k is {k}, but the basis holds {len(basis.eigenvalues)} eigenfunctions: compute more of them."
+            f"k is {k}, but the basis has only {len(basis.eigenvalues)} eigenfunctions: compute more of them."
         )
 
 
@@ -213,8 +213,8 @@ def basis_of(
         return SpectralBasis(*pairs, areas, mesh.vertices, components)
     except MemoryError:
         _log.warning(
-            "There is not enough memory to factorise the matrix of %d vertices: its eigenfunctions are taken from a "
-            "mesh of %d, nearly.",
+            "There is not enough memory to factorise the matrix of %d vertices: its eigenfunctions are approximated "
+            "on a mesh of %d.",
             len(mesh.vertices),
             COARSE_VERTICES,
         )
@@ -261,7 +261,9 @@ def eigenpairs(stiffness: csc_array, areas: Floats, k: int, seed: int = 0) -> tu
     """
     n = len(areas)
     if not 1 <= k < n:
-        raise MeshError(f"{k} eigenfunctions were asked for, but {n} vertices allow 1 to {n - 1}: ask for fewer.")
+        raise MeshError(
+            f"{k} eigenfunctions were requested, but a mesh of {n} vertices has at most {n - 1}: request fewer."
+        )
     root = np.sqrt(areas)
     if n < max(MIN_SPARSE_VERTICES, 4 * k):
         scaled = (diags_array(1 / root) @ stiffness @ diags_array(1 / root)).toarray()

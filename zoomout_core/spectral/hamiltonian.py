@@ -64,7 +64,8 @@ def hamiltonian_basis(
     room = int((barrier < 1).sum())
     if room < max(k, 1):
         raise ValueError(
-            f"The potential is below 1 at {room} vertices, too few for {k} eigenfunctions: lower it, or ask for fewer."
+            f"The potential is below 1 at {room} vertices, too few for {k} eigenfunctions: lower the potential, or "
+            "request fewer."
         )
     tau = strength * 4 * np.pi * k / (laplacian[1] @ (1 - barrier))
     with one_blas_thread:

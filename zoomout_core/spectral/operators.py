@@ -60,7 +60,8 @@ def orientation_operators(shape: ShapeLike, basis: SpectralBasis, descriptors: A
     surface = as_surface(shape)
     if len(surface.vertices) != len(basis.areas):
         raise ValueError(
-            f"The basis is of {len(basis.areas)} vertices, and the surface has {len(surface.vertices)}: give its own."
+            f"The basis has {len(basis.areas)} vertices, but the surface has {len(surface.vertices)}: give the basis "
+            "of this surface."
         )
     functions = checked_descriptors(basis, descriptors, "The descriptors")
     check_size(basis, k)
@@ -93,7 +94,7 @@ def checked_descriptors(basis: SpectralBasis, descriptors: ArrayLike, what: str)
             f"{functions.shape}."
         )
     if functions.shape[1] == 0:
-        raise ValueError(f"{what} are none: give at least one.")
+        raise ValueError(f"{what} are empty: give at least one.")
     if not np.isfinite(functions).all():
         raise ValueError(f"{what} must be finite numbers: correct them, or leave out those that are not.")
     return functions

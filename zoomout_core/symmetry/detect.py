@@ -90,7 +90,7 @@ class Symmetry(SelfMap):
     def _summary(self) -> dict[str, str]:
         return super()._summary() | {
             "certainty": f"{self.certainty:.0%}",
-            "order": str(self.order or "none that is small"),
+            "order": str(self.order or "no small one"),
             "origin": self.origin,
             "notes": " ".join(self.notes) or "none",
         }
@@ -140,7 +140,7 @@ def detect_symmetry(
     """
     check_sizes(k_final, step, samples, proxy_vertices)
     if most < 1:
-        raise ValueError(f"most is {most}: ask for one symmetry or more.")
+        raise ValueError(f"most is {most}: request at least one symmetry.")
     to_the_left, surface = _unit_vector(left), as_surface(surface)
     check_memory([len(surface.working.vertices)], k_final, proxy_vertices)
     with listening(progress):
@@ -239,7 +239,7 @@ def _finished(
         towards = leftward(distance, surface_map, surface, left)
         distance = -distance if towards < 0 else distance
         if abs(towards) < MIN_LEFTWARD_SHARE:
-            notes = ("The axis hardly tells left from right: check the sides, or give another axis.", *notes)
+            notes = ("The axis hardly separates left from right: check the sides, or choose another axis.", *notes)
     return Symmetry(
         surface=surface,
         surface_map=surface_map,

@@ -77,7 +77,7 @@ def symmetrised(
         return replace(other, values=np.where(share >= 0.5, own, theirs))
     if not has_mean(attribute):
         raise MeshError(
-            f"'{attribute.name}' has values that have no mean: copy the left or the right side, or exchange."
+            f"The values of '{attribute.name}' cannot be averaged: copy the left or the right side, or exchange them."
         )
     return replace(other, values=np.maximum(own, theirs))
 
@@ -128,7 +128,9 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
     if direction not in OWN_SHARES:
         raise ValueError(f"direction is {direction!r}: give one of {', '.join(OWN_SHARES)}.")
     if direction in ONE_WAY and not symmetry.has_sides:
-        raise MeshError("This symmetry has no left and right side: choose a reflection, or exchange or average both.")
+        raise MeshError(
+            "This symmetry has no left and right side: choose a reflection, or exchange or average the sides."
+        )
     on_left, on_right = OWN_SHARES[direction]
     distance = distance_of(domain, symmetry)
     share = np.where(distance > 0, on_left, np.where(distance < 0, on_right, (on_left + on_right) / 2))

@@ -87,7 +87,7 @@ def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     n, corner_vertex, start = len(target.vertices), target.corner_vertex, target.face_start[:-1]
     mask = np.ones(n) if how.mask is None else np.asarray(how.mask, dtype=np.float64)
     if mask.shape != (n,) or not ((mask >= 0) & (mask <= 1)).all():
-        raise ValueError(f"A mask needs a number from 0 to 1 for each of the target's {n} vertices.")
+        raise ValueError(f"A mask must have a number from 0 to 1 for each of the target's {n} vertices.")
     mask = how.factor * mask
     if attribute.domain is Domain.POINT:
         return mask

@@ -163,7 +163,9 @@ class _Fit:
         trust = np.where(np.diff(shares.indptr) > 0, trust, 0)
         mass = shares.T @ trust
         if not mass.sum() > 0:
-            raise MeshError("No vertex that the match can be trusted at has a weight of a bone.")
+            raise MeshError(
+                "No vertex with a reliable match has bone weights: check the match, or the source's vertex groups."
+            )
         self.moving = np.flatnonzero(mass > 0)
         self.mass = mass[self.moving] / mass.sum()
         self.trust = trust / trust.sum()

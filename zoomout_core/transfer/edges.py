@@ -99,8 +99,8 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     np.maximum.at(at_vertices, place.nearest[place.covered], values[marked[place.covered]])
     left = int((~place.covered).sum())
     note = (
-        f"{attribute.name}: {left} of {len(marked)} marked vertices were left out, where the target has no counterpart "
-        "of the source that can be trusted.",
+        f"{attribute.name}: {left} of {len(marked)} marked vertices were left out, where the target has no reliable "
+        "counterpart on the source.",
     )
     values = at_vertices[mapped.target.working.vertex_of]
     return replace(attribute, values=values, notes=attribute.notes + note * bool(left))
@@ -410,13 +410,13 @@ def _notes(
     missing = 1 - float(length.sum()) / total if total else 0.0
     if missing > ROUNDING:
         notes.append(
-            f"{name}: {missing:.1%} of the length of its lines was left out, where the target has no counterpart "
-            "of the source that can be trusted."
+            f"{name}: {missing:.1%} of the length of its lines was left out, where the target has no reliable "
+            "counterpart on the source."
         )
     torn = float(length[lost][length[lost] > edge_length].sum())
     if torn:
         notes.append(
-            f"{name}: {torn / total:.1%} of the length of its lines was left out, where the map is torn or the "
-            "target's edges are too long."
+            f"{name}: {torn / total:.1%} of the length of its lines was left out, where the map is discontinuous or "
+            "the target's edges are too long."
         )
     return tuple(notes)

@@ -12,7 +12,7 @@ from zoomout_core.arrays import Floats, segment_sum
 from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.transfer.attribute import Attribute, Domain
 
-NOT_FINITE = "{} of {} values of '{}' are not finite: taken from the nearest ones that are."
+NOT_FINITE = "{} of {} values of '{}' are not finite, and were replaced by the nearest finite values."
 
 
 def _face_centres(surface: Surface) -> Floats:
@@ -49,7 +49,7 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     somewhere = measurable(places)
     known = np.flatnonzero(finite & somewhere)
     if not len(known):
-        raise MeshError(f"'{attribute.name}' has no values that are finite: correct them.")
+        raise MeshError(f"'{attribute.name}' has no finite values: correct them.")
     filled = values.copy()
     unknown = np.flatnonzero(~finite)
     # What lies nowhere is of no face, and takes any.

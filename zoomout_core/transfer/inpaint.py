@@ -120,9 +120,13 @@ class Filling:
         """What the user should know of it, a sentence each; `following` as for `fill`."""
         left = self.left + (0 if following else len(self.follower))
         told = (
-            (len(self.filled), "{} vertices of low confidence were filled in from around them."),
-            (len(self.follower) * following, "{} vertices of small parts of low confidence move as what is nearest."),
-            (left, "{} vertices of low confidence have none of higher confidence on their part: left as mapped."),
+            (len(self.filled), "{} vertices of low confidence were filled in from their surroundings."),
+            (len(self.follower) * following, "{} vertices of small parts of low confidence follow the nearest part."),
+            (
+                left,
+                "{} vertices of low confidence were left as mapped, because no vertex of their part has higher "
+                "confidence.",
+            ),
         )
         return tuple(text.format(count) for count, text in told if count)
 

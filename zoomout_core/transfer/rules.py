@@ -180,7 +180,7 @@ def map_target(
         raise ValueError(f"fill_below is {fill_below!r}: give a confidence from 0 to 1, or None.")
     if not isinstance(result, SurfaceMap) and not hasattr(result, "surface_map"):
         raise TypeError(
-            f"A match is needed, not a {type(result).__name__}: give what `match` returns, or its surface_map."
+            f"A match is needed, not a {type(result).__name__}: give the result of `match`, or its surface_map."
         )
     source, target = surfaces_of(result, source, target)
     if isinstance(result, SurfaceMap):
@@ -205,7 +205,7 @@ def surfaces_of(
     source = getattr(result, "source", None) if source is None else source
     target = getattr(result, "target", None) if target is None else target
     if source is None or target is None:
-        raise TypeError(f"A {type(result).__name__} does not hold its surfaces: give source and target as well.")
+        raise TypeError(f"A {type(result).__name__} does not contain its surfaces: give source and target as well.")
     return as_surface(source), as_surface(target)
 
 
@@ -256,7 +256,7 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
     values: Any = attribute.values if issparse(attribute.values) else np.asarray(attribute.values)
     needs = f"the kind {attribute.kind.name.lower()} needs {rule.meaning}"
     if issparse(values) != rule.sparse:
-        raise MeshError(f"'{name}' has a {type(attribute.values).__name__} of values, but {needs}.")
+        raise MeshError(f"The values of '{name}' are a {type(attribute.values).__name__}, but {needs}.")
     count = {
         Domain.POINT: len(source.vertices),
         Domain.EDGE: len(source.edges),
@@ -282,6 +282,6 @@ def _check_map(surface_map: SurfaceMap, source: Surface, target: Surface, *of_ve
         )
     if len(surface_map.source_triangles) != triangles:
         raise MeshError(
-            f"The map leads to {len(surface_map.source_triangles)} triangles, but the source has {triangles}: "
-            "match these two surfaces again."
+            f"The map refers to {len(surface_map.source_triangles)} triangles, but the source has {triangles}: match "
+            "these two surfaces again."
         )

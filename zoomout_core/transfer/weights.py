@@ -71,7 +71,7 @@ def mix_weights(
     weights = weights.astype(np.promote_types(weights.dtype, np.float64))
     shared = _column_mask(normalised, weights.shape[1])
     if limit is not None and limit < 1:
-        raise MeshError(f"A limit of {limit} weights to a vertex leaves none: give 1 or more.")
+        raise MeshError(f"A limit of {limit} weights per vertex leaves none: give 1 or more.")
     mixing = mixing_matrix(mapped)
     mixed = csr_array(mixing @ weights)
     own_sums = weights @ shared.astype(float)
@@ -94,8 +94,8 @@ def mix_weights(
     mixed.sort_indices()
     if without:
         notes += (
-            f"{attribute.name}: locked groups leave no room on {without} of {len(wanted)} vertices, where others "
-            "would have weights: lower or unlock them.",
+            f"{attribute.name}: locked groups leave no weight for other groups on {without} of {len(wanted)} "
+            "vertices: reduce or unlock them.",
         )
     return replace(attribute, values=mixed.astype(attribute.values.dtype), notes=notes)
 

@@ -14,8 +14,7 @@ class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
     bl_idname = "zoomout.check_symmetry"
     bl_label = "Show Asymmetry"
     bl_description = (
-        "Show by colors how far the active mesh is from being symmetric, in its shape whatever the pose, its weights, "
-        "or a shape key"
+        "Show as colors how asymmetric the active mesh is, in its shape in any pose, its weights, or a shape key"
     )
     bl_options = {"REGISTER"}
 

@@ -21,8 +21,8 @@ class ZOOMOUT_OT_detect_symmetry(DetectOptions, ModalOperator):
     bl_idname = "zoomout.detect_symmetry"
     bl_label = "Detect Symmetry"
     bl_description = (
-        "Find which places of the active mesh correspond to each other, as left and right do, whatever its pose and "
-        "topology. What is found is kept on the mesh, for all that follows"
+        "Find the symmetries of the active mesh, in any pose and topology. They are stored on the mesh and used by "
+        "the tools below"
     )
     bl_options = {"REGISTER", "UNDO"}
 
@@ -36,10 +36,12 @@ class ZOOMOUT_OT_detect_symmetry(DetectOptions, ModalOperator):
 class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
     bl_idname = "zoomout.choose_symmetry"
     bl_label = "Use Symmetry"
-    bl_description = "Use this symmetry of the active mesh, of those that were found"
+    bl_description = "Use this one of the detected symmetries of the active mesh"
     bl_options = {"REGISTER", "UNDO"}
 
-    number: IntProperty(name="Number", description="Which one, counted from 0", min=0, default=0, options=ONCE)
+    number: IntProperty(
+        name="Number", description="Number of the symmetry, starting at 0", min=0, default=0, options=ONCE
+    )
 
     async def work(self, context: Context) -> str:
         obj = writable_mesh(context, context.active_object.name)
@@ -51,7 +53,7 @@ class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
 class ZOOMOUT_OT_swap_sides(SymmetryOperator):
     bl_idname = "zoomout.swap_sides"
     bl_label = "Swap Sides of Symmetry"
-    bl_description = "Take left for right, in the symmetry that is chosen: where the axis told them apart wrongly"
+    bl_description = "Swap left and right of the chosen symmetry, if the axis assigned them the wrong way round"
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:

@@ -14,8 +14,8 @@ class ZOOMOUT_OT_mirror_attributes(LayerOptions, DirectionOptions, SymmetryOpera
     bl_idname = "zoomout.mirror_attributes"
     bl_label = "Mirror Attributes"
     bl_description = (
-        "Give one side's UVs, colors, attributes, materials, seams and other marks, masks or selection to the other "
-        "one, or exchange them"
+        "Copy UVs, colors, attributes, materials, seams and other marks, masks or the selection from one side to the "
+        "other, or exchange them"
     )
     bl_options = {"REGISTER", "UNDO"}
 

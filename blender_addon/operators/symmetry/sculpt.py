@@ -14,8 +14,8 @@ class ZOOMOUT_OT_mirror_sculpt(DirectionOptions, SymmetryOperator):
     bl_idname = "zoomout.mirror_sculpt"
     bl_label = "Mirror Sculpt"
     bl_description = (
-        "Carry to the other side how vertices of the active mesh were moved since its symmetry was detected. "
-        "Displacements turn with the surface, so it may be in any pose"
+        "Mirror all changes to the shape of the active mesh since its symmetry was detected. Displacements rotate "
+        "with the surface, so the mesh can be in any pose"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -14,8 +14,8 @@ class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, DirectionOptions, Symmetr
     bl_idname = "zoomout.mirror_shape_key"
     bl_label = "Mirror Shape Key by Symmetry"
     bl_description = (
-        "From the active shape key make that of the other side, or a left and a right one, or a symmetric one. "
-        "Displacements turn with the surface, so it may be in any pose"
+        "Create the opposite key from the active shape key, split it into left and right keys, or make it symmetric. "
+        "Displacements rotate with the surface, so the mesh can be in any pose"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -17,7 +17,7 @@ from .base import SymmetryOperator
 class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
     bl_idname = "zoomout.select_symmetry_line"
     bl_label = "Select Symmetry Line"
-    bl_description = "Select the vertices and edges that lie nearest to the line between left and right"
+    bl_description = "Select the vertices and edges nearest to the line between left and right"
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:
@@ -33,7 +33,7 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
 class ZOOMOUT_OT_name_sides(SideOptions, SymmetryOperator):
     bl_idname = "zoomout.name_sides"
     bl_label = "Name Sides"
-    bl_description = f"Make vertex groups of the left side, the right side and the middle: {LEFT}, {RIGHT}, {MIDDLE}"
+    bl_description = f"Create vertex groups for the left side, the right side and the middle: {LEFT}, {RIGHT}, {MIDDLE}"
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:

@@ -14,8 +14,8 @@ class ZOOMOUT_OT_symmetrise_weights(DirectionOptions, WeightOptions, SymmetryOpe
     bl_idname = "zoomout.symmetrise_weights"
     bl_label = "Symmetrise Weights"
     bl_description = (
-        "Give one side's weights to the other one, or exchange them, where Arm.L becomes Arm.R; groups that lack a "
-        "partner get one, and locked ones stay as they are"
+        "Copy weights from one side to the other, or exchange them, with Arm.L becoming Arm.R. Missing partner "
+        "groups are created, and locked groups are not changed"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -83,7 +83,7 @@ async def measure_asymmetry(context: Context, name: str, check: Checked, key: st
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     if check == "weights" and not obj.vertex_groups:
-        raise zo.MeshError(f"'{name}' has no vertex groups: give it some, or check the shape.")
+        raise zo.MeshError(f"'{name}' has no vertex groups: add some, or check the shape instead.")
     with stage(READING, 0, READ):
         await pause()
         if check == "shape":

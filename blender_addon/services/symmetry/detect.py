@@ -62,9 +62,7 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
     stored = stored_symmetry.description(obj.data)
     candidates = stored["candidates"] if stored else []
     if number >= len(candidates):
-        raise zo.MeshError(
-            f"'{obj.name}' has {_count(len(candidates))}, not the one that is asked for: choose another."
-        )
+        raise zo.MeshError(f"'{obj.name}' has only {_count(len(candidates))}: choose a lower number.")
     stored_symmetry.choose(obj.data, number)
     previews.follow_symmetry(context, obj)
     return f"'{obj.name}': {summary(candidates[number])}"

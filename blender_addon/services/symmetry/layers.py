@@ -65,15 +65,17 @@ async def mirror_attributes_async(
     found = [one for one in read if direction != "average" or has_mean(one.attribute)]
     skipped = [one.attribute.name for one in read if one not in found]
     if not read:
-        raise zo.MeshError(f"'{name}' has none of the data that is to be mirrored: choose other data.")
+        raise zo.MeshError(f"'{name}' has none of the data to mirror: choose other data.")
     if not found:
-        raise zo.MeshError(f"There is no mean of {', '.join(skipped)}: copy the left or the right side, or exchange.")
+        raise zo.MeshError(
+            f"{', '.join(skipped)} cannot be averaged: copy the left or the right side, or exchange them."
+        )
     made = await compute(partial(_symmetrise_all, found, symmetry, direction, uv_layout))
     with writing(context, name, symmetry.surface) as obj:
         for one in made:
             one.write(obj, one.attribute)
         obj.data.update()
-    left_out = f"; skipped {', '.join(skipped)}, of which there is no mean" if skipped else ""
+    left_out = f"; skipped {', '.join(skipped)}, which cannot be averaged" if skipped else ""
     names = ", ".join(dict.fromkeys(one.attribute.name for one in made))
     exchanged = f"Exchanged the sides of {names} of '{name}'{left_out}"
     return exchanged if direction == "exchange" else f"Mirrored {names} of '{name}'{left_out}"

@@ -50,7 +50,7 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
-    return f"Carried the sculpt of '{name}' over: {count} vertices moved"
+    return f"Mirrored the sculpt of '{name}': {count} vertices moved"
 
 
 def _unmoved(obj: Object) -> str:
@@ -58,12 +58,12 @@ def _unmoved(obj: Object) -> str:
     levels = [modifier.name for modifier in obj.modifiers if modifier.type == "MULTIRES"]
     if levels:
         return (
-            f"No vertex of '{obj.name}' was moved since its symmetry was detected: levels of '{levels[0]}' keep what "
-            "was sculpted there; its Apply Base moves the mesh itself."
+            f"No vertex of '{obj.name}' was moved since its symmetry was detected: the sculpt is stored in the "
+            f"levels of '{levels[0]}', so use its Apply Base first."
         )
     if obj.data.shape_keys and obj.active_shape_key_index > 0:
         return (
-            f"No vertex of '{obj.name}' was moved since its symmetry was detected: a shape key is active, which keeps "
-            "what is sculpted; make it symmetric, or mirror it."
+            f"No vertex of '{obj.name}' was moved since its symmetry was detected: the sculpt is stored in the "
+            "active shape key, so use Mirror Shape Key."
         )
     return f"No vertex of '{obj.name}' was moved since its symmetry was detected: sculpt it, or mirror a shape key."

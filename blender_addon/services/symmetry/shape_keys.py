@@ -96,7 +96,7 @@ def read_key(obj: Object, name: str) -> tuple[ShapeKey, Floats]:
     if not name:
         raise zo.MeshError(f"No shape key of '{obj.name}' is active: add one, or make it active.")
     if present is None or name not in present.key_blocks or name == present.reference_key.name:
-        raise zo.MeshError(f"'{obj.name}' has no shape key {name!r} beside the first one: make another key active.")
+        raise zo.MeshError(f"'{obj.name}' has no shape key {name!r} besides the Basis: make another key active.")
     if not present.use_relative:
         raise zo.MeshError(f"The shape keys of '{obj.name}' are absolute: turn on Relative in its shape keys.")
     keys = mesh_data.read_own_shape_keys(obj.data)
@@ -110,7 +110,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
         return f"{name}.L", f"{name}.R"
     partner = partner_of(name, present)
     if mode == "mirror" and partner == name:
-        raise zo.MeshError(f"The name {name!r} has no side: end it in .L or .R, or split the key into both.")
+        raise zo.MeshError(f"The name {name!r} has no side: end it with .L or .R, or use Left and Right Keys.")
     return (partner if mode == "mirror" else name,)
 
 

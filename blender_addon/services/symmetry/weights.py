@@ -75,7 +75,7 @@ class _Chosen:
 
 def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     if not weights.labels:
-        raise zo.MeshError(f"'{obj.name}' has no vertex groups: give it some, or make another mesh active.")
+        raise zo.MeshError(f"'{obj.name}' has no vertex groups: add some, or make another mesh active.")
     wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
     if only and only not in weights.labels:
         raise zo.MeshError(f"'{obj.name}' has no vertex group '{only}': choose another one.")
@@ -87,7 +87,7 @@ def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     ]
     columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
     if not columns:
-        raise zo.MeshError(f"All of these vertex groups of '{obj.name}' are locked: unlock some.")
+        raise zo.MeshError(f"All the vertex groups to change on '{obj.name}' are locked: unlock at least one.")
     values, deforming = csr_array(weights.values), _deforming(obj, weights)
     labels = tuple(weights.labels[i] for i in columns)
     shared = [i for i, label in enumerate(weights.labels) if label in deforming]
@@ -106,8 +106,8 @@ def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
     groups = f"{len(labels)} vertex groups of '{name}'"
     done = f"Exchanged the sides of {groups}" if direction == "exchange" else f"Made {groups} symmetric"
     if all(partner_of(label, labels) == label for label in labels):
-        done = f"{done}, each by itself: none has a side in its name"
-    return f"{done}; locked ones stayed ({', '.join(chosen.locked)})" if chosen.locked else done
+        done = f"{done}; no name has a side, so each group was made symmetric"
+    return f"{done}; locked groups were not changed ({', '.join(chosen.locked)})" if chosen.locked else done
 
 
 def _deforming(obj: Object, weights: Attribute) -> set[str]:

@@ -23,7 +23,7 @@ class ZOOMOUT_PT_hints(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         split_properties(self.layout)
-        column = self.layout.column(heading="Go By")
+        column = self.layout.column(heading="Consider")
         settings = context.scene.zoomout
         for option in options_of_panel(ZOOMOUT_PT_hints.bl_label, settings.initial):
             column.prop(settings, option.name)
@@ -42,4 +42,4 @@ class ZOOMOUT_PT_match_advanced(SidebarPanel, Panel):
             self.layout.prop(settings, option.name)
         row = self.layout.row(align=True)
         row.operator(ZOOMOUT_OT_clear_match_data.bl_idname)
-        row.operator(ZOOMOUT_OT_clear_match_data.bl_idname, text="Of File").whole_file = True
+        row.operator(ZOOMOUT_OT_clear_match_data.bl_idname, text="Whole File").whole_file = True

@@ -73,7 +73,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
             doubtful = stored["low_confidence"] / stored["vertices"]
             others = (source["name"] for source in stored_match.others(stored))
             names = ", ".join(f"'{name}'" for name in (stored["source"], *others))
-            text = f"Matched with {names}, {doubtful:.0%} in doubt"
+            text = f"Matched with {names}, {doubtful:.0%} doubtful"
             sentences(context, layout, [text], _mark(doubtful, listing))
         preview_buttons(context, layout, preview.OF_MATCH, enabled=not reason)
         usable = layout.column()

@@ -23,7 +23,7 @@ LETTER, BORDER = 6.5, 60
 BUTTON = 1.5
 # Letters of a label that fits beside two others; lines that the longest legend takes.
 NARROW, LEGEND = 12, 2
-NOTHING_SHOWN = "Nothing is shown in the viewport"
+NOTHING_SHOWN = "No preview is shown"
 # Size of the thumbnails of candidates, in icons.
 PICTURE = 3.2
 

@@ -26,9 +26,11 @@ from .sidebar import (
     split_properties,
 )
 
-EDITED = Finding("The mesh was edited since: detect its symmetry again.", True)
-RESHAPED = Finding("Reshaped since: Mirror Sculpt carries it over to the other side, or detect again.", False)
-FEW = Finding("Few vertices: if a symmetry is not found, subdivide the mesh and detect again.", False)
+EDITED = Finding("The mesh was edited after detection: detect its symmetry again.", True)
+RESHAPED = Finding(
+    "The mesh was reshaped after detection: use Mirror Sculpt to mirror the changes, or detect again.", False
+)
+FEW = Finding("The mesh has few vertices: if a symmetry is missing, subdivide it and detect again.", False)
 # Number of thumbnails in a row.
 COLUMNS = 2
 
@@ -60,7 +62,7 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
             show_findings(context, layout, [RESHAPED])
         _draw_candidates(context, layout, stored)
         preview_buttons(context, layout, preview.OF_SYMMETRY)
-        layout.prop(settings, "check", text="Asymmetry Of")
+        layout.prop(settings, "check", text="Compare")
         layout.prop(settings, "red_weight" if settings.check == "WEIGHTS" else "red_length")
         layout.prop(settings, "direction")
 
@@ -143,7 +145,9 @@ def _doubts(target: Object) -> list[Finding]:
     """What the user should know before a mesh's symmetry is sought."""
     found = [FEW] if len(target.data.vertices) < FEW_VERTICES else []
     halves = [modifier.name for modifier in target.modifiers if modifier.type == "MIRROR" and modifier.show_viewport]
-    return found + [Finding(f"'{name}' makes the mesh's other half: apply it first.", False) for name in halves]
+    return found + [
+        Finding(f"The modifier '{name}' creates the other half of the mesh: apply it first.", False) for name in halves
+    ]
 
 
 def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:

@@ -168,7 +168,7 @@ def edited(path: Path, change: object) -> None:
     ("change", "sentence"),
     [
         (lambda made: made | {"extensionsRequired": ["KHR_draco_mesh_compression"]}, "compressed by Draco: export it"),
-        (lambda made: made | {"meshes": [{"primitives": []}]}, "holds no triangles"),
+        (lambda made: made | {"meshes": [{"primitives": []}]}, "contains no triangles"),
         (lambda made: made | {"bufferViews": [view | {"byteLength": 8} for view in made["bufferViews"]]}, "too early"),
         (lambda made: made | {"accessors": []}, "could not be read"),
     ],
@@ -183,7 +183,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_a_sentence(path: Path, change:
 def test_half_a_file_is_refused_in_a_sentence(path: Path) -> None:
     write_tube(path)
     path.write_bytes(path.read_bytes()[:700])
-    with pytest.raises(MeshError, match=r"could not be read .* is it complete"):
+    with pytest.raises(MeshError, match=r"could not be read .* check that the file is complete"):
         read_asset(path)
 
 

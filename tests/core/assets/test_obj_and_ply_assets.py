@@ -48,13 +48,13 @@ def test_what_is_written_is_read_again(tmp_path: Path, made: Asset, ending: str)
         assert names == ["red paint", "B"]
         assert {material.name: material for material in again.materials} == {each.name: each for each in made.materials}
     else:
-        assert notes == ("PLY holds no materials: left out; write a .glb to keep them.",)
+        assert notes == ("PLY files cannot store materials, which were left out: write a .glb file to keep them.",)
 
 
 def test_what_obj_cannot_hold_is_said(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     (note,) = write_asset(read_asset(tmp_path / "tube.glb"), tmp_path / "tube.obj")
-    assert note.startswith("OBJ holds no skin weights and no shape keys: left out")
+    assert note.startswith("OBJ files cannot store skin weights or shape keys, which were left out")
     assert (tmp_path / "tube_0.png").read_bytes() == PNG
 
 
@@ -96,7 +96,7 @@ def test_colors_for_a_screen_and_back(made: Asset) -> None:
 
 
 def test_formats_and_files_that_cannot_be_written_are_said_and_nothing_is_lost(tmp_path: Path, made: Asset) -> None:
-    with pytest.raises(MeshError, match=r"no format that can be written: give it the ending \.glb"):
+    with pytest.raises(MeshError, match=r"has no supported file extension: use \.glb"):
         write_asset(made, tmp_path / "a.fbx")
     with pytest.raises(OutputError):
         write_asset(made, tmp_path / "none" / "a.obj")

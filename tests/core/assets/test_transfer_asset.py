@@ -77,7 +77,7 @@ def test_limbs_in_another_pose_count_by_their_area_however_few_vertices_they_hav
     assert limbs.mean() < 0.1 < target.share_of_area(limbs)
     match = matched(source, made.surface.vertices)
     carried = transfer_asset(source, Asset(target), match, ("weights",))
-    assert "taken to the rest pose" in " ".join(carried.notes)
+    assert "moved to the rest pose" in " ".join(carried.notes)
 
 
 def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_one_that_is_unsure_takes_the_candidate_that_agrees_with_the_others(
     given = {**results, "b": doubtful(results["b"])}
     found = agree(given, FAST)
     assert found["b"].chosen == 1
-    assert "agrees with the maps of other targets" in found["b"].notes[0]
+    assert "consistent with the maps of other targets" in found["b"].notes[0]
     assert error(found["b"], TARGETS["b"]) < 0.3
     assert found["a"] is results["a"]
     assert found["c"] is results["c"]
@@ -69,7 +69,7 @@ def test_where_it_has_no_such_candidate_the_map_leads_through_another_target(
 ) -> None:
     wrong = doubtful(results["b"])
     found = agree({**results, "b": replace(wrong, candidates=wrong.candidates[:1])}, FAST)
-    assert "the one through" in found["b"].notes[0]
+    assert "the map through" in found["b"].notes[0]
     assert error(found["b"], TARGETS["b"]) < 0.3
 
 

@@ -200,8 +200,8 @@ def test_surfaces_and_clouds_in_memory_are_matched_too() -> None:
     [
         ({}, "one of a template"),
         ({"template": "a", "neighbours": 2}, "one of a template"),
-        ({"template": "x"}, "No shape of the collection is called x"),
-        ({"pairs": [("a", "x")]}, "No shape of the collection is called x"),
+        ({"template": "x"}, "The collection has no shape named x"),
+        ({"pairs": [("a", "x")]}, "The collection has no shape named x"),
     ],
 )
 def test_a_wrong_choice_is_refused(folder: Path, tmp_path: Path, choice: dict[str, object], said: str) -> None:
@@ -211,7 +211,7 @@ def test_a_wrong_choice_is_refused(folder: Path, tmp_path: Path, choice: dict[st
 
 
 def test_landmarks_are_of_one_pair(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="of one pair"):
+    with pytest.raises(ValueError, match="a single pair"):
         match_collection(
             sorted(folder.iterdir()), tmp_path, neighbours=2, options=MatchOptions(landmarks=([0, 1], [0, 1]))
         )
@@ -250,10 +250,10 @@ def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_p
     ("arguments", "said"),
     [
         (["--all-pairs", "--neighbours", "3"], "give one"),
-        (["--transfer"], "name it with --template"),
+        (["--transfer"], "choose it with --template"),
         (["--output", __file__], "is a file: name a folder"),
         (["--output", "/no/such/place/out"], "There is no folder"),
-        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "leave out --workers"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "omit --workers"),
     ],
 )
 def test_the_command_refuses_what_does_not_fit_together(

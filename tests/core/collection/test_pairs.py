@@ -52,9 +52,9 @@ def test_a_file_names_pairs_with_or_without_endings(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("a\n", "line 1: give two names"),
-        ("a b\na x\n", "line 2: no shape of the collection is called x"),
+        ("a b\na x\n", "line 2: the collection has no shape named x"),
         ("a a.off\n", "paired with itself"),
-        ("# none\n", "holds no pairs"),
+        ("# none\n", "contains no pairs"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path: Path, text: str, said: str) -> None:

@@ -122,7 +122,7 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
     assert made == {"scan.blend", "other.blend", "last.blend"}
     report = json.loads((output / "report.json").read_text())
     assert report["failures"] == {"broken": "It is broken.", "transfer to naked": "It is naked."}
-    notes = ["All is well.", "'Eye' has received nothing: It has none."]
+    notes = ["All is well.", "'Eye' received no data: It has none."]
     assert report["transferred"] == dict.fromkeys(("scan", "other", "last"), notes)
 
     # Once more: nothing but what failed is tried again.
@@ -178,7 +178,7 @@ def test_without_blender_its_files_fail_by_name_and_a_template_is_refused_at_onc
     monkeypatch.setattr(blender_files.shutil, "which", lambda _: None)
     monkeypatch.delenv(blender_files.PROGRAM, raising=False)
     status, said = run(folder, tmp_path / "out", "--template", folder / "hero.blend", "--transfer")
-    assert (status, "Blender is needed" in said) == (1, True)
+    assert (status, "requires Blender" in said) == (1, True)
     assert not (tmp_path / "out").exists()
     status, _ = run(folder, tmp_path / "out", "--template", folder / "other.ply")
     assert status == 3
@@ -207,10 +207,12 @@ def test_a_blender_that_dies_or_hangs_is_a_sentence(
 ) -> None:
     monkeypatch.setenv(blender_files.PROGRAM, str(program))
     (folder / "hero.blend").rename(folder / "silent.blend")
-    with pytest.raises(MeshError, match=r"ended with status 11 .* saying: Read something\. Is it Blender 4\.2"):
+    with pytest.raises(
+        MeshError, match=r"exited with status 11 .* saying: Read something: check that it is Blender 4\.2"
+    ):
         read_surface(folder / "silent.blend")
     program.write_text(f"#!{sys.executable}\nimport os\nos.kill(os.getpid(), 9)\n")
-    with pytest.raises(ChildProcessError, match="ended by signal 9: it may need more memory"):
+    with pytest.raises(ChildProcessError, match="terminated by signal 9: it may need more memory"):
         blender_files.run_blender(["surface", "any"])
     monkeypatch.setattr(blender_files, "MOST_SECONDS", 0.3)
     program.write_text(f"#!{sys.executable}\nimport time\ntime.sleep(60)\n")

@@ -85,7 +85,7 @@ def test_a_cloud_has_a_precise_map(resting: Creature, bases, truth) -> None:
 @pytest.mark.parametrize(
     ("functional_map", "sentence"),
     [
-        (np.eye(61), "61 target and 61 source functions is larger than the bases, which hold 60 and 60"),
+        (np.eye(61), "61 target and 61 source functions is larger than the bases of 60 and 60"),
         (np.ones((60, 61)), "larger than the bases"),
         (np.ones((61, 60)), "larger than the bases"),
         (np.ones(60), "must be a matrix"),
@@ -105,9 +105,9 @@ def test_pointwise_maps_between_other_shapes_are_refused(resting: Creature, bent
     onto_resting = zo.SurfaceMap.from_vertices(truth, resting.surface)
     for pointwise, sizes, sentence in (
         (truth[:-1], (), "for each of 2500 target vertices, not for 2499"),
-        (truth + 4000, (), "must be numbers of its 4000 vertices"),
+        (truth + 4000, (), "must be vertex numbers from 0 to below 4000"),
         (truth[None], (), "must be a list of numbers"),
-        (onto_resting, (), "The map of 2500 vertices is not between these shapes of 2500 source and 4000 target"),
+        (onto_resting, (), "The map has 2500 vertices, which does not fit 2500 source and 4000 target"),
         (truth, (61,), "larger than the bases"),
         (truth, (0,), "a whole number that is at least one"),
         (truth, (10, 2.5), "a whole number that is at least one"),
@@ -116,7 +116,7 @@ def test_pointwise_maps_between_other_shapes_are_refused(resting: Creature, bent
         with pytest.raises(ValueError, match=sentence):
             zo.functional_map_of(pointwise, *order, *sizes)
     from_resting = zo.SurfaceMap.from_vertices(np.zeros(2500, dtype=int), resting.surface)
-    with pytest.raises(ValueError, match="not between these shapes"):
+    with pytest.raises(ValueError, match="does not fit"):
         zo.functional_map_of(from_resting, bases[1], bases[1])
-    with pytest.raises(ValueError, match="The source has 2500 vertices, but its basis is of a shape with 4000"):
+    with pytest.raises(ValueError, match="The source has 2500 vertices, but its basis was computed for 4000"):
         zo.precise_map_of(np.eye(4), *bases, bent.surface)

@@ -35,7 +35,7 @@ def test_it_is_what_was_written_and_all_is_trusted_of_which_nothing_is_said(path
 
 
 def test_another_target_is_refused(path: Path) -> None:
-    with pytest.raises(zo.MeshError, match=r"of 100 vertices between other surfaces .* target has 80"):
+    with pytest.raises(zo.MeshError, match=r"of 100 vertices between other surfaces, but this target has 80"):
         KnownMatch.load(path, SOURCE, creature(80, seed=2).surface)
 
 

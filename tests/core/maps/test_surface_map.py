@@ -98,7 +98,7 @@ def test_a_file_that_does_not_fit_is_refused(tmp_path: Path, resting: Creature, 
 @pytest.mark.parametrize("content", [b"", b"junk", b"PK\x03\x04 junk", b"\x93NUMPY junk", b"\x80\x04junk"])
 def test_a_file_that_is_no_map_is_refused(tmp_path: Path, resting: Creature, content: bytes) -> None:
     (tmp_path / "junk.npz").write_bytes(content)
-    assert "no .npz file" in refused(tmp_path / "junk.npz", resting.surface)
+    assert "not an .npz file" in refused(tmp_path / "junk.npz", resting.surface)
 
 
 def test_arrays_that_are_not_numbers_or_cut_off_are_refused(tmp_path, resting: Creature, onto: SurfaceMap) -> None:
@@ -107,7 +107,7 @@ def test_arrays_that_are_not_numbers_or_cut_off_are_refused(tmp_path, resting: C
     (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:5000])
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("objects.npz", "cut.npz", "array.npy"):
-        assert "holds no map" in refused(tmp_path / name, resting.surface)
+        assert "contains no map" in refused(tmp_path / name, resting.surface)
 
 
 @pytest.mark.parametrize(
@@ -153,6 +153,6 @@ def test_the_vertices_of_a_file_are_read_without_its_surfaces(tmp_path, onto) ->
     np.testing.assert_array_equal(read_vertex_map(tmp_path / "map.npz"), onto.vertex)
     (tmp_path / "empty.npz").touch()
     np.savez(tmp_path / "other.npz", triangle=onto.triangle)
-    for name, sentence in (("empty", "holds no map"), ("other", "holds no map"), ("missing", "There is no file")):
+    for name, sentence in (("empty", "contains no map"), ("other", "contains no map"), ("missing", "There is no file")):
         with pytest.raises(MeshError, match=sentence):
             read_vertex_map(tmp_path / f"{name}.npz")

@@ -197,7 +197,7 @@ def test_a_folder_that_cannot_be_written_is_named_and_does_no_harm(
     zo.store_shapes(tmp_path / "file")
     with caplog.at_level(logging.WARNING):
         assert len(prepared().basis.eigenvalues) == 40
-    assert "cannot be stored" in caplog.text
+    assert "cannot be cached" in caplog.text
 
 
 def test_processes_that_write_at_the_same_time_do_each_other_no_harm(folder: Path) -> None:

@@ -53,7 +53,7 @@ def rises(seen: list[Progress]) -> bool:
 def test_progress_rises_through_all_stages(watched: tuple[zo.MatchResult, list[Progress]]) -> None:
     result, seen = watched
     assert rises(seen)
-    assert {"Guessing", "Comparing candidates", "Refining", "Carrying over to all vertices"} <= {s.stage for s in seen}
+    assert {"Guessing", "Comparing candidates", "Refining", "Extending to all vertices"} <= {s.stage for s in seen}
     begun = {stage: next(each.fraction for each in seen if each.stage == stage) for stage in {s.stage for s in seen}}
     assert begun["Finding the bodies"] < 0.05
     assert begun["Refining"] > 0.4
@@ -124,9 +124,9 @@ def notes_of(result: zo.MatchResult, certainty: float) -> tuple[str, ...]:
 @pytest.mark.parametrize(
     ("certainty", "words"),
     [
-        (0.8, "right with a probability of 80% only"),
-        (0.2, "right with a probability of 20% only"),
-        (0.04, "not recognised (a probability of 4%)"),
+        (0.8, "correct with a probability of only 80%"),
+        (0.2, "correct with a probability of only 20%"),
+        (0.04, "No reliable match was found (a probability of 4%)"),
     ],
 )
 def test_an_unsure_map_is_said_to_be_and_a_lost_one_what_to_do(
@@ -143,9 +143,9 @@ def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult
     ("over", "of_target", "of_source", "words"),
     [
         (0.03, 0.02, 0.02, ()),
-        (0.1, 0.02, 0.02, ("turns over 10% of the target",)),
-        (0.03, 0.1, 0.02, ("of the target seems to have no partner on the source",)),
-        (0.03, 0.02, 0.1, ("of the source seems to have no partner on the target",)),
+        (0.1, 0.02, 0.02, ("flips 10% of the target",)),
+        (0.03, 0.1, 0.02, ("of the target has no counterpart on the source",)),
+        (0.03, 0.02, 0.1, ("of the source has no counterpart on the target",)),
     ],
 )
 def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
@@ -166,7 +166,7 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
 def test_a_map_of_half_of_the_target_is_half_as_sure(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     lift = result_module.lift
     monkeypatch.setattr(result_module, "lift", lambda *args: lift(*args)._replace(placed=0.5))
-    assert "right with a probability of 45% only" in notes_of(result, 0.9)[0]
+    assert "correct with a probability of only 45%" in notes_of(result, 0.9)[0]
 
 
 @pytest.mark.parametrize("given", [None, 700])

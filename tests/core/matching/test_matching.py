@@ -100,8 +100,8 @@ def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
 def test_coordinates_that_are_far_from_the_origin_are_said_to_be_rounded(resting: Creature, bent: Creature) -> None:
     rounded = [made.surface.with_vertices((made.surface.vertices + 1e6).astype(np.float32)) for made in (resting, bent)]
     notes = zo.match(resting.surface, rounded[1]).notes
-    assert [note for note in notes if note.startswith("The target lies so far from its origin that")]
-    assert not [note for note in notes if note.startswith("The source lies so far")]
+    assert [note for note in notes if note.startswith("The target is so far from its origin that")]
+    assert not [note for note in notes if note.startswith("The source is so far")]
     steps = [(made.surface.vertices + 2e7).astype(np.float32) for made in (resting, bent)]
     with pytest.raises(MeshError, match="slivers"):
         zo.match(*(made.surface.with_vertices(step) for made, step in zip((resting, bent), steps, strict=True)))
@@ -143,7 +143,7 @@ def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_rig
     assert error.mean() < 2 * RIGHT
     assert (result.confidence[alone] < 0.5).mean() > 0.9
     assert np.median(result.confidence[common]) > np.median(result.confidence[alone]) + 0.3
-    assert any("of the target seems to have no partner" in note for note in result.notes)
+    assert any("of the target has no counterpart" in note for note in result.notes)
     assert (~result.has_partner[alone]).mean() > 0.5
     assert result.has_partner[common].mean() > 0.97
     assert result.source_has_partner.mean() > 0.97
@@ -156,7 +156,7 @@ def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
     common = np.flatnonzero(~on_limb(target, limb))
     error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
     assert error.mean() < 2 * RIGHT
-    assert any("of the source seems to have no partner" in note for note in result.notes)
+    assert any("of the source has no counterpart" in note for note in result.notes)
     missing = on_limb(source, limb)
     assert (~result.source_has_partner[missing]).mean() > 0.5
     assert result.source_has_partner[~missing].mean() > 0.97
@@ -256,8 +256,8 @@ def test_a_given_map_is_refined_in_every_form(coarse: tuple[Creature, Creature])
         ({"initial": "magic"}, "choose one of"),
         ({"initial": "landmarks"}, "needs `landmarks`"),
         ({"initial": "given"}, "needs `initial_map`"),
-        ({"landmarks": ([1, 2], [3])}, "come in pairs"),
-        ({"landmarks": ([10**6], [3])}, "numbers of its 4000 vertices"),
+        ({"landmarks": ([1, 2], [3])}, "give one on each side for every pair"),
+        ({"landmarks": ([10**6], [3])}, "vertex numbers from 0 to below 4000"),
         ({"initial": "given", "initial_map": [1, 2, 3]}, "for each of 2500"),
     ],
 )
@@ -334,7 +334,7 @@ def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: C
         np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)]),
         [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]],
     )
-    with pytest.raises(MeshError, match="too few to know it by"):
+    with pytest.raises(MeshError, match="too few for matching"):
         zo.match(resting.surface, cube)
 
 
@@ -365,7 +365,7 @@ def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pyte
     monkeypatch.setattr(eigenbasis, "factorised", without_memory)
     fine = creature(3000).surface
     zo.forget_shapes()
-    with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 3000 vertices: match it by a smaller"):
+    with pytest.raises(MeshError, match="not enough memory to analyse a mesh of 3000 vertices: match a smaller"):
         zo.match(fine, fine, proxy_vertices=None)
 
 

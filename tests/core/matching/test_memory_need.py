@@ -31,14 +31,14 @@ def test_nothing_is_refused_that_fits_or_where_nothing_is_known(monkeypatch: pyt
 @pytest.mark.parametrize(("free", "detail"), [(1.75, "fine"), (1.65, "balanced"), (1.5, "fast")])
 def test_the_finest_detail_that_fits_is_named(monkeypatch: pytest.MonkeyPatch, free: float, detail: str) -> None:
     said = refusal(monkeypatch, free, MILLION, None)
-    assert f"1000000 and 800000 vertices take about 38.3 GiB of memory, and {free:.1f} GiB are free" in said
-    assert f"the detail '{detail}'" in said
+    assert f"1000000 and 800000 vertices need about 38.3 GiB of memory, but only {free:.1f} GiB are free" in said
+    assert f"use detail '{detail}'" in said
 
 
 def test_the_size_that_fits_is_named_and_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     for vertices, proxy_vertices in ((MILLION, None), ([3_000_000], 8000)):
         said = refusal(monkeypatch, 1.0, vertices, proxy_vertices)
-        fitting = [int(number) for number in re.findall(r"\d{4,}", said.partition("simplify to")[2])]
+        fitting = [int(number) for number in re.findall(r"\d{4,}", said.partition("simplify them to")[2])]
         assert len(fitting) == len(vertices)
         check_memory(fitting, 200, proxy_vertices)
         with pytest.raises(zo.MeshError):
@@ -53,7 +53,7 @@ def test_where_nothing_fits_only_other_programs_are_left(monkeypatch: pytest.Mon
 def test_a_match_and_a_search_for_symmetries_are_refused_before_they_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = creature(300).surface
     monkeypatch.setattr(memory_need, "free_memory", lambda: 1 << 20)
-    with pytest.raises(zo.MeshError, match="Meshes of 300 and 300 vertices take about 0"):
+    with pytest.raises(zo.MeshError, match="Meshes of 300 and 300 vertices need about 0"):
         zo.match(surface, surface)
-    with pytest.raises(zo.MeshError, match="Meshes of 300 vertices take"):
+    with pytest.raises(zo.MeshError, match="Meshes of 300 vertices need"):
         zo.detect_symmetry(surface)

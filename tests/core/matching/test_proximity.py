@@ -200,8 +200,9 @@ def test_what_is_too_far_off_is_said_and_not_trusted() -> None:
     assert result.confidence[~high].mean() > 0.9
     assert not result.has_partner[high].any()
     assert result.has_partner[~high].mean() > 0.9
-    assert f"{high.sum()} of {len(high)} vertices have no partner on the source: what is nearest is too far off." in (
-        result.notes
+    assert (
+        f"{high.sum()} of {len(high)} vertices have no partner on the source: the nearest point is too far away."
+        in (result.notes)
     )
 
 
@@ -237,5 +238,5 @@ def test_wrong_thresholds_and_clothes_elsewhere_are_refused() -> None:
         with pytest.raises(ValueError, match="most_angle is"):
             zo.match_by_proximity(body, body, most_angle=angle)
     away = zo.Surface(body.vertices + 100, body.corner_vertex.reshape(-1, 4))
-    with pytest.raises(zo.MeshError, match="Nothing of the target is near the source"):
+    with pytest.raises(zo.MeshError, match="No part of the target is near the source"):
         zo.match_by_proximity(body, away)

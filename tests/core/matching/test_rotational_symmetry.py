@@ -115,8 +115,8 @@ def cubes() -> tuple[zo.MatchResult, Surface, Surface]:
 def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
     result, _, _ = cubes
     assert result.certainty == pytest.approx(1 / 24, rel=0.05)
-    assert "at least 24 maps are as good" in result.notes[0]
-    assert not any("not recognised" in note for note in result.notes)
+    assert "at least 24 maps fit as well" in result.notes[0]
+    assert not any("No reliable match" in note for note in result.notes)
 
 
 def test_each_of_its_turned_maps_may_be_chosen(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:

@@ -205,9 +205,9 @@ def test_a_cloud_has_the_normals_of_its_ply_file(tmp_path):
             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\n0 0",
             "could not",
         ),
-        ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "names vertex"),
+        ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "refers to vertex"),
         ("flat.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n", "no area"),
-        ("thing.xyzzy", "what is this", "no known format"),
+        ("thing.xyzzy", "what is this", "is not supported"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_in_one_sentence_that_names_it(tmp_path, name, content, sentence):
@@ -229,7 +229,7 @@ def test_a_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize("path", [None, 7, np.zeros((4, 3)), ["a.off"], b"a.off"])
 def test_what_is_no_path_is_refused_by_saying_what_is_wanted(path):
     for reader in (read_surface, read_point_cloud):
-        with pytest.raises(TypeError, match=r"a string or a path, not by a \w+\.$"):
+        with pytest.raises(TypeError, match=r"a string or a path, not as a \w+\.$"):
             reader(path)
 
 

@@ -65,7 +65,12 @@ def test_edges_are_those_of_the_faces_unless_a_program_numbers_its_own() -> None
 
 @pytest.mark.parametrize(
     ("edges", "sentence"),
-    [([[0, 4]], "names vertex 4"), ([[0, -1]], "names vertex -1"), ([0, 1], "(e, 2)"), ([[0, 0.5]], "whole numbers")],
+    [
+        ([[0, 4]], "refers to vertex 4"),
+        ([[0, -1]], "refers to vertex -1"),
+        ([0, 1], "(e, 2)"),
+        ([[0, 0.5]], "whole numbers"),
+    ],
 )
 def test_edges_that_fit_no_mesh_are_refused(edges: object, sentence: str) -> None:
     with pytest.raises(MeshError, match=re.escape(sentence)):
@@ -76,15 +81,15 @@ def test_edges_that_fit_no_mesh_are_refused(edges: object, sentence: str) -> Non
     ("vertices", "faces", "sentence"),
     [
         (SQUARE, np.zeros((0, 3), int), "no faces"),
-        (SQUARE, [[0, 1, 4]], "names vertex 4"),
-        (SQUARE, [[0, 1, -1]], "names vertex -1"),
+        (SQUARE, [[0, 1, 4]], "refers to vertex 4"),
+        (SQUARE, [[0, 1, -1]], "refers to vertex -1"),
         (SQUARE, [[0, 1, 2], [0, 1]], "Face 1 has 2 corners"),
         (np.array([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]), [[0, 1, 2]], "vertex 1"),
         (SQUARE * [1, 0, 0], [[0, 1, 2]], "no area"),
         (SQUARE[:, :2], [[0, 1, 2]], "(n, 3)"),
         ([["a", "b", "c"]] * 3, [[0, 1, 2]], "must be numbers"),
         ([[0, 0, 0], [1, 0], [0, 1, 0]], [[0, 1, 2]], "three for each vertex"),
-        (SQUARE * 1e200, [[0, 1, 2]], "beyond all measure"),
+        (SQUARE * 1e200, [[0, 1, 2]], "far too large"),
         (SQUARE, np.array([[0.5, 1, 2]]), "whole numbers"),
         (SQUARE, [[0.5, 1, 2]], "whole numbers"),
         (SQUARE, np.array([[0, 1, np.nan]]), "whole numbers"),
@@ -173,7 +178,7 @@ def test_vertex_numbers_may_be_of_any_type_that_holds_them(dtype: type) -> None:
 
 @pytest.mark.parametrize(
     ("face_start", "triangle_corners", "sentence"),
-    [([0, 3], None, "corners 0 to 3"), ([1, 4], None, "corners 1 to 4"), ([0, 4], [[0, 1, 9]], "corner 9")],
+    [([0, 3], None, "from 0 to 3"), ([1, 4], None, "from 1 to 4"), ([0, 4], [[0, 1, 9]], "corner 9")],
 )
 def test_corner_arrays_that_do_not_fit_each_other_are_refused(face_start, triangle_corners, sentence: str) -> None:
     with pytest.raises(MeshError, match=sentence):

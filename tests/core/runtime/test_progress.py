@@ -149,4 +149,4 @@ def test_what_a_listener_raises_ends_a_match_and_reaches_the_caller(
     finally:
         zo.set_threads(None)
     assert at in {one.stage for one in heard}
-    assert "Carrying over to all vertices" not in {one.stage for one in heard}
+    assert "Extending to all vertices" not in {one.stage for one in heard}

@@ -67,11 +67,11 @@ def test_descriptors_refuse_what_is_out_of_range() -> None:
     basis = eigenbasis(creature(300, seed=0).surface, 12)
     for wrong, words in (
         (lambda: wave_kernel_signature(basis, 0), "count is 0: give a whole number"),
-        (lambda: heat_kernel_signature(basis, 5, k=13), "holds 12 eigenfunctions: compute more"),
+        (lambda: heat_kernel_signature(basis, 5, k=13), "has only 12 eigenfunctions: compute more"),
         (lambda: wave_kernel_signature(basis, 5, width=float("nan")), "give a number above zero"),
         (lambda: wave_kernel_signature(basis, 100, width=0.01), "between the eigenvalues: widen"),
-        (lambda: wave_kernel_map(basis, [300]), "Landmarks must be numbers of its 300 vertices"),
-        (lambda: heat_kernel_map(basis, [0.5]), "Landmarks must be numbers of its 300 vertices"),
+        (lambda: wave_kernel_map(basis, [300]), "Landmarks must be vertex numbers from 0 to below 300"),
+        (lambda: heat_kernel_map(basis, [0.5]), "Landmarks must be vertex numbers from 0 to below 300"),
     ):
         with pytest.raises(ValueError, match=words):
             wrong()

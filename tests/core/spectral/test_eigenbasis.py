@@ -97,7 +97,7 @@ def test_points_that_span_no_surface_are_refused(places: list[int]) -> None:
 
 @pytest.mark.parametrize("k", [0, 4000, 5000])
 def test_more_eigenfunctions_than_vertices_are_refused(resting: Creature, k: int) -> None:
-    with pytest.raises(MeshError, match="ask for fewer"):
+    with pytest.raises(MeshError, match="request fewer"):
         eigenbasis(resting.surface, k)
 
 

@@ -71,14 +71,14 @@ def test_operators_refuse_what_does_not_fit(made, basis) -> None:
     hole[3, 1] = np.nan
     for wrong, words in (
         (lambda: multiplication_operators(basis, f[:-1], 5), r"each of the basis's 300 vertices, not the shape \(299"),
-        (lambda: multiplication_operators(basis, f, 31), "k is 31, but the basis holds 30"),
+        (lambda: multiplication_operators(basis, f, 31), "k is 31, but the basis has only 30"),
         (lambda: multiplication_operators(basis, f, 2.5), "k is 2.5: give a whole number"),
-        (lambda: multiplication_operators(basis, f[:, :0], 5), "are none: give at least one"),
+        (lambda: multiplication_operators(basis, f[:, :0], 5), "are empty: give at least one"),
         (lambda: multiplication_operators(basis, hole, 5), "must be finite numbers"),
         (lambda: multiplication_operators(basis, [["a"]], 5), "must be an array of numbers"),
-        (lambda: orientation_operators(creature(200).surface, basis, f, 5), "300 vertices, and the surface has 200"),
+        (lambda: orientation_operators(creature(200).surface, basis, f, 5), "300 vertices, but the surface has 200"),
         (lambda: orientation_operators(surface, basis, hole, 5), "must be finite numbers"),
-        (lambda: orientation_operators(surface, basis, f, 31), "k is 31, but the basis holds 30"),
+        (lambda: orientation_operators(surface, basis, f, 31), "k is 31, but the basis has only 30"),
     ):
         with pytest.raises(ValueError, match=words):
             wrong()

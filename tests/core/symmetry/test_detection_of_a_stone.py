@@ -74,7 +74,7 @@ def test_an_axis_of_any_length_may_be_given() -> None:
 
 def test_an_axis_in_the_mirror_is_no_help() -> None:
     (mirror,) = zo.detect_symmetry(turned(1.0), left=about_z(1.0)[:, 1], **SMALL)
-    assert "hardly tells left from right" in mirror.notes[0]
+    assert "hardly separates left from right" in mirror.notes[0]
     assert mirror.has_sides
 
 

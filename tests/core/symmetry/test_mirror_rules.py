@@ -82,7 +82,7 @@ def test_labels_come_from_the_one_side_or_the_other() -> None:
     np.testing.assert_array_equal(found, np.where(MIDDLE, "middle", "left"))
     found = symmetrised(point(label, zo.Kind.LABEL), SYMMETRY, "exchange").values
     np.testing.assert_array_equal(found, np.where(LEFT, "right", np.where(RIGHT, "left", "middle")))
-    with pytest.raises(zo.MeshError, match="no mean"):
+    with pytest.raises(zo.MeshError, match="cannot be averaged"):
         symmetrised(point(label, zo.Kind.LABEL), SYMMETRY, "average")
 
 

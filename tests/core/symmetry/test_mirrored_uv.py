@@ -79,7 +79,7 @@ def test_an_island_across_the_line_stays_whole(reflection: zo.Symmetry, bent: Cr
 @pytest.mark.parametrize(
     ("wish", "error", "message"),
     [
-        ({"direction": "average"}, zo.MeshError, "no mean"),
+        ({"direction": "average"}, zo.MeshError, "cannot be averaged"),
         ({"layout": "under"}, ValueError, "layout"),
     ],
 )

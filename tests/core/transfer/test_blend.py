@@ -155,5 +155,5 @@ def test_wrong_ways_to_blend_are_refused() -> None:
         with pytest.raises(ValueError, match=f"factor is {factor}: "):
             Blend(factor=factor)
     for mask in (np.ones(N + 1), np.full(N, 2.0), np.full(N, np.nan)):
-        with pytest.raises(ValueError, match="mask needs a number from 0 to 1"):
+        with pytest.raises(ValueError, match="mask must have a number from 0 to 1"):
             blend(new, None, TARGET, Blend(mask=mask))

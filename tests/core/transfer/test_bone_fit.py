@@ -144,7 +144,7 @@ def test_images_that_slid_along_the_surface_are_fitted_along_normals():
 
 def test_no_weights_are_one_sentence():
     surface = tube()
-    with pytest.raises(zo.MeshError, match="No vertex that the match can be trusted at"):
+    with pytest.raises(zo.MeshError, match="No vertex with a reliable match"):
         _estimate(surface, surface.vertices, csr_array((len(surface.vertices), 3)))
     with pytest.raises(zo.MeshError, match="No vertex"):
         _estimate(surface, surface.vertices, trust=np.zeros(len(surface.vertices)))

@@ -81,7 +81,7 @@ def test_a_match_alone_dresses_the_target_and_progress_is_told() -> None:
     assert fractions == sorted(fractions)
     assert (fractions[0], fractions[-1]) == (0, 1)
     stages = list(dict.fromkeys(one.stage for one in told if one.stage))
-    assert stages == ["Wrapping", "Turning the match round", "Dressing"]
+    assert stages == ["Wrapping", "Inverting the match", "Dressing"]
 
 
 def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_nothing_is_pushed_into_the_skin() -> None:
     with retuned(CONTACT, rounds=0):
         sunk = carry(BODY, noisy(0.05), EGG, [shirt])
     assert (off_egg(sunk.vertices[0][worn]) < 0).mean() > 0.1
-    assert "could not be brought out" in sunk.notes[0]
+    assert "still intersect the skin" in sunk.notes[0]
     held = carry(BODY, noisy(0.05), EGG, [shirt])
     assert off_egg(held.vertices[0][worn]).min() > 0
     assert not held.notes
@@ -227,7 +227,7 @@ def test_points_that_nothing_connects_follow_the_body() -> None:
 
 def test_what_is_wrong_is_said() -> None:
     shirt = shell(1.06)
-    with pytest.raises(ValueError, match="Nothing is carried"):
+    with pytest.raises(ValueError, match="There is nothing to fit"):
         carry(BODY, EGG.vertices, EGG, [])
     with pytest.raises(ValueError, match="stiffness is 2"):
         carry(BODY, EGG.vertices, EGG, [shirt], stiffness=2)

@@ -152,7 +152,7 @@ def test_a_tear_that_is_too_deep_to_go_around_is_told() -> None:
     result = carried(on_row(source, height=0), source, target, nearest_map(places, source))
     assert not result.values.any()
     assert left_out(result) == 1
-    assert "the map is torn" in result.notes[0]
+    assert "the map is discontinuous" in result.notes[0]
 
 
 def diagonal(surface: Surface) -> np.ndarray:

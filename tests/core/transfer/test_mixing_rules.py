@@ -255,7 +255,7 @@ def test_a_button_that_is_not_trusted_has_the_weights_and_the_sum_of_what_it_is_
     match = trusted(np.where(part == 0, 1.0, 0.0), surface)
     found = transfer(point(Kind.WEIGHT, weights), match, surface, surface, fill_below=0.5)
     np.testing.assert_allclose(found.values.toarray(), np.tile([0.3, 0.2], (len(part), 1)), atol=1e-6)
-    assert "move as what is nearest" in found.notes[0]
+    assert "follow the nearest part" in found.notes[0]
 
 
 def test_a_part_is_filled_in_from_a_single_vertex_that_is_trusted() -> None:

@@ -215,7 +215,7 @@ def test_what_has_no_partner_keeps_its_form(source: Surface) -> None:
     assert error < 0.08
     assert 2.4 < growth < 4
     assert off(found.vertices, source)[~alone].max() < 1e-6
-    assert found.notes == (f"{alone.sum()} vertices without a partner, or outside the mask, keep their form.",)
+    assert found.notes == (f"{alone.sum()} vertices without a partner, or outside the mask, keep their shape.",)
     # It stands upright where it was, outside.
     tip = np.argmax(height)
     base = found.vertices[alone].mean(axis=0)
@@ -249,7 +249,7 @@ def test_loose_parts_go_along_as_they_are(source: Surface, target: Surface, nois
     middle = TURN.inv().apply(found.vertices[700:].mean(axis=0) - [5.0, -2, 9])
     assert middle[0] > 0.9 * np.linalg.norm(middle)
     assert 2.4 < middle[0] < 4
-    assert "1 loose parts move along as a whole." in found.notes
+    assert "1 loose parts follow as rigid pieces." in found.notes
 
 
 def test_a_loose_part_with_images_goes_there_but_does_not_spin(source: Surface, target: Surface) -> None:
@@ -363,9 +363,9 @@ def test_numbers_out_of_range_are_refused(wrong: dict, noisy: SurfaceMap, source
 
 
 def test_what_leaves_nothing_is_refused(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
-    with pytest.raises(MeshError, match="Nothing of the target"):
+    with pytest.raises(MeshError, match="No part of the target"):
         wrap(noisy, source, target, mask=np.zeros(700))
-    with pytest.raises(ValueError, match="in pairs"):
+    with pytest.raises(ValueError, match="on each side for every pair"):
         wrap(noisy, source, target, landmarks=([1, 2], [1]))
     with pytest.raises(ValueError, match="Landmarks on the target"):
         wrap(noisy, source, target, landmarks=([1], [[np.nan, 0, 0]]))

@@ -119,10 +119,12 @@ def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:
     count = int(pair.target.working.component.max()) + 1
     notes = []
     if shells.in_place:
-        notes.append("The two lie over each other as they stand: each place was mapped to what lies there.")
+        notes.append("The two meshes overlap in place, so each vertex was mapped to the nearest point.")
     if shells.paired:
-        others = "; the others lie on what is nearest" if shells.paired < count else ""
-        notes.append(f"{shells.paired} of {count} parts laid on their like by place, size and shape{others}.")
+        others = "; the others were mapped to the nearest surface" if shells.paired < count else ""
+        notes.append(
+            f"{shells.paired} of {count} parts matched to their counterparts by position, size and shape{others}."
+        )
     return tuple(notes)
 
 
@@ -142,30 +144,36 @@ def _with_the_rest(pair: Pair, known: SurfaceMap, on_body: Booleans, placed: Boo
 
 def _notes(pair: Pair, loose: ComponentMap) -> tuple[str, ...]:
     """What a user should know about the parts of the two surfaces, a sentence each."""
-    too_many = f"{{}} beyond the {MAX_PAIRED_PARTS} largest, too many to be paired: mapped to what lies nearest."
+    too_many = f"{{}} beyond the {MAX_PAIRED_PARTS} largest, too many to pair: mapped to the nearest surface."
     if pair.source is pair.target:
-        smaller = ["The main part, whose symmetry decides, is not the largest."]
+        smaller = ["The symmetry was detected on the main part, which is not the largest part."]
         return (
             *(smaller if _is_smaller(pair.source, pair.source_shape) else ()),
             *_worded(
-                (loose.paired, "{} mapped to their like, or to themselves, by place, size and shape."),
-                (loose.others, "{} mapped to other parts that lie in the same place."),
+                (loose.paired, "{} mapped to their counterparts, or to themselves, by position, size and shape."),
+                (loose.others, "{} mapped to other parts at the same position."),
                 (loose.too_many, too_many),
-                (loose.alone, "{} without a partner: the nearest place of the body, with no confidence."),
+                (loose.alone, "{} without a partner: mapped to the nearest point of the body, with zero confidence."),
             ),
         )
     roles = (("source", pair.source, pair.source_shape), ("target", pair.target, pair.target_shape))
     smaller = [
-        f"The main part of the {role} is not its largest, but the one that is more like the other surface's."
+        (
+            f"The main part of the {role} is not its largest part, but the one most similar to the main part of the "
+            "other mesh."
+        )
         for role, surface, shape in roles
         if _is_smaller(surface, shape)
     ]
     worded = _worded(
-        (loose.paired, "{} paired with parts of the source by place, size and shape."),
-        (loose.others, "{} of the target mapped to other parts of the source that lie in the same place."),
+        (loose.paired, "{} paired with parts of the source by position, size and shape."),
+        (loose.others, "{} of the target mapped to other parts of the source at the same position."),
         (loose.too_many, too_many),
-        (loose.alone, "{} of the target without a partner: the nearest place of the body, with no confidence."),
-        (loose.left, "{} of the source without a partner: nothing was matched to them."),
+        (
+            loose.alone,
+            "{} of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
+        ),
+        (loose.left, "{} of the source without a partner: no part of the target was matched to them."),
     )
     return (*smaller, *worded)
 

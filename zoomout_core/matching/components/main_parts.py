@@ -62,8 +62,8 @@ def _comparable(surface: Surface, role: str) -> list[WorkingMesh]:
     enough = [part for part in parts if len(part.vertices) >= MIN_VERTICES]
     if not enough:
         raise MeshError(
-            f"The largest part of the {role} has {len(parts[0].vertices)} vertices, too few to know it by: "
-            f"subdivide it to {MIN_VERTICES} or more."
+            f"The largest part of the {role} has only {len(parts[0].vertices)} vertices, too few for matching: "
+            f"subdivide it to at least {MIN_VERTICES}."
         )
     return enough
 

@@ -52,7 +52,7 @@ def _given_vertices(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Integers
     if isinstance(initial_map, SurfaceMap):
         if not np.array_equal(initial_map.source_triangles, pair.source.triangles):
             raise ValueError(
-                "The given map leads to the triangles of another surface than this source: match with that one."
+                "The given map refers to triangles of a different source: give the source that it was computed for."
             )
         initial_map = initial_map.vertex
     start = checked_start(initial_map, len(pair.source.vertices), len(pair.target.vertices))

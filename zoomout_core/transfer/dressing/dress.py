@@ -186,7 +186,7 @@ def _carried(
             triangles = fit.facing_away(barriers[0].before)
             barriers.append(Barrier(Skin(fit.form.rest, triangles), Skin(positions, triangles), is_layer=True))
         advance(0.5 + 0.5 * done / len(order))
-    notes = (f"{stuck} places could not be brought out of the skin: look at these.",) if stuck else ()
+    notes = (f"{stuck} points still intersect the skin: check these.",) if stuck else ()
     vertices, turns = zip(*(found[number] for number in range(len(fits))), strict=True)
     return Dressed(vertices, turns, notes)
 
@@ -276,10 +276,10 @@ def _skin(surface: Surface, unit: float) -> Skin:
 
 def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffness: float, gap: float) -> None:
     if not len(carried):
-        raise ValueError("Nothing is carried: give at least one surface, or lines.")
+        raise ValueError("There is nothing to fit: give at least one surface or set of lines.")
     if manners is not None and (len(manners) != len(carried) or not set(manners) <= set(get_args(Manner))):
         known = ", ".join(repr(each) for each in get_args(Manner))
-        raise ValueError(f"manners are {list(manners)!r}: give one of {known} for each of the {len(carried)} things.")
+        raise ValueError(f"manners are {list(manners)!r}: give one of {known} for each of the {len(carried)} objects.")
     if not 0 <= stiffness <= 1:
         raise ValueError(f"stiffness is {stiffness!r}: give a number from 0 to 1.")
     if not gap >= 0:

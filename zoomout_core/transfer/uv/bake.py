@@ -91,7 +91,7 @@ def bake(
         texel, triangle, weights = _texels_of(atlas, width, height)
     if not len(texel):
         raise MeshError(
-            "The target's texture coordinates cover no texel of the image: lay them out in the unit square, or give a "
+            "The target's texture coordinates cover no texel of the image: place them in the unit square, or use a "
             "larger image."
         )
     values = np.empty((len(texel), picture.images[0].shape[2]), dtype=np.uint8)

@@ -107,7 +107,10 @@ def wrap(
     if mapped.has_partner is not None:
         weight = weight * mapped.has_partner
     if not weight.any():
-        raise MeshError("Nothing of the target is wrapped: no vertex has both a partner and a weight in the mask.")
+        raise MeshError(
+            "No part of the target can be wrapped, because no vertex has both a partner and a weight in the mask: "
+            "change the mask, or match again."
+        )
     # Only a match knows, not a map.
     given: Booleans | None = getattr(result, "source_has_partner", None)
     given = np.ones(len(source.vertices), dtype=bool) if given is None else given
@@ -157,7 +160,7 @@ def reversed_match(result: Match | SurfaceMap, source: Surface, target: Surface)
     """
     with portion(0, TURNED_ROUND):
         wrapped = wrap(result, source, target)
-    with stage("Turning the match round", TURNED_ROUND, 1):
+    with stage("Inverting the match", TURNED_ROUND, 1):
         surface_map = _nearest_on(wrapped.vertices, result, source, target)
         if isinstance(result, SurfaceMap):
             return ReversedMatch(surface_map, np.ones(len(source.vertices)), None, None)
@@ -208,7 +211,8 @@ def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surf
     )
     if len(corners) != len(on_target[0]):
         raise ValueError(
-            f"{len(corners)} source and {len(on_target[0])} target landmarks were given: they come in pairs."
+            f"There are {len(corners)} source and {len(on_target[0])} target landmarks: give one on each side for "
+            "every pair."
         )
     return *on_target, np.einsum("mc,mcx->mx", weights, source.vertices[corners])
 
@@ -231,7 +235,7 @@ def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Fl
     if array.ndim == 1:
         array = surface.vertices[vertex_numbers(array, len(surface.vertices), f"Landmarks on the {role}")]
     if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-        raise ValueError(f"Landmarks on the {role} must be vertices (m,) or finite points (m, 3).")
+        raise ValueError(f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3).")
     triangle, barycentric = closest_points(array.astype(np.float64), surface.vertices, surface.triangles)
     return surface.triangles[triangle], barycentric
 
@@ -254,8 +258,8 @@ def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
     kept = fit.weight == 0
     parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
     told = (
-        (int(kept.sum()), "{} vertices without a partner, or outside the mask, keep their form."),
-        (parts, "{} loose parts move along as a whole."),
-        (turned_over, "{} triangles are folded over: place landmarks there, or raise the smoothness."),
+        (int(kept.sum()), "{} vertices without a partner, or outside the mask, keep their shape."),
+        (parts, "{} loose parts follow as rigid pieces."),
+        (turned_over, "{} triangles are folded over: place landmarks there, or increase Smoothness."),
     )
     return tuple(text.format(count) for count, text in told if count)

@@ -97,18 +97,20 @@ def test_notes_say_what_became_of_parts() -> None:
         return lifted_around_body(pair_around_body(source, target)).notes
 
     assert notes([], []) == ()
-    assert notes(EYES, EYES) == ("2 loose parts paired with parts of the source by place, size and shape.",)
+    assert notes(EYES, EYES) == ("2 loose parts paired with parts of the source by position, size and shape.",)
     assert notes(EYES[:1], [EYES[0], HAT])[1:] == (
-        "1 loose part of the target without a partner: the nearest place of the body, with no confidence.",
+        "1 loose part of the target without a partner: mapped to the nearest point of the body, with zero confidence.",
     )
-    assert notes([HAT], []) == ("1 loose part of the source without a partner: nothing was matched to them.",)
+    assert notes([HAT], []) == (
+        "1 loose part of the source without a partner: no part of the target was matched to them.",
+    )
 
 
 def test_notes_on_a_surface_and_itself_speak_of_one_surface() -> None:
     pair = pair_around_body(EYES, EYES)
     own = replace(pair, target=pair.source, target_shape=pair.source_shape)
     (note,) = lifted_around_body(own).notes
-    assert note == "2 loose parts mapped to their like, or to themselves, by place, size and shape."
+    assert note == "2 loose parts mapped to their counterparts, or to themselves, by position, size and shape."
 
 
 def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
@@ -117,10 +119,14 @@ def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
     for number, smaller in ((0, False), (1, True)):
         assert _is_smaller(surface, shape_of(surface, number)) is smaller
     pair = pair_around_body([cloak], [cloak], number=1)
-    first = "The main part of the {} is not its largest, but the one that is more like the other surface's."
+    first = (
+        "The main part of the {} is not its largest part, but the one most similar to the main part of the other mesh."
+    )
     assert lifted_around_body(pair).notes[:2] == (first.format("source"), first.format("target"))
     own = replace(pair, target=pair.source, target_shape=pair.source_shape)
-    assert lifted_around_body(own).notes[0] == "The main part, whose symmetry decides, is not the largest."
+    assert (
+        lifted_around_body(own).notes[0] == "The symmetry was detected on the main part, which is not the largest part."
+    )
 
 
 # --- shells -------------------------------------------------------------------------------------------------------
@@ -166,9 +172,9 @@ def test_notes_say_what_became_of_shells() -> None:
         return _from_shells(pair, laid(pair, **of)).notes
 
     assert notes() == ()
-    assert notes(paired=2) == ("2 of 2 parts laid on their like by place, size and shape.",)
-    assert notes(paired=1)[0].endswith("; the others lie on what is nearest.")
-    assert notes(in_place=True)[0].startswith("The two lie over each other as they stand")
+    assert notes(paired=2) == ("2 of 2 parts matched to their counterparts by position, size and shape.",)
+    assert notes(paired=1)[0].endswith("; the others were mapped to the nearest surface.")
+    assert notes(in_place=True)[0].startswith("The two meshes overlap in place")
     assert _from_shells(pair, laid(pair, alone=0.2)).placed == pytest.approx(0.8)
 
 

@@ -61,7 +61,7 @@ def test_every_shell_finds_its_like_in_another_pose(stepped, at_rest: Mannequin,
     assert missed(stepped, at_rest, stepping).mean() < 0.015
     assert stepped.certainty > 0.9
     assert stepped.confidence.mean() > 0.7
-    assert any("14 of 14 parts laid on their like" in note for note in stepped.notes)
+    assert any("14 of 14 parts matched to their counterparts" in note for note in stepped.notes)
 
 
 def test_another_build_is_matched_alike(at_rest: Mannequin) -> None:
@@ -89,7 +89,7 @@ def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     result = zo.match(source, target)
     image = result.surface_map.vertex
     # A body of one shell is laid on no piece of the other.
-    assert any("laid on their like" in note for note in result.notes) is eye
+    assert any("matched to their counterparts" in note for note in result.notes) is eye
     clear_of_the_sphere = np.linalg.norm(target.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
     assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
 
@@ -111,7 +111,7 @@ def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
     with retuned(SKINS, resolution=64, tight_resolution=80):
         result = zo.match(mannequin(None, 50).surface, Surface(np.vstack(heap), np.vstack(faces)), samples=400)
     assert result.certainty < 0.1
-    assert "not recognised" in result.notes[0]
+    assert "No reliable match" in result.notes[0]
     assert "landmarks" in result.notes[0]
 
 
@@ -135,7 +135,7 @@ def test_unit_and_place_change_nothing_that_counts(stepped, at_rest: Mannequin, 
 def test_what_lies_over_each_other_stays_in_place(at_rest: Mannequin) -> None:
     target = mannequin(None, 60, 4)
     result = zo.match(at_rest.surface, target.surface)
-    assert any("lie over each other" in note for note in result.notes)
+    assert any("overlap in place" in note for note in result.notes)
     assert missed(result, at_rest, target).mean() < 0.004
 
 
@@ -144,7 +144,7 @@ def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: 
     about = Surface(target.surface.vertices * [-1, -1, 1], target.surface.triangles)
     result = zo.match(at_rest.surface, about)
     assert right_parts(result, at_rest, target) > 0.98
-    assert not any("lie over each other" in note for note in result.notes)
+    assert not any("overlap in place" in note for note in result.notes)
 
 
 def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:

@@ -1,0 +1,98 @@
+"""Texts that users read are plain English: none has the habits of a translation."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("zoomout_core", "blender_addon", "meshlab_filter")
+HABITS = tuple(
+    re.compile(pattern, re.MULTILINE)
+    for pattern in (
+        r"\b(is|are|was|were) (said|told)\b",
+        r"\bkeeps? (its|their) word\b",
+        r"\bas good as none\b",
+        r"\bso many\b",
+        r"\bsurer\b",
+        r"(^|\. )Of ",
+        r"(^|[.:;] )[Ww]hat (is|are|was|has|have|had|stands?|lies?|can|cannot|comes?|goes|belongs|hangs)\b",
+        r"\b(of|as|from|for|in|on|to|and|not) what (is|are|was|has|had|stands|lies|follows|hangs)\b",
+        r"\b(is|are|was|were|parts) laid on\b",
+        r"\b(its|their) like\b",
+        r"\banew\b",
+        r"\bonce more\b",
+        r"\bthere is none\b",
+        r"\bstands? (there|alike|in the way)\b",
+        r"\bfor it is\b|\bas (it|they) stands?\b",
+    )
+)
+# Descriptions of options that still have such a habit: remove them here as they are rewritten.
+ALLOWED = (
+    "A direction in which both meshes stand alike, or x, y, z for short: evidence. May be repeated.",
+    "Directions (a, 3) in which both meshes stand alike, or x, y or z.",
+    "Of the eigensolver.",
+    "Of the files in a folder.",
+    "The nearest points are the match, as far as they are near and face the same way, and what has none is filled in: "
+    "for clothes, in the pose of the body that they are on",
+)
+
+
+def _docstrings(tree: ast.Module) -> set[ast.AST]:
+    owners = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    bodies = (node.body for node in ast.walk(tree) if isinstance(node, owners))
+    return {body[0].value for body in bodies if body and isinstance(body[0], ast.Expr)}
+
+
+def _texts(source: str) -> Iterator[tuple[int, str]]:
+    """The lines and texts of literals with several words, docstrings aside; `{}` stands for values in them."""
+    tree = ast.parse(source)
+    seen = _docstrings(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            seen.update(node.values)
+            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in seen:
+            text = node.value
+        else:
+            continue
+        if " " in text.strip():
+            yield node.lineno, text
+
+
+def _stiff(source: str) -> list[tuple[int, str]]:
+    return [(line, text) for line, text in _texts(source) if any(habit.search(text) for habit in HABITS)]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_texts_for_users_have_no_habits_of_a_translation(package: str) -> None:
+    paths = [path for path in sorted((ROOT / package).rglob("*.py")) if path.parent.name != "translations"]
+    found = {
+        f"{path.relative_to(ROOT)}:{line}": text for path in paths for line, text in _stiff(path.read_text("utf-8"))
+    }
+    assert {place: text for place, text in found.items() if text not in ALLOWED} == {}
+
+
+def test_few_texts_are_allowed() -> None:
+    assert len(ALLOWED) <= 5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '"What stands in the way is said above."',
+        'f"{count} parts are laid on their like."',
+        'ValueError("Of these give one.")',
+        '"Start. Of a file the lines are read."',
+        '"The shape is prepared anew."',
+        '"Its maps are surer."',
+        '("Name of the collection " "of what is carried")',
+    ],
+)
+def test_a_stiff_text_is_found(text: str) -> None:
+    source = "\n".join(('"""What is said in a docstring."""', f"note = {text}"))
+    assert _stiff(source) == list(_texts(source)) != []
