@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What each stage of the automatic match is worth: the map that comes out without it.
 
 The dense refinement is the same whatever went before it, and is left out: a candidate counts by the nearest

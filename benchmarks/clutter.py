@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """An animal in a cut and cluttered scene: ZoomOut in a Hamiltonian basis beside LMH and PFM."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Collections: how many maps of all pairs of neighbours are right by themselves, and once they were brought to agree.
 
 Every class of a set is a collection of its own, and those that are far from isometric are, with all of their classes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the engine of collections costs: pairs a minute beside a loop, tasks that only sleep, a plan of thousands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Several maps of one pair, timed and measured together, and rows of such records."""
 
 from __future__ import annotations

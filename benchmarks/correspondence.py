@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How often `match` is right with no hint, how exact it is, and how long it takes; published maps beside it.
 
 Every figure is worked out from records, one a pair and method, so that a failure can be looked up.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures of tables: cumulative error curves, and one quantity against another."""
 
 from __future__ import annotations

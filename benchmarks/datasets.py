@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sets of meshes with known correspondences, organised as the benchmark data's README says."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The same people meshed in other ways, each way against each: does the map depend on triangles?"""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Maps of large meshes that are refined on small ones, and carried to all vertices.
 
 As in the supplement of Melzi et al. 2019: both meshes are decimated, ZoomOut refines the map on all vertices that are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A mesh with some of its edges flipped: the same vertices, other triangles, and nearly the same surface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hashes of what the library returns, so that a change that may change no map can be checked bit by bit.
 
 Every case is computed anew, by the plain public functions, at one thread and at several. A file of hashes is of one

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The cases of `golden`: pairs and calls of every sort, small, and computed by the plain public functions alone."""
 
 from __future__ import annotations

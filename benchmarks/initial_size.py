@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How large the functional map that ZoomOut begins with has to be, and how much noise it may have.
 
 As in Melzi et al. 2019, who iterate on all vertices: here it is 500 farthest samples of each shape, and the images of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Large meshes as they are, without decimation: ZoomOut on all vertices and on samples beside ICP and RHM.
 
 As in Melzi et al. 2019 on FARM: functional maps of size 20 from wave kernel signatures and two landmarks, refined to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Skin weights of a posed character with cuts on one side only, mirrored to that side: ours beside what there is."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Things with several symmetries: are all of them found, and before anything else?"""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The error of a map against the size of the functional map that descriptors were fitted by, and ZoomOut beside it.
 
 As in Melzi et al. 2019: a larger functional map could tell points apart more finely, but descriptors decide its low

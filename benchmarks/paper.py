@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Every table and figure of ZoomOut's paper on one page, with the published figures beside."""
 
 from __future__ import annotations

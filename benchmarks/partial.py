@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """ZoomOut on parts of shapes, beside methods that were made for parts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sampled ZoomOut from 20 to 200 functions with the bases given, beside pyFMaps on the same pair in one run."""
 
 from __future__ import annotations

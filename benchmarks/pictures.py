@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Contact sheets: maps by the colours they carry over, and surfaces with a colour at each vertex, such as errors."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Clouds against meshes, meshes against clouds, and clouds against each other.
 
 Clouds are those of a set that has them, and points that are drawn at random from TOSCA's meshes, without normals. As in

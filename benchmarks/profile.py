@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where the time of a match goes, function by function, and what the machine could do at best."""
 
 from __future__ import annotations

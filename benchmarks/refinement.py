@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """ZoomOut beside the methods that its paper compares it with, all from the same initial maps."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How the cost of a match grows: with the vertices, the eigenfunctions and the samples."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A whole session, press by press: from a fresh scene to a target that the source's animation poses.
 
 Each way is driven by the operators that its buttons and menus call, with what these find selected. A press is a click,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Symmetries from the signs of the first four eigenfunctions, ranked by how the maps commute with the Laplacian.
 
 As in Melzi et al. 2019, section 5.3: every diagonal map of signs is refined to size 100. They show a vase, whose three

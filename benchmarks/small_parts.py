@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hands, feet, heads and tails, cut off one body, matched with another whole one in the same unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How long a match takes, from a few thousand vertices to a million, beside pyFMaps on the same pairs in one run."""
 
 from __future__ import annotations

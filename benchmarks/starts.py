@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Initial maps that methods of refinement are given, made of descriptors and landmarks."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How much the functional map may grow in a step of ZoomOut, beside spectral ICP at its final size.
 
 As in Melzi et al. 2019: horses in poses, from a map of size 10 to one of size 310. They found steps of 1 to 10 as good

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How often a shape's own symmetry is found, how exactly, and by which criterion; published figures beside it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The paper's table of symmetries: the same initial map of each shape onto itself, refined by several methods.
 
 The initial map is fitted to wave kernel signatures, with the sign of the orientation operators reversed, at size 10

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What each tuned number is worth: the maps with half of it, and with twice as much.
 
 A number that changes nothing on all sets can go, and what depends on it.

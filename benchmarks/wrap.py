@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The source's shape on the target's topology: how near, how even, how much folded, beside closest points."""
 
 from __future__ import annotations

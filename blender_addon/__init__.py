@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Attribute transfer between meshes of different poses and topologies, as an extension."""
 
 from collections.abc import Iterator

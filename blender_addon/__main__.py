@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m blender_addon COMMAND …`: the command line in a Python that has Blender as a module."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """For scripts and other add-ons: everything that the buttons do, as functions that need neither window nor selection.
 
 In an installed extension this module is `bl_ext.user_default.zoomout_transfer.api`. With two mesh objects of the scene:

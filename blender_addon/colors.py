@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Colours of previews and thumbnails that only Blender shows; the others are in `zoomout_core.colors`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Work that leaves the window alive: coroutines on Blender's main thread, whose computations run in a thread.
 
 `bpy` may be touched on the main thread only. A coroutine reads and writes there, and awaits what it computes from

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Handlers of Blender's: cached facts and landmarks go with what they are of, and the preview follows what moves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How Sphinx makes the documentation; `make docs` calls it."""
 
 import os

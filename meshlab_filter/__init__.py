@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Filters for pymeshlab, between layers in different poses, or of different triangles.
 
     import pymeshlab

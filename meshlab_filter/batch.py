@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer from one mesh file to many, through a MeshSet."""
 
 from __future__ import annotations

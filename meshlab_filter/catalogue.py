@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The catalogue of filters: one row each, and what can be done by a filter's name.
 
 A filter is a function that takes a MeshSet and keyword parameters, and returns a dictionary; `mesh_filter` enters it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The commands of `python -m meshlab_filter`: transfer between files, and scripts of filters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes and their textures from files and to files, in the formats that MeshLab knows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """pymeshlab layers to and from the core's surfaces and attributes: the only place where the two meet.
 
 A layer without faces is taken for points of a surface, which is reconstructed from them: the points are its vertices.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The types of filter parameters: how values are checked that come from Python, and read that come from a script."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """MeshLab's projects (`.mlp`): the meshes of a document, by their files, and where each is placed.
 
 A project holds no mesh itself, so that what was changed in the program and not saved to a mesh file is not in it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sample meshes to try the filters on: a textured character, its retopology in another pose, scans, and the truth.
 
 A body of capsules, melted together, is made by MeshLab's own filters. Each limb leaves the body at a point, in a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """MeshLab's filter scripts (`.mlx`), with this project's filters among MeshLab's own.
 
 A script is a list of filters with their parameters in XML. Those that the desktop program saves call filters as its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Correspondences stored on the target as custom attributes: found once, used by several filters."""
 
 from __future__ import annotations

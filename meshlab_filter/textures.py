@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Textures of a layer: their images, and texture coordinates that identify the image they refer to."""
 
 from __future__ import annotations

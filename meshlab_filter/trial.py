@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Whether pymeshlab can read a file: tried in a process of its own, since malformed ones crash, hang or fill memory.
 
 This module is what that process runs, too: `python trial.py PATH MEMORY GLTF`; it says nothing where all is well.

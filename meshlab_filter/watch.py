@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A folder that is watched: what a program such as MeshLab saves there is worked on, and results come back beside it.
 
 A file counts once it has stayed as it is from one look to the next, with all that it names; so none is read while it is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """XML files of MeshLab, scripts and projects, as trees of elements with their lines.
 
 Entities are refused, so that no file grows beyond its own size, and no other file is read.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Install the extension into several versions of Blender, and run `tests/extension` in each.
 
 `make test-blender-versions` takes all of `VERSIONS`, or those that are named. Each has an environment of its own,

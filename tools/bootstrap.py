@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Create or update `.venv`, so that a machine with Python, git and make needs nothing by hand.
 
 `make` runs this before every target, with the first Python 3.11 or 3.13 that it finds (Blender's wheels

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Build the documentation: `make docs` writes it to `build/docs/html`, and warnings are errors.
 
 Pages with code are run as they stand; their notebooks, executed, are among the downloads and in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: one zip a platform, with the wheels of what the core needs beyond Blender's numpy.
 
 `make extension` leaves `dist/ID-VERSION-PLATFORM.zip` for every platform, or for those that are named. The wheels are

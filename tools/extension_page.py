@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Make the animation and the pictures of the extension's page, from a fresh scene by the add-on's own operators.
 
 `make page` writes to `dist/page`: `animation.mp4` (30 seconds), `featured.jpg` and `icon.png` in the sizes that

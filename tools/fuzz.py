@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Broken files for every reader: each must be read, or refused in one sentence, within bounds of time and memory.
 
     make fuzz ARGS="--count 100000"

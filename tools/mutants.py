@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Break the code a line at a time, and see which of the breakages the tests notice.
 
     make mutants ARGS="zoomout_core/matching --sample 8 --seed 1"

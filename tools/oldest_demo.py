@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Run the demo in the oldest Blender that the extension supports, so that its demo.blend opens there as well.
 
 A file that Blender 5 saves opens in 4.5 and newer only, whatever is in it. The environment is that of

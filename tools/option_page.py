@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Write the tables of docs/options.md from the table of options: `python tools/option_page.py`.
 
 `tests/tools/test_option_page.py` notices when the page is out of date.

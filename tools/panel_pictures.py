@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 r"""Picture the panels in their states for the guide, in a Blender that has a window. In the checkout:
 
     PYTHONPATH=.:LIBS blender --factory-startup --python-use-system-env --window-geometry 0 0 1600 1000 \

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Build what is released, and check each file where nothing else is installed.
 
 `make release` leaves the wheel, the source distribution and the extension's zips in `dist`, all of the last commit.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dense correspondence between surfaces by spectral upsampling (ZoomOut), and attribute transfer with it.
 
 Each name is imported when it is asked for, so that what does not use them need not wait for scipy's parts; so are the

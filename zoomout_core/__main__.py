@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `zoomout`, also as `python -m zoomout_core`; without the packages that it needs it names the extra."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What an array holds, and in which precision, for mypy; checks of counts; and sums over segments."""
 
 from typing import Any, TypeAlias

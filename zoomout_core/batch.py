@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One source to many targets: what is to be written where, and what became of each."""
 
 from __future__ import annotations

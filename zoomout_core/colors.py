@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Colours that tell maps: of places, of confidence, and of what has no partner."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Options that several commands have, and what they mean to the core."""
 
 from __future__ import annotations

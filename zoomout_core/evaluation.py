@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How good a map is: the field's usual figures.
 
 Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures: maps by colours, confidence, values on surfaces, functional maps and error curves.
 
 Each function returns a figure of matplotlib (extra `plots`), which a notebook shows and `savefig` writes. Given

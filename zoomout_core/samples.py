@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes to try things on: creatures whose true correspondence is known, in any pose and of any triangles.
 
 A creature is a sphere with limbs drawn out of it, given as a function of the direction from its centre. Every choice of

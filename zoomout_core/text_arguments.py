@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What users write of a match in words and files: how to begin, directions, landmarks, maps."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers that were tuned: each stands once, in the frozen dataclass of its stage, as in `components/shells.py`.
 
 Numbers that nothing was measured for (block sizes, tolerances of rounding, sizes of caches) are constants of their

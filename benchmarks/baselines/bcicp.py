@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bijective and continuous iterative closest points (BCICP).
 
 Ren, Poulenard, Wonka and Ovsjanikov, Continuous and orientation-preserving correspondences via functional maps (2018).

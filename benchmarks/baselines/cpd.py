@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Coherent point drift (CPD), non-rigid.
 
 Myronenko and Song, Point set registration: coherent point drift (2010). The source's points y_m are the centres of a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Deblurring with upsampling: Algorithm 1 of Melzi et al. 2019, after Ezuz and Ben-Chen 2017.
 
 Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017), read a vertex map T off a functional map C

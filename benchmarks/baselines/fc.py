@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functional correspondence (FC): a functional map from descriptors, and spectral ICP.
 
 Ovsjanikov, Ben-Chen, Solomon, Butscher and Guibas, Functional maps: a flexible representation of maps between shapes

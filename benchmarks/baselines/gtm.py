@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Game-theoretic matching (GTM): sparse matches that keep distances to each other, chosen by evolution.
 
 Rodola, Bronstein, Albarelli, Bergamasco and Torsello, A game-theoretic approach to deformable shape matching (2012).

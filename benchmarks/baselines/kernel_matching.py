@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Kernel matching (PMF): bijections that agree with heat flow, by a sequence of linear assignments.
 
 Vestner et al., Efficient deformable shape correspondence via kernel matching (2017). With the heat kernels

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Localized manifold harmonics (LMH).
 
 Melzi, Rodola, Castellani and Bronstein, Localized manifold harmonics for spectral shape analysis (2018). Functions on a

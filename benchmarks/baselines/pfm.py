@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Partial functional maps (PFM).
 
 Rodola, Cosmo, Bronstein, Torsello and Cremers, Partial functional correspondence (2017). The target is a part of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Reversible harmonic maps (RHM).
 
 Ezuz, Solomon and Ben-Chen, Reversible harmonic maps between discrete surfaces (2019). Both shapes are embedded so that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """ZoomOut on samples as in its paper: all iterations on samples, and a single conversion to a dense map.
 
 Melzi et al. 2019, section 4.4. The core's own, `zoomout_core.zoomout` with samples, adds a few rounds on all vertices,

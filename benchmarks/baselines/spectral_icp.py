@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Iterative closest points in the spectral embedding, with a functional map of fixed size.
 
 Ovsjanikov et al., Functional maps: a flexible representation of maps between shapes (2012), section 6.3: a map that

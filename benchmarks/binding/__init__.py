@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How exactly a target follows a rig that it is bound to: in poses that its source takes, against the source itself."""
 
 from __future__ import annotations

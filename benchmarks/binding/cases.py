@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rigged characters, and targets that stand in one of their poses: where these go in other poses is known."""
 
 from __future__ import annotations

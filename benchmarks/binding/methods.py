@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ways to put a target onto a rig: ours, and what artists have without it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures of bound targets, side by side."""
 
 from __future__ import annotations

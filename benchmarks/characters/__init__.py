@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters as users have them, of many loose parts: do bones, limbs and places arrive, and does the match know?"""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Pairs of characters whose correspondence is known: by the weights of their files, or exactly."""
 
 from __future__ import annotations

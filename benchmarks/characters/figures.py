@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a map makes of a case: whether bones and limbs arrive, or how far images are from their places."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rigged characters of games, read by Blender's importer: at rest, in a frame of their animation, and made anew."""
 
 from __future__ import annotations

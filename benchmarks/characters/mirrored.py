@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters as cases of symmetry: the truth of a map onto itself, by the names of bones or by places at rest."""
 
 from __future__ import annotations

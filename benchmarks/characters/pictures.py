@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sheets of the worst cases: where images lie, which of them are wrong, and whether the match knew."""
 
 from __future__ import annotations

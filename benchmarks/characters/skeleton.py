@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Limbs of a skeleton, from its tree, the names of its bones and the sides in these names.
 
 A chain of sided bones that leaves the middle of the body is a limb of its own (an arm, a leg, a wing), however

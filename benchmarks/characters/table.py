@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rows of the table of characters, and what they amount to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is known of a pair of characters: the weights that should arrive, or places on a common body."""
 
 from __future__ import annotations

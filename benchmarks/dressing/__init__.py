@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How exactly outfits arrive on other bodies, how much of them is in the skin, and what becomes of their form."""
 
 from __future__ import annotations

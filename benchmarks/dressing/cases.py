@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies, what they wear, and other bodies that are to wear it: the same outfit is known there, or it is not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ways to carry what a body wears onto another one: ours, and what artists have once the body has the other's shape."""
 
 from __future__ import annotations

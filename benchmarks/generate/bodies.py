@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters in Blender: a kind's template, individuals of it, and their meshes in poses.
 
 All individuals of a kind are one template, thickened and lengthened bone by bone, dented a little, and bent by its

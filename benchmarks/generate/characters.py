@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sets of characters of several kinds, in different builds, poses and meshes."""
 
 from __future__ import annotations

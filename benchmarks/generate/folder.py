@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Writing a set as the benchmark data's README says, and which vertices stand for places that are known."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Posed characters whose right side has more vertices than the left, and no weights any more."""
 
 from __future__ import annotations

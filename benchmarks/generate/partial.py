@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sets whose targets lack something that the source has, or have something that it lacks.
 
 Extremities are found by farthest point sampling along the surface (Eldar et al. 1997); how thick a limb is, the areas

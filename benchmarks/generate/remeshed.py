@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sets of meshes that share their vertex order, against their own and each other's remeshed selves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The same surface as another mesh, in several ways that MeshLab has."""
 
 from __future__ import annotations

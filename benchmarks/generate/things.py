@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Things with several symmetries: a vase with two handles, a table, a starfish, and a letter S that only turns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What tools do with malformed files and hard meshes: each case in a child process, with limits of time and memory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files that are malformed, and meshes that are hard to use: those of the tests, and meshes beside a clean one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One tool on one case, in a process of its own: `python -m benchmarks.robustness.worker TOOL TARGET [SOURCE]`.
 
 It prints what came of it as JSON. A tool reads a file, or carries the source's positions onto the target, which lies

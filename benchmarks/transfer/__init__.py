@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How exactly data arrives, by our way and by those that artists have, where the truth is known at every corner."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sources that carry all kinds of data, and targets of which it is known what should arrive."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What arrived, against what should have."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How long a transfer takes once the map is known, by kind of data: all that a character of a film carries."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ways to transfer everything from a source to a target: ours, and those that artists have."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A picture of the checker on a limb that a seam runs along: the source's, ours on the target, and Data Transfer's."""
 
 from __future__ import annotations

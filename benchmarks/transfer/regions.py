@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Regions of a surface: what islands, bones and patches of materials are made from."""
 
 from __future__ import annotations

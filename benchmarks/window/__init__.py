@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How long Blender's window stands still while operators work, how soon ESC ends them, and what undoing costs."""
 
 from __future__ import annotations

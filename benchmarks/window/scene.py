@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Two characters of 52 thousand vertices in Blender, of which one carries all that operators look at."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What it costs to take back the transfer of everything onto a hundred thousand vertices, in one step of undo."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators at work as they are in a window, timed: steps, ticks of the timer, and what it takes to end them early."""
 
 from __future__ import annotations

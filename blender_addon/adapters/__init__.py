@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Adapters between Blender's data and the core: a module for each kind, whose `collect` chooses what is transferred."""
 
 from __future__ import annotations

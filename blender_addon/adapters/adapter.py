@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the adapters of all kinds of data share: the request, the transfer job, and the protocol that they follow."""
 
 from __future__ import annotations

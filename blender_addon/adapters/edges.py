@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Seams, sharp edges, creases and other marks of edges and vertices."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """UV maps, colour attributes and other attributes."""
 
 from __future__ import annotations

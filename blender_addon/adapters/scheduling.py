@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The order in which adapters transfer their data, and which of them run in parallel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shape keys, and the source's own shape as one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Vertex groups: those that deform a mesh share each vertex among them, and locked ones stay as they are."""
 
 from __future__ import annotations

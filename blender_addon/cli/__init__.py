@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `blender --command zoomout`, for pipelines: matching, transferring and symmetry without a window.
 
 blender --background FILE.blend --command zoomout transfer --source Hero --target Scan --save OUT.blend

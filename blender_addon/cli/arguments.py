@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The arguments of the command line. Options that the sidebar has are read from their property definitions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The commands `surface` and `carry`, which open the files that they are given."""
 
 from __future__ import annotations

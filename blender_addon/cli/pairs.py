@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The commands `match`, `transfer`, `wrap` and `dress`."""
 
 from __future__ import annotations

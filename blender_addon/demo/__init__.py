@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo: build a character, pose and remesh it, match, transfer, and measure against the known truth."""
 
 from __future__ import annotations

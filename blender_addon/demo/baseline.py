@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's own Data Transfer, at its best: what the demo is measured against.
 
 It looks for the source in space, so both objects are at the same place; of its mappings, each kind of data gets

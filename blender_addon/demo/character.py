@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo's character as a Blender artist would hand it on: UVs, skin weights, an armature and paint."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo's scene: the source, our target and Data Transfer's, once for each kind of data, and its picture."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where an artist would cut the demo's character open: few seams, out of sight, and none across a limb's outside.
 
 Arms and legs have a front and a back that stay joined along the outside, down to wrist and ankle; the head's are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo's character, a little dragon, as a signed distance field and as quads.
 
 Limbs and ellipsoids are blended into each other; the distance functions and the smooth minimum are Inigo

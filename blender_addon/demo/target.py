@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo's target: the character in another pose, as another mesh, without any of its data."""
 
 from __future__ import annotations

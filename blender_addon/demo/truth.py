@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What should have arrived on the target, and how far off a transfer is.
 
 The target was made from the character's posed surface, so the closest point of that surface tells where on the

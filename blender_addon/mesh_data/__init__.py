@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's meshes as arrays, and arrays back onto meshes: the only place that converts between the two.
 
 Whole arrays go through `foreach_get` and `foreach_set`.

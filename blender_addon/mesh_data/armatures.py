@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Armatures: which bones move an object, where these hang, and binding another object to the same ones.
 
 The armatures themselves are never written to: they may belong to another file.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Whole arrays of properties of a mesh's elements, and small arrays as text, which custom properties hold."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The base of an object: its own mesh where shape keys and modifiers move it, before others give it other vertices.
 
 Data is written to the mesh itself, so this is what a target is matched by; what later modifiers make is only shown.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cutting a mesh open along the seams of a UV map that it is to receive."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Facts about a mesh: whether it is still the same, and whether anything about it makes matching hard."""
 
 from __future__ import annotations

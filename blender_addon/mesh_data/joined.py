@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Several objects read as one: their elements follow each other, and what has the same name is one layer.
 
 What an object lacks is nothing there: no weight, no mark, no offset, a value of zero.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Attributes of meshes: UV maps, colours and other named layers."""
 
 from __future__ import annotations

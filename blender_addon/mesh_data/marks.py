@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Marks of single edges and vertices: seams, sharp edges, creases, bevel weights, and lines of Freestyle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Materials, and which face has which."""
 
 from __future__ import annotations

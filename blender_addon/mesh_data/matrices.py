@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where objects stand in the world, in double precision.
 
 Blender keeps positions and matrices in single precision: at a million units from the world's origin these are 0.06

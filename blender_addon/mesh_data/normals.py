@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Custom normals of face corners."""
 
 from __future__ import annotations

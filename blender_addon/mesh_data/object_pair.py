@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The surfaces of two objects of a match, and the fingerprints by which later edits are noticed.
 
 A target that is a part of a character may receive from several objects: then these are the source, joined in order.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which vertices, edges and faces are selected in Edit Mode.
 
 They are written as the attributes that Blender stores them in. Blender 5.0 gives meshes made by `from_pydata` an

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shape keys: their offsets as an array, and how Blender plays them.
 
 Offsets count from the key that a key is relative to, which need not be the Basis. They belong to the mesh before

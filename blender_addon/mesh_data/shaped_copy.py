@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A copy of an object in another shape."""
 
 from __future__ import annotations

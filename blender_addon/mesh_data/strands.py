@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Strands of hair: curves objects, as points and lines, and back; and where they are attached to a surface."""
 
 from __future__ import annotations

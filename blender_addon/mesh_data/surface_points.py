@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Points on the evaluated surface of an object, stored so that they are found again after poses, edits and saving.
 
 A surface point lies in a face of the evaluated mesh and moves with it. Where an edit changed the number of vertices or

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Objects of Blender as surfaces of the core, in world space."""
 
 from __future__ import annotations

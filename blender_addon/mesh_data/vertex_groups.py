@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Vertex groups.
 
 Weights have neither `foreach_get` nor `foreach_set`: they are read in one pass over `MeshVertex.groups`, and

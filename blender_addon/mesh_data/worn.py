@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What an object wears: other objects, as shapes in world space, and copies of them in other shapes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Writing that leaves things as they were where it fails, at whatever step.
 
 Blender's own undo takes back a whole operator that has ended well; here one that fails is taken back, as are functions

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, the work is in functions that scripts can call as well."""
 
 from . import select_faults, symmetry

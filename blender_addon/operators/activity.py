@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Progress of the running operator: panels show it, and no other operator starts meanwhile."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bend the match of the active mesh to its landmarks."""
 
 from __future__ import annotations

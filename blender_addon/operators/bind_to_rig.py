@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bind the active mesh, and others that are selected, to the armature of a source."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Use another one of the maps that a match found: the one with the sides swapped, the next, or any of the list.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.

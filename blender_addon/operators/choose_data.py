@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Choose all the data that a transfer can take, or none of it.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.

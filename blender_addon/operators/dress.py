@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dress the active mesh with what a source wears."""
 
 from __future__ import annotations

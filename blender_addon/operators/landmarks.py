@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks from what is selected or named on the objects, and landmarks that go."""
 
 from __future__ import annotations

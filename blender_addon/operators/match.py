@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Match the active mesh, and others that are selected, with a source, and store the results on them."""
 
 from __future__ import annotations

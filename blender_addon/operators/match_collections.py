@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Match all meshes of a collection with those of another one, each with its counterpart."""
 
 from __future__ import annotations

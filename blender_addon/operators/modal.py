@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Running modal operators, so that disabling the extension can end them.
 
 Blender frees a running operator whose class is unregistered, but does not call its `cancel`: timers, status bar and

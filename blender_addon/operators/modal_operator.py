@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators whose work is a coroutine: with a window it runs in slices that ESC can end, else straight through.
 
 They run in Object Mode: another mode is left before, and comes back at the end, whatever that is.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Leaving the mode of the active object, such as Edit or Sculpt Mode, while an operator works, and coming back to it.
 
 What was changed in a mode may be in the mesh only once that is left. Selections within meshes and the tools of modes

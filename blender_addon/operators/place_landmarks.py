@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Place landmarks by clicking on the source and on the targets in the 3D view, and move them by dragging."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Select where the match of the active mesh is in doubt, turned over, or without a partner."""
 
 from __future__ import annotations

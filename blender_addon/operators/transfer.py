@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer data from a source to the active mesh, and to others that are selected, along their matches."""
 
 from __future__ import annotations

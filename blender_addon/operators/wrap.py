@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Wrap the active mesh, and others that are selected, onto a source, or the source onto the active mesh."""
 
 from __future__ import annotations

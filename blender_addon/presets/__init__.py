@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Named sets of options, stored as Blender stores presets: in the user's folder, for all files.
 
 Some are shipped in the folder `zoomout`; their names are those of their files.

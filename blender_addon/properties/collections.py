@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The collections of two characters that consist of several objects.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.

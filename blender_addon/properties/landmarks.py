@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks, stored on the scene: they persist through saving, undo, and renaming of the objects.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.

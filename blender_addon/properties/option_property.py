@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's properties for rows of the core's table of options."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The settings of a scene, which are the defaults of operators' options.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.

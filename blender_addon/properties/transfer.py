@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Options of a transfer.
 
 Property annotations are read by Blender as they are, so this module does without postponed evaluation.

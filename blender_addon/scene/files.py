@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files as scenes: opened or imported, joined by the meshes of another one, and written again."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks: numbered places on objects, of which those of the same number correspond.
 
 They are stored on the scene, each with a place on every object that it was set on: one source may have many targets.

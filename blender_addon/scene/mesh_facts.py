@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Facts about meshes that drawing the sidebar must not wait for: computed when it is idle, and cached until an edit."""
 
 from __future__ import annotations

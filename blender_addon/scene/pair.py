@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The two objects of a match: choosing them, reading them, and recognising them when time has passed.
 
 A target that is a part of a character may map to several objects of another one: then these, joined in order, are the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Having the 3D views drawn anew, when what they show has changed."""
 
 from __future__ import annotations

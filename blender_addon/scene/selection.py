@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which objects of the scene are the source and the targets, by the sidebar and the selection."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The match that is stored on a target, with its objects as they are now."""
 
 from __future__ import annotations

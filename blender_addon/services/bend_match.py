@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bend the match that is stored on a target, near landmarks that it misses, without matching again."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bind a target to the armature of its source: take it to the rest pose, and hang it there as the source hangs.
 
 The armature and what animates it stay as they are.

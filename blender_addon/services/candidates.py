@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The candidates of a match: which are listed, and their full results, which are cached in memory."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From one file to another: the data of all that is shown in the one, onto all that is shown in the other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Remove what matching, transfers and symmetries keep on meshes and in scenes, and nothing else."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters of several objects: body, eyes, teeth, clothes, each with its counterpart in another collection.
 
 All objects of a collection are matched as one surface, of which the core pairs the parts; then each target

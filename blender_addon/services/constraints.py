@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Constraints on a match beside the shapes: landmarks, shared names, the up axis, the last match.
 
 Everything here is a soft constraint, which `zoomout_core` weighs: where it contradicts the shapes, these may win.

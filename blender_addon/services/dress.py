@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dress a target with what its source wears: copies of clothes, hair, eyes and props, fitted along their match."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Targets that are one half, of which a Mirror modifier makes the other: matched as the whole that is seen.
 
 The modifier leaves a mesh's own vertices before those that it makes, so the match of these is the first part.

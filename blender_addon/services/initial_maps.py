@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Starts that are maps already: vertices in the same order, and a file that `zoomout match` wrote."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Counts of each kind of data of a source, fast enough for each redraw of the sidebar."""
 
 from __future__ import annotations

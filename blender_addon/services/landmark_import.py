@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks from what objects have in common by name: small vertex groups, empties."""
 
 from __future__ import annotations

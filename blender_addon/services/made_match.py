@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The match that a transfer, a wrap or a dress makes for itself, where none is stored."""
 
 from __future__ import annotations

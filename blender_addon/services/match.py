@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Match two objects, and store the result on the target."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Objects of two characters whose names match: `King_Body` and `Casual_Body`, `visor` and `visor.001`.
 
 Names are compared by their common words, weighted by rarity. The character's own name, which most of its objects share,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Obstacles to a match or a transfer, and reasons to doubt one, by fast checks.
 
 All functions may be called each time the sidebar is drawn: they compare counts and flags; what takes longer is cached

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What previews show: the colours of a match, of a symmetry or of an asymmetry, kept up to date with what is stored."""
 
 from __future__ import annotations

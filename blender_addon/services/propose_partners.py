@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Propose where landmarks that only one of two matched objects has lie on the other, by the map between them."""
 
 from __future__ import annotations

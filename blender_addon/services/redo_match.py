@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Match again in a part of the target, and keep the match of the rest."""
 
 from __future__ import annotations

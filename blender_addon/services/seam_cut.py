@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cut a target open along the seams of its source, and store the match for the mesh that results."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Select on the meshes themselves what a match is in doubt about, turns over, or finds no partner for."""
 
 from __future__ import annotations

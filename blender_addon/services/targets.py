@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Work for several targets: prepared one after another, written at the end."""
 
 from __future__ import annotations

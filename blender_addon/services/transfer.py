@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer data between two objects along their match, and store a report on the target."""
 
 from __future__ import annotations

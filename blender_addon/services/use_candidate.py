@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Store another candidate of a match in place of the present one."""
 
 from __future__ import annotations

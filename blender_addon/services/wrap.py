@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Wrap one mesh onto another: its topology in the other one's shape, along their match."""
 
 from __future__ import annotations

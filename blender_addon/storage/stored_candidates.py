@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The ranked candidates of a match, stored with it on the target's mesh as a custom property.
 
 Of each candidate are stored its probability, and the position colours of the source points that some target vertices

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Descriptions stored on meshes as JSON, which other scripts and damaged files may have changed."""
 
 from __future__ import annotations

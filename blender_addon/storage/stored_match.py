@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match, stored on the target's mesh as three or four attributes and a custom property that describes it.
 
 Triangles are numbered like Blender's `loop_triangles` of the source: of its own mesh where the modifiers leave its

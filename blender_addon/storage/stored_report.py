@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The report of the last transfer, stored on the target's mesh as a custom property."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The symmetries of a mesh, stored on it as attributes for each candidate and a custom property that describes them.
 
 Symmetries are found on the mesh itself, as it is without its modifiers, so neither a pose nor a subdivision matters.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the interface says in other languages.
 
 A language has two modules. `MESSAGES` of the one has the text of each label and tooltip, which Blender looks up by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """German sentences; the labels and tooltips are in `german`."""
 
 SENTENCES = {

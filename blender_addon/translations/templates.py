@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sentences composed of others and of values, found again in a table of templates.
 
 A key of such a table is a sentence as it stands in the code, with `{}` for each value; where only some words can stand

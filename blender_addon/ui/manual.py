@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The guide that is opened from the sidebar, and by *Online Manual* in the menu of the right mouse button.
 
 It is shipped with the extension, and so is what an update has brought, so that neither needs a network, and both speak

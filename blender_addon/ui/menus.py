@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The menus *Object > ZoomOut Transfer* and *Mesh > ZoomOut Transfer*, whose items take shortcuts.
 
 Blender's search finds them, too, each with the menus that it is in: by the extension's whole name, they are told from

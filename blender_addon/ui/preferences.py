@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What Blender's preferences show below the extension: how to begin, and what an update has brought."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Thumbnails of candidates: the target in the position colours of each map, and the source in its own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Colours of overlays on what modifiers make of a mesh, such as a finer one or its mirror image.
 
 They are computed by the modifiers themselves, on a copy, which cannot be made while the views are drawn: they are asked

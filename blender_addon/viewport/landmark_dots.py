@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks in the 3D view: numbered dots on the source and on the targets."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Colours drawn over objects in the 3D views: nothing of the file is touched, so nothing has to be put back.
 
 An overlay is drawn on the evaluated mesh of an object, with a small depth offset towards the viewer, in any viewport

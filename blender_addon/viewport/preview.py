@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The preview in the 3D views: what is shown of an object by colours. What it shows is computed in `services.previews`.
 
 There is one preview at a time. It belongs to one object, and may colour others as well; the file stays as it is.

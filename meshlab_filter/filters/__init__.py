@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The filters, each entered into the catalogue as its module is imported."""
 
 from meshlab_filter.filters.correspondence import (

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Parameters that several filters have, what they mean to the core, and the correspondence that filters work with."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Correspondences: found, coloured, checked, and used to give the target the source's shape."""
 
 from __future__ import annotations

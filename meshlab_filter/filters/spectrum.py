@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Eigenfunctions of the Laplacian as attributes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The symmetry of a mesh, as a correspondence of the mesh with itself."""
 
 from __future__ import annotations

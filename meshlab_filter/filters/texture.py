@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The source's texture in the target's own atlas."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer of attributes between layers in different poses, or of different triangles."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Doors are tried as they are, so both hosts are needed: bpy has to be imported before pymeshlab."""
 
 from __future__ import annotations

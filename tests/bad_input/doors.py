@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the tests of bad input look at: what a command said, and what is in a folder."""
 
 from __future__ import annotations

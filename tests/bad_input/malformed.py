@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh files that are broken, by name and ending; each is made anew."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Prepared shapes on disk that were damaged or exchanged: each is as good as none, and the map is the same."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Folders that cannot be written to are found before the work begins, on every door."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files of maps that are broken, of another kind, or made to do harm: one sentence, at once, in little memory."""
 
 from __future__ import annotations

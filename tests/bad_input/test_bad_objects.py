@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Objects of Blender that cannot be used, or hardly: a sentence, and nothing written, or a transfer that is right."""
 
 from __future__ import annotations

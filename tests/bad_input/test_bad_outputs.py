@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Outputs that cannot be written, or that are inputs: what was there stays, and a sentence says why."""
 
 from __future__ import annotations

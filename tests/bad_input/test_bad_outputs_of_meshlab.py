@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command lines of `meshlab_filter`: outputs that are inputs, and outputs that cannot be written."""
 
 from __future__ import annotations

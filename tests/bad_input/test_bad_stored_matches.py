@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is stored in a .blend and was damaged there: a sentence or as good as nothing, and matching again heals it."""
 
 from __future__ import annotations

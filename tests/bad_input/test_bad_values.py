@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Coordinates and attributes that are no numbers, infinite or far too large: a sentence, or filled in and said."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Options that are allowed, but larger than usual, work."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Broken files are read, or refused in a sentence, by every reader; and what is neither is found."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ctrl-C at any time: one line, exit code 130, soon, and nothing half written."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh files that are broken end in a sentence on every door, soon and in little memory, and a batch goes on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where memory runs out, at whatever step, and on every door of the core, a sentence says so and nothing is written."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is of the wrong type is refused in words, and what a file needs to be read is named."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A set of generated creatures, laid out like the benchmark data."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The methods that ZoomOut is compared with: cases worked out by hand, and an easy pair that each improves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of binding: a posed character is bound to its rig, and follows it as its source does."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of characters: limbs are told by skeletons, figures by weights, and files are read as they stand."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Scenes of an animal that is cut and touches another thing, and the table of maps onto them."""
 
 from __future__ import annotations

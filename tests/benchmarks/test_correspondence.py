@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of correspondences takes every pair, tells flips from other failures, and keeps what it was made from."""
 
 from __future__ import annotations

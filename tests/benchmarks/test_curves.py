@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The figures that tables draw: shares below errors, colours of errors, and images that can be opened."""
 
 from __future__ import annotations

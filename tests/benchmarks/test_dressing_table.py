@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of outfits: figures of things in and out of the skin, and a row for each way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Flipped edges: the same vertices and surface, other triangles."""
 
 from __future__ import annotations

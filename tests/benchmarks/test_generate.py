@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Generated sets keep the truth: what is recorded as the same place is, whatever the build, the pose and the mesh."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Golden hashes: the same twice, whatever the threads; a change, an error and a missing file are told."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Large meshes in place and decimated, on small ones of the same order of vertices."""
 
 from __future__ import annotations

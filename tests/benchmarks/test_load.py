@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of what a transfer costs once the map is known has a row for every kind of data."""
 
 from __future__ import annotations

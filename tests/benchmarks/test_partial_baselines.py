@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The methods that partial shapes are matched by for comparison: cases worked out by hand, and easy pairs."""
 
 from __future__ import annotations

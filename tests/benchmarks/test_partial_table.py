@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of parts: every method on every pair, slow ones on few, and what is measured of a map."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """PFM and LMH: gradients and tiny cases worked out by hand, and easy pairs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Clouds in every direction, drawn from meshes or as a set has them; kinds of meshes against each other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of refinements: every method from the same start, published maps beside them, and the curves."""
 
 from __future__ import annotations

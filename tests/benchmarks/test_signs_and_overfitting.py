@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Signs of eigenfunctions ranked, and errors against the size of fitted maps, on made shapes."""
 
 from __future__ import annotations

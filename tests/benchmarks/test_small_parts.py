@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small parts are cut off at a distance from their tips, and counted as put on the right side or on the other one."""
 
 from __future__ import annotations

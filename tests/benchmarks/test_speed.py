@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of seconds: both systems on the same pair, stages that add up, errors against the truth."""
 
 from __future__ import annotations

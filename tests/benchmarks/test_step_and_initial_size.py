@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Steps and initial sizes of ZoomOut, from the maps that a set has; steps too large, and noise, are told apart."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of symmetries is made from what the shapes say, and knows right from wrong."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters as cases of symmetry: bones change places with their partners, and rows say what became of them."""
 
 from __future__ import annotations

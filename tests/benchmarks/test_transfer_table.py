@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of transfers: sources that carry everything, targets whose truth is known, figures that tell them apart."""
 
 from __future__ import annotations

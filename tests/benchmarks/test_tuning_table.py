@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of tuned numbers tries half and twice of each, tells what changes, and leaves them as they were."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The tables of what holds Blender's window: every operator is watched, ESC is pressed, and undo takes it all back."""
 
 from __future__ import annotations

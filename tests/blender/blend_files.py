@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A rigged character in a file, a scan of it in another, and the true map between what is shown in the two."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A character made from nothing: a skeleton of edges with skin, bones and automatic weights; and a posed copy."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What stands in for Blender's layout and context where panels and menus are drawn without a window."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Draws coats into a buffer in a render engine, which has a GPU also without a window; prints the pixels as JSON.
 
 It runs in a process of its own: where there is no GPU driver, not even in software, Blender ends the process.

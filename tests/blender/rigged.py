@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A tube that three bones bend, and copies of it in other poses: what binding to a rig must bring about."""
 
 import bpy

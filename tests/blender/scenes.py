@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes to test on, and a record of everything about a mesh that a test might find changed."""
 
 import bmesh

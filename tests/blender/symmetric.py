@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A posed creature with another topology on either side, and keys on it, to mirror."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The rooms of the add-on import each other in one direction only, as ARCHITECTURE.md says."""
 
 from __future__ import annotations

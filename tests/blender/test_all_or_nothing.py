@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Whatever fails while something is written, at whatever step, and wherever work is cancelled: all is as it was."""
 
 import sys

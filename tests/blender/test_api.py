@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The functions for scripts and other add-ons do what their documentation shows."""
 
 import doctest

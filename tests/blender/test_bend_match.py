@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match is bent to landmarks that it misses, near these alone."""
 
 import bpy

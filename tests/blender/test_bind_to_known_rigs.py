@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rigs as artists meet them: one that Rigify generates, posed by its controls, and one as Mixamo's files leave it."""
 
 from math import radians

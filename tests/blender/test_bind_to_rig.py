@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A target in another pose is taken to the rest pose and bound: the bones pose it at once."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A collection of files of Blender, in processes of its own: what arrives is what the truth says."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The list of maps that a match found: swapped sides are one click away, also in a file that was opened again."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The commands that open files: what is shown in one as a surface, and from one file to another."""
 
 import json

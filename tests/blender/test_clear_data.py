@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What matching keeps is removed from meshes and scenes, and nothing else."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command for pipelines: what it writes, reports and ends with."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cutting a mesh along the seams of its source, in Blender: exact islands, and all that the mesh had is still there."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo, at a size that takes seconds; one run serves all tests of what it leaves behind."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dressing objects: copies of clothes, hair and props on a target, in a pose and at rest, before and after binding."""
 
 import bpy

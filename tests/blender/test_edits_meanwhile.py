@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes that are edited while an operator is at work and the window has its turn: it says so, and writes nothing."""
 
 from itertools import islice

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A character, and a copy of it in another pose and topology: the errors against the truth, and Blender's own.
 
 The truth is known because the copy is remeshed from the posed original: each of its points lies on that.

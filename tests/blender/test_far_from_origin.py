@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Objects far from the world's origin, where Blender's own single precision no longer resolves their shape."""
 
 import bpy

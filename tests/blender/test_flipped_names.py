@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Names change sides as Blender's own tools have them change."""
 
 from __future__ import annotations

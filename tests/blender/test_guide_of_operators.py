@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What CONTRIBUTING.md says is true: the operator that it adds works."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What CONTRIBUTING.md says is true: one row is an option of every door, and of their page."""
 
 import os

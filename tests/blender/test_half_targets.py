@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Half a character under a Mirror modifier, matched with a whole one."""
 
 import bmesh

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Coroutines of the main thread whose computations run in threads, without a window."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shape keys on another mesh: what is seen when they are played, and how they are played."""
 
 import bpy

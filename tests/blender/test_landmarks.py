@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks: placed, kept, found again, and matched by."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Marks of edges, custom normals and attributes of every type, transferred and then used by Blender."""
 
 import bmesh

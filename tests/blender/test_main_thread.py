@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's data is touched on the main thread alone, whatever operators compute in other threads meanwhile."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The guide is found from every operator and option."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The modal operator, driven by hand: the `bpy` module has no window that could send it events."""
 
 from contextlib import nullcontext

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators in other modes than Object Mode: they leave the mode before they read, and come back to it at the end."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The overlay's colours as the GPU draws them, in this version of Blender."""
 
 import json

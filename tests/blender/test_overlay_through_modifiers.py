@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Colours over objects whose modifiers give them other vertices."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar as it is drawn: what it shows for a state of the scene, and how long drawing takes."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What has no partner on the other mesh: found, kept with the match, seen, said, and filled in or left as it is."""
 
 import json

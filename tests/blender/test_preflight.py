@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the sidebar says before the button: what stands in the way, what is doubtful, and what is out of date."""
 
 import bpy

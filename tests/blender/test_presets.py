@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Options kept by name, as Blender keeps presets."""
 
 from pathlib import Path

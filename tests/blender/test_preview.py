@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match is seen by colours that lie over the objects: nothing in the file is touched."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Partners of landmarks are proposed where a match leads, and count once they are moved or confirmed."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Matching again replaces the match where a painted vertex group says so, and keeps it elsewhere."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a match is wrong at, or may be, is selected on the meshes, for Edit Mode."""
 
 from dataclasses import replace

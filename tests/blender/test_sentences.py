@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is composed while the add-on works is translated as whole sentences, and every sentence has its translation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The session of `benchmarks session`: how often it is pressed, and whether the target follows."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How data is transferred: filled in, blended with what is there, limited, renamed, and for clothes on a body."""
 
 import math

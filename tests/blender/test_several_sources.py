@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Targets that lie on several objects, and receive from all of them."""
 
 import bmesh

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Modifiers that are added to a source after it was matched: its own mesh is still what the match refers to."""
 
 import bpy

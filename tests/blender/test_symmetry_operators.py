@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is done along a mesh's own symmetry, in Blender: posed, and of another topology on either side."""
 
 import json

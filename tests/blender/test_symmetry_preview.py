@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A symmetry, its sides and an asymmetry are seen by colours that lie over the object."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A posed character, cut on one side only, against what its data is known to be: at rest both sides are alike."""
 
 import bpy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Targets whose modifiers give them other vertices: the mesh itself is matched and written to."""
 
 import bpy

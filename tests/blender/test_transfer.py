@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transferring data between two objects, along a match that is known to be true."""
 
 import json

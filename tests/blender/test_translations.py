@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Nearly every text of the interface has its translation, and no translation outlives its text."""
 
 import ast

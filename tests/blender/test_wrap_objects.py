@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Wrapping objects: as a key, as the mesh itself, as a new object, and the other way round."""
 
 from functools import partial

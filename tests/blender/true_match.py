@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match that is known to be true, for tests of what is done along it."""
 
 import bpy

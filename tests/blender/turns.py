@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Coroutines of the add-on at work as in a window, one turn after another."""
 
 from collections.abc import Iterator

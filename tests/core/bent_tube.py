@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A tube with three bones, and what bending it does: the truth of skinning and of taking a pose back."""
 
 import numpy as np

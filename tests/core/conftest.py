@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Fixtures of the core's tests, and the way to the generators that they share."""
 
 from __future__ import annotations

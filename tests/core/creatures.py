@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What tests want to know of the creatures of `zoomout_core.samples`."""
 
 from __future__ import annotations

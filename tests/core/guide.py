@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Follows CONTRIBUTING.md: puts the blocks of a section where they say, in a copy of the tree, and runs the last."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Balls, rods and sheets around a ball of unit area that is their body, and what a match needs of them."""
 
 from __future__ import annotations

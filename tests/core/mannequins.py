@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Generated characters that are assembled from loose shells, each limb its own, with the true place of every vertex.
 
 A mannequin is ellipsoids along a skeleton that overlap a little where they join. Every seed is another mesh of it.

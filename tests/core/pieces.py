@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Pieces of generated creatures, as parts of them."""
 
 from __future__ import annotations

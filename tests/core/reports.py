@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The progress that a computation reports, for tests."""
 
 from __future__ import annotations

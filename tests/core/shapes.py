@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Generated shapes of every kind whose true correspondence is known, whatever their pose and their mesh.
 
 A shape is made of rods, smoothly joined; its surface is meshed at rest by marching tetrahedra on a grid that each

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Convex solids, irregularly meshed and turned: nothing but their shape tells their rotations apart."""
 
 from __future__ import annotations

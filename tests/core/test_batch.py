@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Jobs one after the other, and the progress of all of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `zoomout` does its job from files, and says in a sentence what it cannot do."""
 
 from __future__ import annotations

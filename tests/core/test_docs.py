@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the documentation says can be followed: links lead somewhere, code runs, commands and names are there."""
 
 from __future__ import annotations

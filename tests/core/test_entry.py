@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The commands without the packages that they need, and the version."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures of a map's quality have the values that follow from their definitions, and `zoomout evaluate` tells them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Every public name has an example, which runs as it stands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What CONTRIBUTING.md says is true: what it adds to the core works."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The package is imported quickly, and its names are where it says."""
 
 from __future__ import annotations

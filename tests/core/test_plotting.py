@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Figures show what they are given: colours that correspond, values, matrices and curves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What holds for every mesh, map and attribute, looked for on random ones (hypothesis)."""
 
 from __future__ import annotations

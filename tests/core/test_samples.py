@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The meshes to try things on are what they are said to be: alike but for pose and triangles, and complete."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`zoomout transfer`: one file in, another out, with all that the first carries."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers that were tuned: each says what it is, its unit, its range, and what set it."""
 
 from __future__ import annotations

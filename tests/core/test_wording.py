@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Texts that users read are plain English: none has the habits of a translation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes over a parameter rectangle and maps that keep the parameters: the truth of a transfer is a formula.
 
 A point has parameters (a, b), of which a goes once around an axis, and b along the profile or around it too.

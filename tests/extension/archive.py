@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The zip that is tested, and where Blender installs it."""
 
 import os

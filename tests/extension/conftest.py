@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Tests of the installed zip, for environments of Blender and pytest alone: `tools/blender_versions.py` runs them.
 
 `ZOOMOUT_EXTENSION` names the zip; without it there is nothing here to collect. Blender's own folders are empty ones.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the installed extension can do beside a match and a transfer, once each: in Blender, on its own wheels."""
 
 import doctest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The life of the extension in one Blender: installed, used, saved with, disabled, uninstalled. In this order."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """pymeshlab and bpy live in one process only if bpy comes first, so here it comes first wherever it is installed.
 
 pytest runs this before it imports any test of this folder, whatever other folders it was given, and in which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The samples' character with five unlike limbs, whose poses and triangles vary while its rest positions are known.
 
 Two meshes of it, remeshed on their own and posed differently, correspond by their rest positions.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What CONTRIBUTING.md says is true: the filter that it adds works."""
 
 from __future__ import annotations

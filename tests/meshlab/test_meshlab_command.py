@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m meshlab_filter` from files to files."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Filters by their names; and what each does, and refuses."""
 
 import inspect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a layer has survives the way to arrays and back."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Layers of points, without faces, as source and as target of every filter."""
 
 import numpy as np

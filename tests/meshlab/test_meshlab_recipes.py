@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The recipes of docs/meshlab.md, run as they stand there, and the figures beside them."""
 
 import re

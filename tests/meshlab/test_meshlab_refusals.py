@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What filters refuse, in a sentence that says what to do, and without a change to the MeshSet."""
 
 import numpy as np

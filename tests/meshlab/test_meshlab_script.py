@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Filter scripts: saved by MeshLab, written by hand, and wrong."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Attributes reach the places of a mesh in another pose that they have on the source."""
 
 import numpy as np

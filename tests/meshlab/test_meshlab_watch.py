@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Projects of MeshLab's desktop program, and a folder that it saves to."""
 
 import os

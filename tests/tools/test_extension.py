@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What goes into the extension's zips, and that it goes there alike each time."""
 
 import re

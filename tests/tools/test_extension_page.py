@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The animation of the extension's page: its cut and its poses; to draw it takes minutes."""
 
 import bpy

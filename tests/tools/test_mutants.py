@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mutants: what is changed, what is left alone, and which tests are asked."""
 
 from __future__ import annotations

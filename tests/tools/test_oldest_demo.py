@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The demo in the oldest Blender; to run it takes minutes, so this looks at which one it is, and at what it runs on."""
 
 import tomllib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The pictures of the panels in the guide: all can be taken again when the panels have changed."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is released leads to the project's address, where one is given."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A mesh file with all that it carries: attributes, materials and skin, neutral to its format."""
 
 from __future__ import annotations

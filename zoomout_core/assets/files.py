@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh files with all that they carry: glTF, OBJ and PLY; of other formats the shape alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """glTF documents as pygltflib gives them: their bytes, accessors and nodes as arrays, and new ones of arrays."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """OBJ files as assets: texture coordinates, vertex colours and materials, with their images beside them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """PLY files as assets: colours and texture coordinates of vertices or corners."""
 
 from __future__ import annotations

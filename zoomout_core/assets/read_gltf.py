@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """glTF and GLB files as assets: all meshes of the scene, placed and posed, in one surface.
 
 glTF splits vertices wherever texture coordinates or normals part; those that agree in position, skin weights and

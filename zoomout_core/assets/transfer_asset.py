@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From an asset to another mesh: attributes, materials and skin along a map, and the target at rest."""
 
 from __future__ import annotations

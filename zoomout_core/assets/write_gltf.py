@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Assets as glTF and GLB files: one mesh, with the nodes, animations and materials of the document that it goes by."""
 
 from __future__ import annotations

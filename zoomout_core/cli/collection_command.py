@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `zoomout collection`: many shapes at once, on the cores of this machine or on a cluster."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `zoomout info`: what a mesh file holds."""
 
 from __future__ import annotations

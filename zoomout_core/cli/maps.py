@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files of maps, which `zoomout match` and `zoomout symmetry` write."""
 
 from __future__ import annotations

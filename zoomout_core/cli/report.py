@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How a command went: sentences for a reader, or JSON for a program."""
 
 from __future__ import annotations

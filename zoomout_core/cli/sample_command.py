@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `zoomout sample`: meshes to try the others on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command `zoomout transfer`: from one mesh file to another, without Blender and without MeshLab."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The matches of several targets with one source, brought to agree: those that are sure speak for the others."""
 
 from __future__ import annotations

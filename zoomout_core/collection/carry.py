@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a template carries, onto every mesh of its collection."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A whole collection: every shape prepared once, pairs matched side by side, and their maps brought to agree."""
 
 from __future__ import annotations

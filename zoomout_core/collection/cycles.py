@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Maps that agree: of the candidates of each pair the one that closes cycles, so that a flip is outvoted.
 
 Around three shapes the maps of a collection should lead back to where they began. Each pair has several candidates,

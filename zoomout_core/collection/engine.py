@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What runs the tasks of a collection: this process, or Dask (Rocklin 2015) on the cores of a machine or of many."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The map of a pair of a collection: made, written whole, and read again where it is there already."""
 
 from __future__ import annotations

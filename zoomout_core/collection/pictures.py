@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small pictures of the shapes of a collection, coloured through their maps: same colours correspond."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How a collection went: `report.json` for programs, and `report.html`, one page that opens in any browser."""
 
 from __future__ import annotations

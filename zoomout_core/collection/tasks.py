@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The tasks of a collection: prepare a shape, match a pair. What each makes is written whole, and found again.
 
 Where workers see the folder of results they write there themselves. Where they do not, files go to them and come back

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files of a collection that Blender reads and writes: each is read once, as a surface that is kept, and carried onto.
 
 What Blender carries data onto it must have read, too, since it numbers vertices and triangles in its own way. So where

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points on triangle meshes: in space, and in the high-dimensional embeddings of spectral bases.
 
 A point is closest to the interior of a triangle, to an edge or to a corner; which one follows from inner

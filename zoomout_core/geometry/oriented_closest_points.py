@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points on triangle soups next to normals that agree, as where two layers of a surface lie close together.
 
 Triangles may be of any size: points spread over them stand for them where neighbours are sought.

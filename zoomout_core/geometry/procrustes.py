@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Procrustes analysis: the rotations and similarities that align point sets best, in the sense of least squares.
 
 The rotation follows from the singular value decomposition of the covariance (Kabsch, A solution for the best rotation

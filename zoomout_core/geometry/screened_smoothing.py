@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Values smoothed over a mesh, held by weights: screened Poisson equations.
 
 Bhat, Curless, Cohen and Zitnick, Fourier analysis of the 2D screened Poisson equation for gradient domain problems

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """SHOT: how the normals around a vertex are spread, in a frame of its own.
 
 Tombari, Salti and Di Stefano, Unique Signatures of Histograms for Local Surface Description (2010). Here vertices

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sparse symmetric systems, such as those of Laplacians: factorised once, solved for many right-hand sides."""
 
 from __future__ import annotations

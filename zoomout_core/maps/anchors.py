@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functions that hold a map in place where spectra alone would let it drift (anchored ZoomOut)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map that is bent near some places of the target, so that these land where they are known to."""
 
 from __future__ import annotations

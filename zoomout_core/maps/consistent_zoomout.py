@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Consistent ZoomOut: maps of a whole collection that agree along cycles (Huang, Ren, Wonka, Ovsjanikov 2020).
 
 All functional maps are read as passing through one latent space. Its basis is found from the maps of the pairs that are

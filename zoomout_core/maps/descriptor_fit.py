@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A functional map that takes one shape's descriptors to the other's, as least squares say.
 
 C F = G (Ovsjanikov et al. 2012), commuting with multiplication by the descriptors (Nogneng and Ovsjanikov 2017), near

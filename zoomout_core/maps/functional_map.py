@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functional maps: linear maps from functions on the source to functions on the target.
 
 Ovsjanikov et al., Functional maps (2012). Here C has shape (k_target, k_source), and with the pointwise map T

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match as a file has it, for a transfer without matching again."""
 
 from __future__ import annotations

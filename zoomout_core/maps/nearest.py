@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Exact nearest neighbours between rows of embeddings."""
 
 from __future__ import annotations

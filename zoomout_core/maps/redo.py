@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map that is replaced by another one in a part of the target, and kept elsewhere."""
 
 from __future__ import annotations

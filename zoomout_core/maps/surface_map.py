@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map between surfaces: for every vertex of the target a point on the source."""
 
 from __future__ import annotations

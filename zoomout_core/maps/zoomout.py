@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """ZoomOut: spectral upsampling of a functional map (Melzi et al. 2019).
 
 A small functional map gives a pointwise map, the pointwise map a slightly larger functional map, and so on.

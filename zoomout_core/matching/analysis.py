@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One side of a match, prepared: the mesh, its basis, samples, and what candidates are compared by."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Candidates by several bodies, such as a main part and the skin around all parts: which of them to go on with."""
 
 from __future__ import annotations

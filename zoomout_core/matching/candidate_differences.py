@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What tells a candidate from the most likely one: what it exchanges, turns round, or has elsewhere."""
 
 from __future__ import annotations

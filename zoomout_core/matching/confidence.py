@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How far a map can be trusted, vertex by vertex."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a user knows beforehand: landmarks, common axes, regions of the same name, an earlier map.
 
 None of it decides alone: it enters the ranking of the candidates with a weight, and holds maps in place by

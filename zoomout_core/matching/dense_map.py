@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From a candidate on samples to a map between the meshes of two shapes: ZoomOut, then bending the target."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Prepared shapes on disk, for the next process: bounded, versioned, and safe where several processes write at once.
 
 Nothing in the files can run: they are plain arrays. One that cannot be read is as good as none.

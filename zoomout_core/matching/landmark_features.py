@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functions that a few places on a shape define: the distances to them, and the sense in which they turn."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The target aligned with the source in space, so that no limb is reflected and nothing folds without need.
 
 The Laplacian cannot tell an arm from the same arm mirrored along its own axis, and ZoomOut settles for either by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The signature of `match`, made from `MatchOptions`, so that each option is declared once."""
 
 from __future__ import annotations

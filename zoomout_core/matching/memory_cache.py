@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Prepared shapes, kept for the next match: one source is often matched with many targets, and again.
 
 A shape is known by its content, so what was edited is prepared anew. So are working meshes, as programs hand the same

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a match will take of the memory, said before it begins where that is more than there is."""
 
 from __future__ import annotations

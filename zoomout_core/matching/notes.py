@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a user should know of a match, a sentence each."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The options of a match, one row each: the command line, Blender, MeshLab and `docs/options.md` are made from these.
 
 A row whose name is a field of `MatchOptions` needs nothing else. The doors turn rows into their own kind of option:

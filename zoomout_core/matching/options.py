@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The options of a match, the same for Python, the command line, Blender and MeshLab."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The two sides of a match: surfaces as the user gave them, and their main parts, prepared."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From two surfaces to a dense map: prepare both, guess, refine and rank, bring the best to full resolution."""
 
 from __future__ import annotations

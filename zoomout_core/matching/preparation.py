@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Preparing one side of a match: its analysis, and what hypotheses will ask of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How fine to match, in words: the same for the command line, Blender and MeshLab."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map by proximity alone, for clothes on a body: the nearest points, as far as they are near and face the same way.
 
 Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: what is too far off, or lies

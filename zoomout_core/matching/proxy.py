@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Decimated stand-ins: a map needs a few thousand vertices, whatever the size of the mesh.
 
 At 200 eigenfunctions a stand-in of 5,000 vertices gives as exact a map as the full mesh, and every stage of

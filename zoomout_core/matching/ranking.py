@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which of several maps is the right one, and how sure that is: hypotheses are refined and compared by their scores."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The result of a match: the map of one candidate, and what else is known about it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Second attempts, where the first one is unsure: one shape as a part of the other, and more guesses."""
 
 from __future__ import annotations

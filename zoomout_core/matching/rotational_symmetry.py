@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rotations that take a shape onto itself, such as the 23 of a cube: nothing in the shape tells such maps apart.
 
 What candidates are ranked by differs a little from one of them to the next, by the accident of where vertices are, and

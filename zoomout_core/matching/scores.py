@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The criteria that maps are ranked by: what an isometry keeps, the orientation, the fit in space, the evidence.
 
 Laplacian commutativity, geodesic distances and mean curvature are kept by every isometry; pseudo-scalars and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Files that Blender reads: .blend, .fbx, and what else it imports. It does so in a process of its own.
 
 What is asked of it are commands of this project's extension, `blender --command zoomout`; its results are files.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Decimation of triangle meshes of any size, in short steps, and where each vertex went.
 
 Quadric error (Garland and Heckbert 1997) decides what goes. Large meshes are thinned before: where many vertices lie

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One polygon cut into triangles by clipping ears, the shortest cut first.
 
 An ear is a corner whose triangle with its two neighbours lies in the polygon. Cutting one off changes this for its

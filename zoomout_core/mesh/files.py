@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh files: surfaces and point clouds from OFF, PLY, OBJ, STL, glTF and whatever else trimesh reads.
 
 Vertices keep their number and order, since landmarks and maps name them by number. The formats that hold

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What runs out of memory says so in a sentence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Formats of other programs: USD by usd-core, and those of simulations by meshio; the extra `formats` brings both."""
 
 from __future__ import annotations

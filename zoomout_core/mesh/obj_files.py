@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """OBJ files: one pass over the lines of a file gives its polygons, and what assets keep beside them."""
 
 from __future__ import annotations

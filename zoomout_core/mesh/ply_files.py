@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """PLY files: columns of numbers, in text or binary, of elements such as vertices and faces."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A triangle mesh through the points of a cloud, by Delaunay triangulations in their tangent planes.
 
 Each point is joined to its natural neighbours in its tangent plane (Gopi, Krishnan and Silva, Surface reconstruction

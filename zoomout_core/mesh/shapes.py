@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What users hand in as a shape: a surface or a point cloud, arrays, another library's mesh, or the path of a file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces and point clouds, checked once at the edge so that the rest may trust them.
 
 A `Surface` keeps the user's mesh as it is: vertices, polygons, corners. Geometry is worked out on its

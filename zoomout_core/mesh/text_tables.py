@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers and polygons of mesh files that are text."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Areas, normals and edges of triangles on points."""
 
 from __future__ import annotations

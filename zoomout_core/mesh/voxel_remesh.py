@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One closed skin around a mesh of many shells: what a voxel grid cannot tell apart is joined, the inside is gone.
 
 Triangles are rasterised; solid is what cannot be reached from outside, or, where the mesh has holes, what walls enclose

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Vertices that are one but for rounding: at borders, which exporters split, and of parts that are there twice."""
 
 from __future__ import annotations

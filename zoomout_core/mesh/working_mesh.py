@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The copy of a surface that geometry is computed on."""
 
 from __future__ import annotations

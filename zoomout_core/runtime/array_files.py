@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Arrays from .npz files that may be broken, or made to do harm: nothing is run, and memory is bounded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One computation in a thread, for callers that must not wait, such as a user interface."""
 
 from __future__ import annotations

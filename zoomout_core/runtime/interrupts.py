@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Interrupts that are never lost."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How much memory this process may still take, as far as the system says."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Trees of dataclasses in .npz files: plain arrays and one JSON text, so that nothing in a file can run.
 
 What occurs several times in a tree is stored once, and is one object again when it is read.

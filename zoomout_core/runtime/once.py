@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is worked out once for an object, and kept with it."""
 
 from __future__ import annotations

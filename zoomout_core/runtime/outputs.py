@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Output files: written whole or not at all, and never in place of what they are made from.
 
 A file is written beside the place that it is for, and renamed to it once it is whole; so a full disk, a limit or a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ambient progress: a computation reports how far it is, and whoever listens may cancel it.
 
 The current reporter is a context variable, so no function has to pass it on. Threads of the core run in a copy of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Summaries of large objects: a few lines in a console, a table in a notebook."""
 
 from __future__ import annotations

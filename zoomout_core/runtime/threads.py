@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Several cores at work: functions side by side, and a BLAS that does not fight over the cores meanwhile.
 
 The products of a match are small. Threads of BLAS gain nothing on them, and where other programs keep the cores

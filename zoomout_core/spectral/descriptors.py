@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functions of the intrinsic geometry alone, comparable from shape to shape.
 
 Wave kernel signature: Aubry, Schlickewei and Cremers 2011. Heat kernel signature: Sun, Ovsjanikov and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The first eigenfunctions of the Laplacian: W phi = lambda A phi with Phi' A Phi = I, at unit area.
 
 Block Lanczos on the shift-inverted, symmetric operator A^1/2 (W + sigma A)^-1 A^1/2 with full

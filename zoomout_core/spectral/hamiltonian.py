@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functions that live where a potential is low: the eigenfunctions of Hamiltonians.
 
 Melzi et al., Localized manifold harmonics for spectral shape analysis (2018); Choukroun et al., Hamiltonian operator

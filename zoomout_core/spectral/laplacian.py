@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The Laplace-Beltrami operator of meshes.
 
 Sharp and Crane, A Laplacian for Nonmanifold Triangle Meshes (2020): an intrinsic Delaunay triangulation of

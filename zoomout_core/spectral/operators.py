@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators in a basis that descriptors give: functions become matrices, which a functional map commutes with.
 
 Multiplication by a descriptor: Nogneng and Ovsjanikov, Informative Descriptor Preservation via Commutativity (2017).

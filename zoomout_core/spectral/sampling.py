@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Samples that cover a shape evenly."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The symmetries of a surface, in whatever pose: maps of it onto itself that keep distances along it.
 
 Ovsjanikov, Sun and Guibas (2008) saw that such symmetries are signs and turns of eigenfunctions; Melzi et al. (2019,

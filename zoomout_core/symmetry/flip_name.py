@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The other side's name: Arm.L and Arm.R, l_hand and r_hand, LeftFoot and RightFoot, paired as Blender does.
 
 Rigs of other programs have the side in the midst of a name, which Blender does not read: mixamorig:LeftArm, Bip01 L

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a symmetry may begin as: pairings of extremities, descriptors, and blocks of eigenfunctions.
 
 A symmetry is a map of a shape onto itself, so all that guesses at maps between shapes serves here as well, asked for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map of a mesh onto itself that undoes itself: T(T(x)) = x, as nearly as the mesh allows."""
 
 from __future__ import annotations

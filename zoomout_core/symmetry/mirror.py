@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Attributes across a symmetry: taken to the other side, made alike on both, and how far they are from that.
 
 The other side of a vertex is its image under the symmetry, so values go there as they go from a source to a target, by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Displacements across a symmetry, such as shape keys and sculpted details, and how symmetric the shape itself is.
 
 On a posed body a displacement cannot be mirrored in space: raised and lowered, the two arms are no mirror images. Here

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which maps of a shape onto itself are symmetries, and how sure that is."""
 
 from __future__ import annotations

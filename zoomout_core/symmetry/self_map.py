@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map of a surface onto itself: what mirroring needs, whether it was just found or kept from before."""
 
 from __future__ import annotations

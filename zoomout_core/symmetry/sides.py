@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The two sides of a mirror symmetry, and the line between them.
 
 Whatever is left of the line is nearer to every other place on the left than to that place's mirror image: a path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """UV maps across a symmetry: one side takes the other's layout, beside it or over it.
 
 The layout of the losing side is that of the winning one, read through the symmetry, so both lie over each other. To

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer of attributes from a source surface to a target, along a map between them."""
 
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Data on a mesh, neutral to the program that it comes from."""
 
 from __future__ import annotations

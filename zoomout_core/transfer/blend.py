@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Transferred values, blended with those that the target has already."""
 
 from __future__ import annotations

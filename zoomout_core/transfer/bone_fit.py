@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The bone transforms that took a surface from rest to a pose, given its skin weights.
 
 A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012): a weighted Procrustes fit of

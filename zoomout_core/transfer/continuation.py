@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The map where there is nothing on the source: continued from the nearest places that have a partner."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A surface cut open along the edges where corner data jumps: at UV seams, at hard edges of colours.
 
 Corners around a vertex are one cut vertex as far as data is continuous from face to face, so the sides of a seam have

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The edges of a surface as a graph, and the target's graph mapped onto the source."""
 
 from __future__ import annotations

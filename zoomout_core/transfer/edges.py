@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Data on edges: lines such as seams, creases and sharp edges, traced along the target's edges; marked vertices.
 
 No edge of the target corresponds to one of the source, and the nearest edges of each form dashes. So the lines that

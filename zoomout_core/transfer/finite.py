@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Values that are no numbers, or infinite: one of them would make all that it is mixed with the same."""
 
 from __future__ import annotations

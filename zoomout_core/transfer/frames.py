@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How a target turns and grows against its source, around each of its vertices, as a map between them tells.
 
 The nearest rotation to the mean differential of the map over a neighbourhood. The mean of a differential depends

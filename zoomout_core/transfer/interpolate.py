@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Values at points, faces and corners of the target, mixed from those around where it lies on the source.
 
 Numbers are mixed linearly by barycentric weights, faces by area; labels are voted on by the same weights. Numbers at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Islands of faces with one label: small ones of the source survive a vote, and specks that it does not have go.
 
 An election keeps borders short, and so it drops islands of about a face's size, which an artist may have made on

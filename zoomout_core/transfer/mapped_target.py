@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The target, mapped onto the source: the places of its vertices, corners and faces there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Directions, which turn with the surface, and normals, which point out of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Lines that marked edges form on a surface, and points along them.
 
 Marked edges are joined to chains that run from a junction or an end to the next, or around in a loop.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Votes: for values that cannot be mixed, and for the island that a face belongs to.
 
 Where the samples of a face disagree, its neighbours have a say: the choice minimises the length of the border

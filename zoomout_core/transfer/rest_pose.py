@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The pose that a target stands in, and what it is like at rest, as the map to a rigged source tells.
 
 The map gives a first pose. Where the target, taken to rest by it, turns out to be the source's own body, its vertices

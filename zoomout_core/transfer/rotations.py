@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rotations: quaternions, and the part of a matrix that turns.
 
 A quaternion and its negative are the same rotation, so their products with themselves are mixed, and the mean is the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The rules of transfer: one row for each kind of value, saying how it may be mixed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shape keys: how far vertices move, turned and scaled from the source's pose and size to the target's.
 
 Deformation transfer for triangle meshes (Sumner and Popović 2004) carries the gradients of a motion over, and solves

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Skinning: how bones move a surface.
 
 A vertex moves by the mean of the transforms of its bones, weighted by its skin weights: of matrices (linear blend

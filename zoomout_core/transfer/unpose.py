@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Taking a posed surface to rest: the inverse of skinning where it can be trusted, and elsewhere smoothly.
 
 Where weights or the map are in doubt, or where skinning has folded the surface so far that its inverse tears it, the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Skin weights: sparse mixtures of many groups, of which a vertex belongs to a few."""
 
 from __future__ import annotations

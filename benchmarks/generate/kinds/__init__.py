@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The kinds of characters that sets are made of, one module each."""
 
 from .biped import BIPED

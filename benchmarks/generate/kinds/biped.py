@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Two-legged people, as cartoons draw them: three fingers, large feet."""
 
 from __future__ import annotations

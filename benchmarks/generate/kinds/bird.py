@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Birds with spread wings, a beak, a fan for a tail, and long toes."""
 
 from __future__ import annotations

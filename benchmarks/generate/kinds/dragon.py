@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dragons: four legs, two wings, a long neck, horns and a long tail."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hands with a stump of the forearm: five fingers, and no mirror symmetry."""
 
 from __future__ import annotations

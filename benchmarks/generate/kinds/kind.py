@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a kind of character is: its flesh, its bones, how far they bend, and how individuals differ.
 
 Lengths are metres, angles degrees. A character at rest faces -y and stands on z = 0, and its left is +x.

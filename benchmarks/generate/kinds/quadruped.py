@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Four-legged beasts, somewhere between a dog and a horse."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators that find a mesh's own symmetry, and what they do along it."""
 
 from .check import ZOOMOUT_OT_check_symmetry

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Show how asymmetric the active mesh is: its shape, its weights, or a shape key."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Make attributes, UV maps, colours, materials, marks, masks and the selection of a mesh the same on both sides."""
 
 from __future__ import annotations

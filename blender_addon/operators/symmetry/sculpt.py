@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Carry what was sculpted on one side of the active mesh to the other one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Select the symmetry line of the active mesh, and name its sides by vertex groups."""
 
 from __future__ import annotations

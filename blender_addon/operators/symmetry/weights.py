@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Make the weights of the active mesh the same on both sides."""
 
 from __future__ import annotations

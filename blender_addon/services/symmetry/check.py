@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Measure how asymmetric a mesh is, in its shape, its weights or a shape key, and show that by colours."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Detect the symmetries of a mesh, store them on it, and choose among them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mirror attributes, UV maps, colours, materials, edge marks, masks and the selection along a symmetry."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Reading and writing the mesh of one object, with checks that it was not edited in between."""
 
 from __future__ import annotations

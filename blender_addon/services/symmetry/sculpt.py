@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mirror the displacement of vertices since the symmetry was detected."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mirror shape keys along a symmetry, split them into sides, or make them symmetric."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters of several objects, below the panel to match."""
 
 from __future__ import annotations

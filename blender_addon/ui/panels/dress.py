@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Subpanel of the transfer: dressing the target with what the source wears."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The panel to match: objects, options, obstacles and the button."""
 
 from __future__ import annotations

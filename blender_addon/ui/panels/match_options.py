@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Subpanels of the match: hints beside the shapes, and advanced options."""
 
 from __future__ import annotations

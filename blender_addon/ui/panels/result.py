@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Subpanel of the match: its result, previews in the viewport, and other candidates."""
 
 from __future__ import annotations

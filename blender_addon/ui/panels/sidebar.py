@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the panels of the sidebar have in common."""
 
 from __future__ import annotations

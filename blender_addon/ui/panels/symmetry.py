@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The panel of a mesh's own symmetry, and what is done along it."""
 
 from __future__ import annotations

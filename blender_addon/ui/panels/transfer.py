@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The panel to transfer: the source's data, obstacles, the button, and the report."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Subpanels of the transfer: binding, blending, naming, and cutting along seams."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Subpanel of the transfer: wrapping one mesh onto the other."""
 
 from __future__ import annotations

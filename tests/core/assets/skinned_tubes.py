@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A tube that two joints bend, as a GLB file: with a seam of texture coordinates, a morph target and an animation."""
 
 from __future__ import annotations

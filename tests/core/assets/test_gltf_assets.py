@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """glTF files are read with all that they carry, and written so that they say the same."""
 
 from __future__ import annotations

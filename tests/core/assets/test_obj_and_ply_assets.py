@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """OBJ and PLY files keep texture coordinates, colours and materials, and say what they cannot hold."""
 
 from __future__ import annotations

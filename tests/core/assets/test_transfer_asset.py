@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What an asset carries, on another mesh: bound to the joints at rest, in whatever pose it stood."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Several targets of one source: those that are sure speak for one that is not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A collection from files to maps that agree, and to a report."""
 
 from __future__ import annotations

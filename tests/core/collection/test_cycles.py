@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Candidates that agree: a flip is outvoted, and where no candidate is right a third shape leads to one that is."""
 
 from __future__ import annotations

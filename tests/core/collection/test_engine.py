@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What runs tasks: each after those it needs, and none that fails takes others with it."""
 
 from __future__ import annotations

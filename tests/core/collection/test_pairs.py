@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which pairs of a collection are matched."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a collection asks of Blender, by a program that stands in for it: what is there is not asked for again."""
 
 from __future__ import annotations

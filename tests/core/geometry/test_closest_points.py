@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points are exact, in space and in embeddings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points next to normals that agree, whatever the size of the triangles."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Rotations and similarities that align point sets: one pair or many, weighted, of either handedness, of any scale."""
 
 from __future__ import annotations

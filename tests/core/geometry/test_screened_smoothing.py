@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Values smoothed over a mesh, held by weights."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """SHOT descriptors say what the surroundings of a vertex look like, wherever the shape stands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Factors of sparse symmetric matrices."""
 
 from __future__ import annotations

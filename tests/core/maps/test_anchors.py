@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Anchors weigh as much as the eigenfunctions that they stand beside, however many there are of either."""
 
 from __future__ import annotations

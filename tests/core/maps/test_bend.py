@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bent maps meet places, few or many, and stay calm between them."""
 
 from __future__ import annotations

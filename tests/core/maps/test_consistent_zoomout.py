@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Maps of a collection through one latent space: they close every cycle, and are no worse for it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Pointwise maps become functional ones and back, to vertices or to points of triangles."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functional maps that are fitted to descriptors: each term of the energy does what it is there for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match in a file is taken for the surfaces that it is of, and for no others."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map that is replaced in a part of the target, and kept elsewhere."""
 
 import numpy as np

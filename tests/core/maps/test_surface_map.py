@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A map to points on triangles carries values, inverts, extends to any point, and survives a file."""
 
 from __future__ import annotations

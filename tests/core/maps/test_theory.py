@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the papers prove or observe of functional maps and ZoomOut, on a made shape and on a scanned person."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What theory says of functional maps and of ZoomOut holds for the implementation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What matching knows of a shape: distances, surroundings, curvature, and functions that tell left from right."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which of several bodies a match goes on with."""
 
 from __future__ import annotations

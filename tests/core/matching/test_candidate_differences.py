@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Candidates are told apart by what is exchanged, turned or elsewhere."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How sure a candidate is, by its rivals and by its fit in space; which maps are compared, and in which order."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Point clouds are matched as the surfaces that run through them, and results say what points do not tell."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Confidence falls where both witnesses speak against the map, and where it turns triangles over."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a user knows beforehand enters the ranking and holds the map in place."""
 
 from __future__ import annotations

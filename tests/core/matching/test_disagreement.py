@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How far a map disagrees with each thing that a user knows of it."""
 
 from __future__ import annotations

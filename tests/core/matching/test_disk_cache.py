@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shapes on disk: the same map as without, whatever happens to the files, and no more room than allowed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a few places on a shape tell of every other: how far they are, and in which sense they lie around it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A target is aligned with its source by rotations, never reflections, and so its map mirrors no limb."""
 
 from __future__ import annotations

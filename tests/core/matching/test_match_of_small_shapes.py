@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a match begins with, which bodies it tries, and what it says of its result: on shapes of few vertices."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`match` finds the right map with no hint, whatever the mesh, and says what it is unsure of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What was prepared for one match serves the next, as long as the mesh is the same."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A match that does not fit into the memory is refused before it begins, with what would fit."""
 
 from __future__ import annotations

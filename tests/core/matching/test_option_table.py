@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The table of options agrees with the library, and its doors keep their names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The options of a match, and those that a preset stands for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a user pairs and hands in is understood, or refused in one sentence."""
 
 from __future__ import annotations

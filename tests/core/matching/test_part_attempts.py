@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """When one shape is tried as a part of the other, and which of the two maps a match goes on with."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Clothes on a body: what is near and faces the same way is mapped, and the rest is known to be unknown."""
 
 from __future__ import annotations

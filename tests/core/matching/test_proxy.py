@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Stand-ins lie on their surface, keep its thin parts, and lift maps back to it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses are told apart: the right map from its mirror image, duplicates from new ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The rounds that make a dense map of a candidate: how large the map is in each, and what positions in space weigh."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How much places in space count beside eigenfunctions, and how blends of rotations become rotations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Results are kept whole, shown in a few lines, and hold what a transfer needs."""
 
 from __future__ import annotations

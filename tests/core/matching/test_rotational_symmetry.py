@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shapes that look the same when they are turned say so: of all their maps none is called certain."""
 
 from __future__ import annotations

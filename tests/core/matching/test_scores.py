@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Each criterion and each kind of evidence counts, in the sense that it is meant to."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Decimation: the size asked for, the surface kept, and every vertex accounted for."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Polygons of every form are cut into triangles that cover them once, in milliseconds."""
 
 from __future__ import annotations

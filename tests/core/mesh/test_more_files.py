@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Formats of other programs, where their libraries are installed; without these a sentence says how to get them."""
 
 from __future__ import annotations

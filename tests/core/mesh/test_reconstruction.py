@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Point clouds become oriented surfaces through their points, without bridges between limbs that lie close."""
 
 from __future__ import annotations

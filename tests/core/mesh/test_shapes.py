@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What users hand in as a shape: the same result of each, and words for what is none."""
 
 from __future__ import annotations

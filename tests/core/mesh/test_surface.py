@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What users hand in is checked once, and the working copy is a mesh that geometry can be computed on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Decimation in stages and by thinning, on small meshes: stages are made small instead."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Edges, areas and normals of triangles, and polygons cut into them: known shapes, by hand."""
 
 from __future__ import annotations

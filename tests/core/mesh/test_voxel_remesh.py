@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One skin around many shells: closed, outside of them all, and joined where they are close."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Vertices that are one but for rounding are one in the working copy, and what lies twice is there once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Outside and inside: told by volume where there is one, and left open where a cloth may bend either way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A computation in the background is polled and cancelled, and its caller waits for nothing."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """An interrupt that arrives where Python cannot raise it."""
 
 from __future__ import annotations

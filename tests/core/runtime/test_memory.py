@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is free of the memory, on systems of all kinds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Progress of nested computations, what listeners hear of it, and how they end it."""
 
 from __future__ import annotations

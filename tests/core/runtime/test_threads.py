@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Computations side by side: their results, progress and errors, and BLAS on one thread meanwhile."""
 
 from __future__ import annotations

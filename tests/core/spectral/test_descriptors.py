@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Signatures are intrinsic; pseudo-scalars and curvature know the outside from the inside."""
 
 from __future__ import annotations

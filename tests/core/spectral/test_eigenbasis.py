@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The eigenbasis is complete, exact, orthonormal, and depends on the shape alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functions of a Hamiltonian live where its potential is low, and lead maps of parts to their places."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Operators of descriptors: products with them, and derivatives along their level lines."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Samples cover the shape and depend on nothing but the shape."""
 
 from __future__ import annotations

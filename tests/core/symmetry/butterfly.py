@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small shapes whose left and right are known exactly: a test of mirroring takes milliseconds."""
 
 from __future__ import annotations

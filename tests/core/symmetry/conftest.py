@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the tests of symmetries share: a posed creature, detected once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Symmetries are found in any pose, all of them, and told from what is none."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A stone's only symmetry is found in a third of a second: what it is, on which sides, and among which bodies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Displacements, shapes and layouts across a symmetry of a small shape: what turns, what stays, what is asymmetric."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a symmetry may begin as: the right map is among few guesses, and round things get more of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A noisy mirror becomes one that undoes itself, without falling through thin parts."""
 
 from __future__ import annotations

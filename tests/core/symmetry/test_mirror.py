@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Attributes cross over to the other side of a posed, unevenly meshed creature, by the rules of their kind."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Whose value counts on which side of a symmetry, for each domain, kind and direction: a flat shape, exactly."""
 
 from __future__ import annotations

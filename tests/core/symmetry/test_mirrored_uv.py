@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """UV maps take the layout of one side on the other one, beside it or over it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Displacements cross over in the frame of each place, so that they hold on a posed creature."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which side is which: signed distances, the line between the sides, and where loose parts and shells lie."""
 
 from __future__ import annotations

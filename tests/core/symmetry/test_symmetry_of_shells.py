@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A figure of loose shells is as symmetric as one skin: left shells change places with right ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which self-maps are symmetries, in what order and how surely: each criterion counts, and none alone decides."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Blending with what is there: the same modes, factor and mask for every kind of value."""
 
 from __future__ import annotations

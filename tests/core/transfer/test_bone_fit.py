@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bone transforms are found again from what they did to a surface."""
 
 import numpy as np

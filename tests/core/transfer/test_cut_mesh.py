@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces cut open: what hangs together, and walks that do not cross a cut."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dress: what belongs to a body on another one, on balls and eggs, where distances to the skin are formulas."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What decides about lines of edges: gaps, tears and trust on flat grids, where every line is known."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Lines of edges arrive as lines: connected, as long as they were, and where they belong."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Filling in what the map cannot tell: smooth, from around it, and nothing else is touched."""
 
 from __future__ import annotations

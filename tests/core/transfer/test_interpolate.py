@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers at points, corners and faces: mixed linearly, but never across an edge where the source's values jump."""
 
 from __future__ import annotations

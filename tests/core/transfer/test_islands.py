@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small islands of labels survive a transfer, and specks that the source does not have vanish."""
 
 from __future__ import annotations

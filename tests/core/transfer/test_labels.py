@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Labels: voted on, never mixed; and with borders that are no longer than the votes ask for."""
 
 from __future__ import annotations

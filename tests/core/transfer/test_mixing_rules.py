@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What decides where numbers, weights, keys, labels and normals go: trust, limits, sums, growth and noise."""
 
 from __future__ import annotations

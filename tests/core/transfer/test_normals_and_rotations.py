@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What has a direction turns with the surface: directions, normals, quaternions and matrices."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The pose that a target stands in is found along its map to a rigged source, and made better on one body."""
 
 import numpy as np

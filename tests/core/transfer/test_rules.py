@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What may be transferred, and what a user is told otherwise."""
 
 from __future__ import annotations

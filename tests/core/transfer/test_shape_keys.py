@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shape keys: they turn and grow with the target, and leave alone what the source's leave alone."""
 
 from __future__ import annotations

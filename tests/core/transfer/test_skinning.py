@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Bones move vertices as Blender's armatures do: by blended matrices, or by blended dual quaternions."""
 
 import numpy as np

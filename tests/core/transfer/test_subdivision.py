@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Limit surfaces of cages: points that do not change when the cage is subdivided, and cages whose limit is given."""
 
 from __future__ import annotations

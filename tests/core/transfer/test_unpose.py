@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A posed surface goes back to rest: exactly where skinning tells it, and smoothly elsewhere."""
 
 import numpy as np

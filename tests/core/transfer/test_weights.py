@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Skin weights: sparse, few to a vertex, and still a partition of one."""
 
 from __future__ import annotations

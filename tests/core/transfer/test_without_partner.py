@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What has no partner on the source is filled in from around it, whatever the kind of data, or left as it is."""
 
 from __future__ import annotations

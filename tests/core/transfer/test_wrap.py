@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Wrap: the target's topology in the source's shape, on balls with bumps, where the truth is a formula."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What of two surfaces is matched: their main parts, or skins around all of their parts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Clothes of one cut have boundary loops (hems) in common, which correct the body's map of them."""
 
 from __future__ import annotations

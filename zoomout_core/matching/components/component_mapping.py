@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The map of loose parts: along with the body, then onto their partners, onto other parts, or onto a whole crowd."""
 
 from __future__ import annotations

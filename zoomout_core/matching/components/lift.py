@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From the map between two shapes' meshes to the map between whole surfaces, loose parts and all."""
 
 from __future__ import annotations

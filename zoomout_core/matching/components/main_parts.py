@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which component of a surface is its body: the largest, unless a cloak or a dress is larger."""
 
 from __future__ import annotations

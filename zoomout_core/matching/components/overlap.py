@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Two surfaces that lie over each other already, as the characters of one pack do, which share a pose."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Loose parts (eyes, teeth, buttons, clothes, hair): which of two surfaces belong together.
 
 A part has too little shape of its own for its spectrum to tell a left eye from a right one. The body's map

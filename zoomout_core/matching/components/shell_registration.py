@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Pairs of shells registered by similarities: many pairs at once, by iterated closest points both ways.
 
 Besl and McKay, A method for registration of 3-D shapes (1992), with the scale of Umeyama, Least-squares estimation of

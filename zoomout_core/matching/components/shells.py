@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From the map between two skins to the map between the shells below them.
 
 The skins' map moves everything along. Where a shell of the target then has its like on the source, the two are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How a body moves to its image, and whatever lies around it moves along.
 
 Around every vertex of the body the similarity is known that fits its surroundings best (Umeyama, Least-squares

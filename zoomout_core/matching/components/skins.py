@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """One skin around all that belongs to a body, where a character is made of many shells."""
 
 from __future__ import annotations

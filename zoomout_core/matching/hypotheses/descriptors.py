@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses from functions that both shapes have: signatures, and pseudo-scalars, which tell left from right.
 
 A functional map takes the source's functions to the target's, in the least-squares sense, while it keeps near

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses from extremities: hands, feet, head, tail, matched by their distances along the surface.
 
 Extremities are the persistent maxima of the average geodesic distance. The ways to pair those of two shapes are

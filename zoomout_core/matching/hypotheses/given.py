@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Starts from a map that is there already: the user's, or the nearest points in space."""
 
 from __future__ import annotations

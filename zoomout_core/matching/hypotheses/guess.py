@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The hypotheses that a match begins with, from all sources: guesses, signs, landmarks, an earlier map."""
 
 from __future__ import annotations

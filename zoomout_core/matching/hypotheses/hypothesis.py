@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A guess at the map between two shapes, to be refined and compared with others."""
 
 from __future__ import annotations

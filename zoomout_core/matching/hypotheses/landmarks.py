@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A start from a few points that the user has paired."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses for round shapes: eigenfunctions of one eigenvalue are known up to a turn among themselves.
 
 Where the first eigenvalues come in pairs, as on a vase, a table or a ring, no choice of signs finds the right map.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses without any hint: the first eigenfunctions correspond up to their signs (ZoomOut, section 5.1)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What stays known of a shape of which pieces may be missing: absolute lengths, and how far the nearest cut is.
 
 Nothing here is relative to the whole: not the area, which a cut changes, nor mean distances, nor spectra. Both shapes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """From landmarks on a shape that may lack pieces to a map of places, by distances, which cuts hardly change.
 
 Eigenfunctions are left out: what those of a part and of a whole have in common is little.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where a few landmarks of one shape lie on another one that may lack pieces: a beam search.
 
 Of a part, the landmarks are far from its cuts and from each other. They are placed one after the other, on any of many

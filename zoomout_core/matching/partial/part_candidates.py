@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where a part lies on a whole: landmarks are placed, maps refined, and the part is bent onto the whole by each."""
 
 from __future__ import annotations

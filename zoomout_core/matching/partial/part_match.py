@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A pair of which one shape may be a part of the other: candidates, and the map by the fit of the part on the whole."""
 
 from __future__ import annotations

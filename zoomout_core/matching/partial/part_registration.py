@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A part bent onto a whole by a rough map of its samples, and what the fit says about the map.
 
 The part alone is drawn, since most of the whole has no partner. A map that is right bends it little, and leaves normals

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Regions of a whole that a small part, such as a hand, may have been cut from.
 
 What is relative to the whole, such as the samples that landmarks may be placed on, is too coarse for a hand. Each

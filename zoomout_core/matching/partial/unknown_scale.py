@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A part and its whole in different units: the part is looked for at several scales.
 
 These compete as regions do. Where it lies as it should, the distances between images tell its scale more exactly.

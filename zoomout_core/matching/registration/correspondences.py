@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Correspondences of non-rigid ICP: closest points with compatible normals, both ways, and their residuals."""
 
 from __future__ import annotations

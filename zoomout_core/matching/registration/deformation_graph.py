@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Nodes that are spread over a mesh and move it (Sumner, Schmid and Pauly, Embedded deformation for shape manipulation,
 2007), found by Gauss and Newton's method.
 """

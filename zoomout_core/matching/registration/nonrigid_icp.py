@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The target bent onto the source, limb by limb, until the two surfaces coincide.
 
 Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact where both are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Parts of a target that have not moved against the source: a single motion registers them exactly."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What is worn stays outside of the skin, and of what is worn beneath it, by the distance that it had."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Dress: what belongs to a source (clothes, hair, eyes, teeth, props) on the body of a target.
 
 The source's body is given the target's shape along the match. What is worn follows: the space around the body moves

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How the space around a body moves when the body takes another shape.
 
 A place near the skin moves as the patch of skin beneath it; a place farther off as the mean of a wider patch, so that

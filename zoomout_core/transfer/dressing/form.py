@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The form of what is carried, at unit area of the body that wears it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Solid parts, such as eyes, teeth and buttons: they turn and grow as a whole."""
 
 from __future__ import annotations

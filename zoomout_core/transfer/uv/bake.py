@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Textures baked anew: the source's images in the target's own atlas, read texel by texel along the map.
 
 A texel of the target's atlas is a place on the target, which lies on the source, in one island of the source's

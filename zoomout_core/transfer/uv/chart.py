@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A UV map as charts: the surface cut open at its seams, and the islands that this leaves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What of transferred UVs a user should look at: faces that are flipped, degenerate or stretched."""
 
 from __future__ import annotations

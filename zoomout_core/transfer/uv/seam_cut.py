@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where to cut the target open, so that its UV islands end exactly where the source's do.
 
 A face of the target that lies across a seam of the source belongs to one island only, so borders between islands

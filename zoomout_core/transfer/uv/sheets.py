@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The sheets that each face of the target might take its UVs from.
 
 A sheet is a part of the source around a face that is joined without a seam, so the two sides of a seam are two sheets

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """UV maps: every face of the target lies within one island of the source, on one side of each of its seams.
 
 A face that might lie across a seam is sampled. Its samples fall onto one or several sheets: parts of the

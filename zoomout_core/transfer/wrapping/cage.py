@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The cage of a subdivision surface that lies on the source: its limit points do, and not its vertices."""
 
 from __future__ import annotations

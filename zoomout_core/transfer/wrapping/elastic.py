@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The target as an elastic skin: its edges, turned and scaled, hold against what draws its vertices elsewhere.
 
 As-rigid-as-possible surface modelling (Sorkine and Alexa 2007), with rotations that are averaged along the surface, and

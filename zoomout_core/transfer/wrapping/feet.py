@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where vertices of the target that is being wrapped belong on the source: their feet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The target fitted to the source: from stiff to soft, then onto its surface, and no face turned over.
 
 The images of the target's vertices are noisy, folded here and there, and as uneven as the map. So the target's own

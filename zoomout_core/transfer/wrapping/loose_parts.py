@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Loose parts, such as eyes and teeth: they go along with what is around them, turned and scaled as a whole."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Subdivision surfaces (Catmull and Clark 1978): the points of the surface that a cage of polygons tends to.
 
 The points of the limit follow from a subdivided mesh by fixed masks (Halstead, Kass and DeRose, Efficient, fair

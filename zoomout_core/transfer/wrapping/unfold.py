@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Onto the source, with no face turned over."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Wrap: the source's shape on the target's topology, through a map between them, and the other way round."""
 
 from __future__ import annotations

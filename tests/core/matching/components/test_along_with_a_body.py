@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What lies around a body moves along with it: turned, mirrored and grown as the body is, within limits."""
 
 from __future__ import annotations

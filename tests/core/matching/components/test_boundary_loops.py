@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Hems are found, and drawn onto those of their kind that are near; the rest follows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Loose parts lie on their partners, on pieces and wholes in their place, or on nothing, and are counted so."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Skins around bodies: what lies below them, which way open shells face, and what stands for a surface."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The map of whole surfaces: where each vertex lies, how sure that is, and what a user is told."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which part is the body: by size, by spectrum where that tells more, and rather a closed one."""
 
 from __future__ import annotations

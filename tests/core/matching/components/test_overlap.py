@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where two surfaces lie over each other, and what that says of a map."""
 
 from __future__ import annotations

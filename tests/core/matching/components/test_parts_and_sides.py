@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a part is measured by, which parts a side has, and who is whose partner."""
 
 from __future__ import annotations

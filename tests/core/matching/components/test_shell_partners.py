@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which shells are each other's like, by place, size, shape and turn, and what lies on the inside."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Shells are laid on shells by similarities, many at once."""
 
 from __future__ import annotations

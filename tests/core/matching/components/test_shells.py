@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Characters that are assembled from loose shells are matched as one body."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How a shell lies on its partner, which vertices are on the outside, and where landmarks take a map of shells."""
 
 from __future__ import annotations

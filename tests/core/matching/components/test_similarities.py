@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What decides how a shell is laid on another one: limits, starts and distances both ways."""
 
 from __future__ import annotations

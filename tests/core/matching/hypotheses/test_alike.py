@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which maps are the same, by where they lead."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Functional maps that are fitted to descriptors: the least-squares solutions, the best scored and distinct ones."""
 
 from __future__ import annotations

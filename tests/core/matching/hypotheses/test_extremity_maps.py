@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The maps that pairings of extremities suggest: which are tried, which are kept, and what holds them."""
 
 from __future__ import annotations

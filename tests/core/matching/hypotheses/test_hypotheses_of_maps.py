@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The hypotheses of the automatic start: the right map is among them, whatever the shape."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The first map that a few paired places give."""
 
 from __future__ import annotations

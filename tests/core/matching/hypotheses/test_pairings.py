@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Which tips are extremities, and which pairings of them are tried."""
 
 from __future__ import annotations

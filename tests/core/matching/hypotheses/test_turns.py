@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Turns of eigenfunctions that share an eigenvalue."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A piece of a creature, and the creature, in one unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What of a cut shape is as it was: lengths in one unit, distances and areas up to the cut."""
 
 from __future__ import annotations

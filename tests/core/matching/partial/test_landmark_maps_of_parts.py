@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Maps of places from landmarks."""
 
 from __future__ import annotations

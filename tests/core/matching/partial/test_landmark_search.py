@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Landmarks keep away from cuts, and are found again by distances and surroundings."""
 
 from __future__ import annotations

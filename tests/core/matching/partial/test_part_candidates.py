@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Places of a part on a whole, ranked: the right one comes first, and each place once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Parts are matched to wholes and wholes to parts without a hint, and what has no partner is told."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A part bent onto a whole: where it belongs it fits with little strain, elsewhere it does not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What decides about parts: each term of what a map promises, which places have a partner, which maps are rivals."""
 
 from __future__ import annotations

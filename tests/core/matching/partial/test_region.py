@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Small parts are looked for in regions of the whole, each prepared at its own size."""
 
 from __future__ import annotations

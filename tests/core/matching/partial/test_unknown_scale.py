@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A part in another unit than its whole: its scale is found, and it is matched as in one unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Closest points draw a target onto its source only where they can be meant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Nodes move what is around them, and each other: joints bend, and what turns takes its neighbours along."""
 
 from __future__ import annotations

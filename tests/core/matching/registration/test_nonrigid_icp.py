@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """DeformationGraph a target onto its source: exact where the two are one body, and harmless where they are not."""
 
 from __future__ import annotations

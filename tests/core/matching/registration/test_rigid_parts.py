@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What has not moved is laid exactly, on stand-ins and on full meshes; what has moved is left alone."""
 
 from __future__ import annotations

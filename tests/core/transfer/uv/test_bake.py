@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Textures baked anew: each texel shows its own place, and never what lies beyond an island."""
 
 from __future__ import annotations

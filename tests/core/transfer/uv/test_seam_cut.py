@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cutting a target along the seams of its source: borders between islands become exact, and nothing else changes."""
 
 from __future__ import annotations

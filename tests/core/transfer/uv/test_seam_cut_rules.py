@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where a target is cut open: not beside its vertices, and not into slivers around a point where seams meet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """UV maps: the right island, the right side of its seams, and the exact value wherever there is one."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What decides about UVs: which faces belong together, what a face takes, how far UVs run on, and what is reported."""
 
 from __future__ import annotations
