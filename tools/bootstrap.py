@@ -44,7 +44,7 @@ LARGE_DOWNLOAD = 30  # MB; downloads from this size on are shown
 # By argument: the extras, and what the terminal shows for them. An environment for a later one serves for those before.
 EXTRAS = {
     "core": ("core-tests", "the core and its tests (up to 25 MB to download, 200 MB on disk)"),
-    "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.6 GB on disk)"),
+    "all": ("dev", "Blender and MeshLab as Python modules (up to 650 MB to download, 1.8 GB on disk)"),
     "docs": ("dev,docs", "Blender, MeshLab and Sphinx as Python modules (up to 690 MB to download)"),
     "release": (
         "dev,docs,release",
