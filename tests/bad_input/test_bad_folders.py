@@ -58,7 +58,7 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("door", DOORS)
 def test_it_is_said_at_once(door: str, meshes: Pair, locked: Path) -> None:
     (meshes[0].with_name("copy.ply")).write_bytes(meshes[1].read_bytes())
-    refused(run(*DOORS[door](meshes, locked)), "locked cannot be written to: change its permissions")
+    refused(run(*DOORS[door](meshes, locked)), "locked is not writable: change its permissions")
     assert not list(locked.iterdir())
 
 
@@ -70,4 +70,4 @@ def test_and_so_it_is_in_blender(option: str, meshes: Pair, locked: Path, capsys
     with blender_addon.registered():
         ended = cli.main(["match", "--source", "source", "--target", "target", option, str(locked / "out")])
     assert ended == 1
-    assert "locked cannot be written to" in capsys.readouterr().err
+    assert "locked is not writable" in capsys.readouterr().err

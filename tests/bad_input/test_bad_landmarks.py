@@ -57,7 +57,11 @@ def test_a_pair_that_stands_there_twice_counts_once_and_that_is_said() -> None:
 
 @pytest.mark.parametrize(
     ("lines", "sentence"),
-    [("3 4\n90 91\n3 120\n", "Landmarks 0 and 2"), ("3 4\n90 91\n150 91\n", "Landmarks 1 and 2"), ("3\n", "no list")],
+    [
+        ("3 4\n90 91\n3 120\n", "Landmarks 0 and 2"),
+        ("3 4\n90 91\n150 91\n", "Landmarks 1 and 2"),
+        ("3\n", "not a list"),
+    ],
 )
 def test_the_command_names_them(meshes: tuple[Path, Path], lines: str, sentence: str) -> None:
     listed = meshes[0].with_name("landmarks.txt")

@@ -43,7 +43,7 @@ def test_the_example_runs(objects):
 
 def test_a_vertex_that_is_none_is_one_sentence(objects):
     for vertex in (-1, 642):
-        with pytest.raises(zo.MeshError, match=f"'Hero' is no mesh with a vertex {vertex}"):
+        with pytest.raises(zo.MeshError, match=f"'Hero' is not a mesh with a vertex {vertex}"):
             api.set_landmark(bpy.context, objects[0], 1, vertex)
 
 

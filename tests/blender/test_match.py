@@ -402,7 +402,7 @@ def test_a_source_with_a_namesake_from_another_file_is_not_mistaken_for_it(sourc
         wanted.objects = ["Source"]
     match_objects(bpy.context, source, target, initial="proximity")  # it is in no scene
     bpy.context.scene.collection.objects.link(wanted.objects[0])
-    with pytest.raises(zo.MeshError, match="several objects 'Source' in the scene"):
+    with pytest.raises(zo.MeshError, match="several objects named 'Source'"):
         match_objects(bpy.context, wanted.objects[0], target)
     source.name = "Mine"
     match_objects(bpy.context, wanted.objects[0], target, initial="proximity")

@@ -88,7 +88,7 @@ def test_a_match_with_what_modifiers_made_is_outdated_without_them(dressed, targ
     match_objects(bpy.context, dressed, target, **NEAREST)
     dressed.modifiers.remove(modifier)
     bpy.context.view_layer.update()
-    assert "'Source' was edited since" in preflight.stale(bpy.context, target)
+    assert "'Source' was edited after" in preflight.stale(bpy.context, target)
     with pytest.raises(zo.MeshError, match="edited since"):
         transfer_objects(bpy.context, dressed, target, DATA)
 

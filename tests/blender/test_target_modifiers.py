@@ -133,7 +133,7 @@ def test_a_target_that_modifiers_make_of_nothing_is_refused_by_their_names(sourc
     target.data.from_pydata([(0, 0, 0), (0, 0, 1)], [(0, 1)], [])
     target.modifiers.new("Turned", "SCREW")
     target.modifiers.new("Cast", "CAST")
-    with pytest.raises(zo.MeshError, match="Apply 'Turned' on 'Target': data is written"):
+    with pytest.raises(zo.MeshError, match="apply 'Turned', because data is written"):
         match_objects(bpy.context, source, target)
 
 

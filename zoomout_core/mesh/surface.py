@@ -35,7 +35,7 @@ class MeshError(ValueError):
     Example:
         >>> zo.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
         Traceback (most recent call last):
-        zoomout_core.mesh.surface.MeshError: The mesh has no area: ...
+        zoomout_core.mesh.surface.MeshError: The mesh has no area because all of its faces are degenerate: repair them.
     """
 
 

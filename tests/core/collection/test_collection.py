@@ -250,7 +250,7 @@ def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_p
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--all-pairs", "--neighbours", "3"], "give one"),
+        (["--all-pairs", "--neighbours", "3"], "Give only one"),
         (["--transfer"], "choose it with --template"),
         (["--output", __file__], "is a file: name a folder"),
         (["--output", "/no/such/place/out"], "There is no folder"),

@@ -64,7 +64,7 @@ def test_the_sparse_problem_has_the_same_solution(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("pairs", "options", "said"),
     [
-        (((0, 1),), {}, "in 2 groups"),
+        (((0, 1),), {}, "2 unconnected groups"),
         (((0, 1), (1, 2)), {"k_final": 50}, "too few for k_final = 50"),
         (((0, 1), (1, 2)), {"step": 0}, "step"),
     ],

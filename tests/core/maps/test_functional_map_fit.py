@@ -230,7 +230,7 @@ def test_what_does_not_fit_is_refused(bases, signatures) -> None:
     for wrong, words in (
         (lambda: fit(f[:-1]), "The source's descriptors must have a row for each of the basis's 1000 vertices"),
         (lambda: fit(g=g[:, :5]), "The source has 30 descriptors, but the target has 5"),
-        (lambda: fit(f[:, :0], g[:, :0]), "The source's descriptors are none"),
+        (lambda: fit(f[:, :0], g[:, :0]), "The source's descriptors are empty"),
         (lambda: fit(hole), "must be finite"),
         (lambda: fit(k=61), "k is 61, but the basis has only 60"),
         (lambda: fit(k=(20, 30, 40)), "one for the source and one for the target"),

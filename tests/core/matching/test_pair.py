@@ -69,12 +69,12 @@ def test_a_point_inside_a_face_goes_to_the_nearest_vertex(pair: Pair) -> None:
     [
         (([0, 1], [2]), "2 source and 1 target"),
         (([0, 4080], [2, 3]), "Landmarks on the source must be vertex numbers from 0 to below 4080, but 4080"),
-        (([0, 1], [2, -7]), "Landmarks on the target .* -7 is none"),
-        (([0.0, 1.5], [2, 3]), "1.5 is none"),
-        (([0.0, np.nan], [2, 3]), "nan is none"),
+        (([0, 1], [2, -7]), "Landmarks on the target .* -7 is not"),
+        (([0.0, 1.5], [2, 3]), "1.5 is not"),
+        (([0.0, np.nan], [2, 3]), "nan is not"),
         (([], []), "no landmarks on the source"),
         ((["a"], [2]), "list of numbers"),
-        (([[0, 1], [2, 3], [4, 5]], [1, 2, 3]), r"vertices \(m,\) or finite points \(m, 3\).*\(3, 2\)"),
+        (([[0, 1], [2, 3], [4, 5]], [1, 2, 3]), r"vertex numbers \(m,\) or finite points \(m, 3\).*\(3, 2\)"),
         (([[0, 0, np.nan]], [1]), "finite points"),
         (np.array([[0, 1], [2, 3], [4, 5]]), "two lists"),
         (np.array([[0, 1], [2, 3]]), "two lists"),
@@ -100,7 +100,7 @@ def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> N
 
 
 def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair) -> None:
-    with pytest.raises(LandmarkError, match="Landmark 1 on the source, at vertex 4010, is off") as error:
+    with pytest.raises(LandmarkError, match="Landmark 1 on the source, at vertex 4010, is not on") as error:
         landmarks_on_parts(pair, ([7, 4010, 4000, 8], [0, 1, 2, 3]))
     assert error.value.number == 1
     unit, tip = np.sqrt(pair.target.area), np.argmax(pair.target.vertices[:, 2])
@@ -196,8 +196,8 @@ def wrong_map(name: str, pair: Pair) -> object:
         ("number", "vector or a matrix"),
         ("cube", "vector or a matrix"),
         ("nan", "finite numbers"),
-        ("fraction", "1.5 is none"),
-        ("beyond", "4080 is none"),
+        ("fraction", "1.5 is not"),
+        ("beyond", "4080 is not"),
         ("large", "larger than the meshes allow"),
     ],
 )

@@ -67,7 +67,7 @@ def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult
     tree = arrays["tree"].tobytes().replace(b'"MatchResult"', b'"os.system"')
     np.savez(tmp_path / "hostile.npz", **arrays | {"tree": np.frombuffer(tree, np.uint8)})
     for name in ("other", "broken", "hostile"):
-        with pytest.raises(zo.MeshError, match=f"{name}.npz is no saved result.*Save one with"):
+        with pytest.raises(zo.MeshError, match=f"{name}.npz is not a saved result.*save one with"):
             zo.load_result(tmp_path / f"{name}.npz")
 
 
@@ -90,7 +90,7 @@ def test_a_transfer_takes_the_surfaces_from_the_match(result: zo.MatchResult) ->
     without, with_them = zo.transfer(heights, result), zo.transfer(heights, result, result.source, result.target)
     np.testing.assert_array_equal(without.values, with_them.values)
     np.testing.assert_array_equal(zo.conform(result), zo.conform(result, result.source, result.target))
-    with pytest.raises(TypeError, match="A SurfaceMap does not hold its surfaces: give source and target"):
+    with pytest.raises(TypeError, match="A SurfaceMap does not contain its surfaces: give source and target"):
         zo.transfer(heights, result.surface_map)
 
 

@@ -82,13 +82,14 @@ def test_a_spectrum_is_the_logarithm_of_the_eigenvalues_of_unit_area_but_the_fir
 def test_a_surface_whose_largest_part_is_too_coarse_is_refused_by_name() -> None:
     coarse = ball(1.0, count=11)
     for source, target, name in ((coarse, EGG, "source"), (EGG, coarse, "target"), (coarse, coarse, "mesh")):
-        with pytest.raises(MeshError, match=f"largest part of the {name} has 11 vertices.*subdivide it to 12 or more"):
+        said = f"largest part of the {name} has only 11 vertices.*subdivide it to at least 12"
+        with pytest.raises(MeshError, match=said):
             main_parts(source, target, 0)
 
 
 def test_the_vertices_of_the_largest_part_are_told_where_all_are_too_coarse() -> None:
     both = Surface.joined([ball(0.9, (5, 0, 0), count=10), ball(1.0, count=11)])
-    with pytest.raises(MeshError, match="has 11 vertices"):
+    with pytest.raises(MeshError, match="has only 11 vertices"):
         main_parts(both, EGG, 0)
 
 
