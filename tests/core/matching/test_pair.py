@@ -111,7 +111,7 @@ def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair)
     assert f"at {off[1].tolist()}, is {0.2 * unit:.3g} away" in error.value.fault
     # What lies in a corner of a face that is off is named by the first of its corners.
     face = pair.source.triangles[-1]
-    with pytest.raises(LandmarkError, match=f"at vertex {face[0]}, is off"):
+    with pytest.raises(LandmarkError, match=f"at vertex {face[0]}, is not on"):
         landmarks_on_parts(pair, (pair.source.vertices[face].mean(axis=0)[None], [0]))
 
 
