@@ -37,7 +37,6 @@ def test_each_kind_has_a_row_for_each_method(parts: Path, monkeypatch: pytest.Mo
                           "ZoomOut after PFM", "CPD")]  # fmt: skip
     assert [rows["cuts", name]["pairs"] for name in methods] == [2, 1, 2, 1, 1]
     for kind in ("cuts", "holes"):
-        assert 0 < rows[kind, "ZoomOut after PFM"]["mean"] < 1000
         # What it starts from and what both need is part of the time.
         assert rows[kind, "ZoomOut after PFM"]["seconds"] > rows[kind, "PFM"]["seconds"] > 0
     # Slow methods stand beside ZoomOut on the same pair.

@@ -40,7 +40,7 @@ def needs_retry(first: Attempt, options: MatchOptions) -> bool:
 
 
 def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
-    """The map of a part, where that is surer, or the first attempt with the candidates of more guesses."""
+    """Match one shape as a part of the other, or add more guesses; returns the more certain attempt."""
     if options.partial == "auto" and may_be_part(first.pair):
         if too_coarse(first.pair):
             first = replace(first, pair=_with_note(first.pair, TOO_COARSE))
@@ -58,9 +58,9 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
 
 
 def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
-    """An attempt at the same pair, or the one by which one shape is a part of the other, where this is surer.
+    """Match one shape as a part of the other; returns the given attempt unless the part match is more certain.
 
-    First in the unit that both are given in, if that may be one, and at any scale where this leads to no likely map.
+    The units of the files are tried first, unless they are known to differ; other scales follow if no map is likely.
     """
     best, other_units = whole, units_differ(whole.pair)
     if not other_units:
@@ -79,12 +79,12 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     if abs(np.log(times)) > np.log(UNKNOWN_SCALE.one_unit):
         pair, likely = _with_note(pair, RESCALED.format(times)), UNKNOWN_SCALE.likely
     rescaled = _as_part(whole, pair, candidates, likely)
-    surer = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
-    return best if surer or rescaled is whole else rescaled
+    keep_unit = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
+    return best if keep_unit or rescaled is whole else rescaled
 
 
 def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely: float) -> Attempt:
-    """An attempt at a pair as two wholes, or the one by which one shape is a part of the other, where this is surer.
+    """Choose between a match of two whole shapes and one of a part, by certainty.
 
     Args:
         whole: the attempt at two wholes.
