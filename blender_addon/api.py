@@ -52,6 +52,7 @@ Likewise `mirror_shape_key`, `mirror_attributes`, `mirror_sculpt`, `name_sides`,
 
 Functions report their progress to listeners, which can end them by an exception: nothing is written before the end.
 
+>>> import zoomout_core as zo
 >>> stages = []
 >>> with zo.progress(lambda progress: stages.append(progress.stage)):
 ...     match = api.match_objects(context, hero, scan, k_final=40)
